@@ -1,0 +1,2 @@
+//! The sampled funnel coupling law.
+#![no_std]

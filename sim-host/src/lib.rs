@@ -1,0 +1,1 @@
+//! Sim-host: runs a Funnelnet scenario.

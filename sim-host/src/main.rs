@@ -1,0 +1,2 @@
+//! Command line of sim-host.
+fn main() {}
