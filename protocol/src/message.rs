@@ -1,0 +1,194 @@
+//! The real-time plane: what travels every tick, and the typed fields that it is made of.
+
+/// Identifier of a node, 1 to 127 (seven bits; 0 is the host or "all").
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// Largest identifier.
+    pub const MAX: u8 = 127;
+
+    /// `id` in 1..=127, otherwise `None`.
+    pub const fn new(id: u8) -> Option<Self> {
+        if id >= 1 && id <= Self::MAX { Some(Self(id)) } else { None }
+    }
+
+    /// The number, 1 to 127.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+/// Index of a component of a vector state, 0 to 7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Component(u8);
+
+impl Component {
+    /// The only component of a scalar state.
+    pub const FIRST: Self = Self(0);
+    /// Number of components that the wire has room for.
+    pub const COUNT: u8 = 8;
+
+    /// `index` in 0..8, otherwise `None`.
+    pub const fn new(index: u8) -> Option<Self> {
+        if index < Self::COUNT { Some(Self(index)) } else { None }
+    }
+
+    /// The index, 0 to 7.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+/// The low bits of a tick number, as many as a frame has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TickStamp {
+    value: u32,
+    bits: u8,
+}
+
+impl TickStamp {
+    /// A whole tick number; an encoder takes the bits that it sends.
+    pub const fn full(tick: u32) -> Self {
+        Self { value: tick, bits: 32 }
+    }
+
+    /// The low `bits` (1 to 32) of `tick`, as a decoder gets them.
+    pub const fn low(tick: u32, bits: u8) -> Self {
+        Self { value: tick & mask(bits), bits }
+    }
+
+    /// The known low bits.
+    pub const fn value(self) -> u32 {
+        self.value
+    }
+
+    /// The tick with these low bits that is nearest to `own`, if it lies at most `back` before or `ahead` after it.
+    ///
+    /// Both bounds must be below half the range of the stamp for the answer to be unambiguous; ticks wrap at 2^32.
+    pub const fn rebuild(self, own: u32, back: u32, ahead: u32) -> Option<u32> {
+        let mask = mask(self.bits);
+        let forward = self.value.wrapping_sub(own) & mask;
+        let backward = own.wrapping_sub(self.value) & mask;
+        if forward <= ahead {
+            Some(own.wrapping_add(forward))
+        } else if backward <= back {
+            Some(own.wrapping_sub(backward))
+        } else {
+            None
+        }
+    }
+}
+
+const fn mask(bits: u8) -> u32 {
+    if bits >= 32 { u32::MAX } else { (1 << bits) - 1 }
+}
+
+/// Whom a command is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Target {
+    /// Every node that hears it.
+    All,
+    /// One node.
+    Node(NodeId),
+}
+
+impl Target {
+    /// Whether a node called `id` is meant.
+    pub fn includes(self, id: NodeId) -> bool {
+        match self {
+            Self::All => true,
+            Self::Node(node) => node == id,
+        }
+    }
+}
+
+/// What a CTRL frame asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// Begin: announce the initial state; tick 0 follows (protocol/README.md, "Start").
+    Start,
+    /// End: no further tick, safe output.
+    Stop,
+}
+
+/// How bad a fault is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Severity {
+    /// Worth knowing; the node goes on.
+    Notice,
+    /// The guarantee is lost or weakened; the node goes on.
+    Warning,
+    /// The node has stopped with a safe output.
+    Stopped,
+}
+
+/// What went wrong. Unknown codes are passed on, so that a newer node can be heard by an older host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FaultCode(pub u8);
+
+impl FaultCode {
+    /// The node heard a frame that carries its own id.
+    pub const DUPLICATE_ID: Self = Self(1);
+    /// The node's own state is no longer a finite number within its limit.
+    pub const STATE_LIMIT: Self = Self(2);
+    /// The firmware panicked.
+    pub const PANIC: Self = Self(3);
+}
+
+/// One frame of the real-time plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Message {
+    /// A command from a host.
+    Ctrl {
+        /// Whom it is for.
+        target: Target,
+        /// What to do.
+        command: Command,
+        /// Reserved for the command; 0 now.
+        arg: u8,
+        /// Tick periods to wait before tick 0 (timer as tick source; ignored with SYNC as the source).
+        at_tick: u16,
+    },
+    /// The time master's beat: it marks the tick after `previous_tick`.
+    Sync {
+        /// Time master; `None` is the host.
+        source: Option<NodeId>,
+        /// Low 24 bits of the tick that the previous SYNC marked (all ones before tick 0).
+        previous_tick: TickStamp,
+        /// Offset of the previous SYNC from its tick, microseconds.
+        phase_us: u16,
+    },
+    /// A node reports a fault.
+    Fault {
+        /// Who.
+        source: NodeId,
+        /// What.
+        code: FaultCode,
+        /// How bad.
+        severity: Severity,
+        /// Detail, by code.
+        arg: u16,
+        /// When.
+        tick: TickStamp,
+    },
+    /// One component of a node's state at a tick.
+    State {
+        /// Who.
+        source: NodeId,
+        /// Which component.
+        component: Component,
+        /// When.
+        tick: TickStamp,
+        /// The value, state units. A decoder refuses NaN and infinities.
+        x: f32,
+    },
+}

@@ -1,0 +1,70 @@
+//! What a node reports about itself: counters, telemetry, and the closing report.
+
+use crate::Refusal;
+use serde::{Deserialize, Serialize};
+
+/// Event counters of a node since its configuration. All saturate.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Completed ticks.
+    pub ticks: u32,
+    /// Frames handed to the link.
+    pub sent: u32,
+    /// Frames accepted.
+    pub accepted: u32,
+    /// Ticks with `|nu| >= psi`: the guarantee did not hold.
+    pub breaches: u32,
+    /// Ticks at which the funnel was floored at the resolution of `nu` (LAW.md 4).
+    pub floored: u32,
+    /// Neighbour values that were extrapolated because no fresh one had come.
+    pub extrapolated: u32,
+    /// Edges dropped because a neighbour stayed silent too long.
+    pub neighbours_lost: u32,
+    /// SYNC frames that skipped at least one tick.
+    pub sync_gaps: u32,
+    /// Timer ticks that came a whole period late or more.
+    pub overruns: u32,
+    /// Refused frames, by [`Refusal`].
+    pub refused: [u32; Refusal::COUNT],
+}
+
+impl Counters {
+    /// Counts one refusal.
+    pub fn refuse(&mut self, reason: Refusal) {
+        if let Some(count) = self.refused.get_mut(reason as usize) {
+            *count = count.saturating_add(1);
+        }
+    }
+
+    /// How often `reason` was given.
+    pub fn refused(&self, reason: Refusal) -> u32 {
+        self.refused.get(reason as usize).copied().unwrap_or(0)
+    }
+}
+
+/// Adds one without wrapping.
+pub fn count(counter: &mut u32) {
+    *counter = counter.saturating_add(1);
+}
+
+/// What the law did at one tick, sent when the configuration asks for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Telemetry {
+    /// Tick number `k`.
+    pub tick: u32,
+    /// Diffusive term `nu` at `k`, state units.
+    pub nu: f32,
+    /// Funnel `psi(k T)`, state units.
+    pub psi: f32,
+    /// Input `u` held over the tick that begins at `k`, state units / s.
+    pub u: f32,
+}
+
+/// Closing report of a node.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Largest `|nu| / psi` at any tick.
+    pub max_ratio: f32,
+    /// All counters.
+    pub counters: Counters,
+}

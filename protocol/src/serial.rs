@@ -1,0 +1,222 @@
+//! Serial frames: `COBS(kind, source, body, crc16) 0x00`, for both planes (protocol/README.md, "Serial").
+
+use crate::can::function;
+use crate::can::{
+    command, command_number, exactly, finite, severity, severity_number, source, target_number,
+};
+use crate::message::{Component, FaultCode, Message, NodeId, Target, TickStamp};
+use crate::refusal::Refusal;
+use crate::service::Service;
+use crc::{CRC_16_IBM_3740, Crc, Table};
+use heapless::Vec;
+
+/// Kinds of the real-time plane are `REAL_TIME | function`.
+pub const REAL_TIME: u8 = 0x10;
+/// Source of frames that come from the host.
+pub const HOST: u8 = 0;
+/// Longest body, bytes: a [`crate::NodeConfig`] with every neighbour and every sine.
+pub const MAX_BODY: usize = 860;
+/// Longest frame before COBS: kind, source, body, CRC.
+pub const MAX_RAW: usize = 2 + MAX_BODY + 2;
+/// Longest frame on the wire, final zero included.
+pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_RAW) + 1;
+/// Longest frame of the real-time plane on the wire, final zero included.
+pub const MAX_REAL_TIME_FRAME: usize = 12;
+
+/// CRC-16/CCITT-FALSE, which the catalogue calls IBM-3740; sent big-endian.
+static CRC: Crc<u16, Table<1>> = Crc::<u16, Table<1>>::new(&CRC_16_IBM_3740);
+
+/// A decoded serial frame.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
+pub enum Frame {
+    /// Real-time plane.
+    RealTime(Message),
+    /// Service plane.
+    Service {
+        /// Sender; 0 is the host or a blank node.
+        source: u8,
+        /// What it says.
+        service: Service,
+    },
+}
+
+/// Encodes a frame of the real-time plane, final zero included.
+pub fn encode(message: &Message) -> Vec<u8, MAX_REAL_TIME_FRAME> {
+    let mut raw: Vec<u8, MAX_REAL_TIME_FRAME> = Vec::new();
+    let (kind, source) = head(message);
+    push(&mut raw, &[kind, source]);
+    match *message {
+        Message::Ctrl { target, command, arg, at_tick } => {
+            push(&mut raw, &[target_number(target), command_number(command), arg]);
+            push(&mut raw, &at_tick.to_le_bytes());
+        }
+        Message::Sync { previous_tick, phase_us, .. } => {
+            let [t0, t1, t2, _] = previous_tick.value().to_le_bytes();
+            push(&mut raw, &[t0, t1, t2]);
+            push(&mut raw, &phase_us.to_le_bytes());
+        }
+        Message::Fault { code, severity, arg, tick, .. } => {
+            push(&mut raw, &[code.0, severity_number(severity)]);
+            push(&mut raw, &arg.to_le_bytes());
+            push(&mut raw, &low16(tick));
+        }
+        Message::State { tick, x, .. } => {
+            push(&mut raw, &low16(tick));
+            push(&mut raw, &x.to_le_bytes());
+        }
+    }
+    let crc = CRC.checksum(&raw);
+    push(&mut raw, &crc.to_be_bytes());
+    let mut frame = Vec::new();
+    let _ = frame.resize(MAX_REAL_TIME_FRAME, 0);
+    finish(&raw, &mut frame);
+    frame
+}
+
+/// Encodes a frame of the service plane into `out`, final zero included; its length, or `None` where it does not fit.
+/// [`MAX_FRAME`] bytes always suffice. `scratch` holds the frame before COBS, [`MAX_RAW`] bytes.
+pub fn encode_service(service: &Service, source: u8, scratch: &mut [u8], out: &mut [u8]) -> Option<usize> {
+    let (head, body) = scratch.split_at_mut_checked(2)?;
+    head.copy_from_slice(&[service.kind(), source]);
+    let end = 2 + service.encode_body(body)?;
+    let crc = CRC.checksum(scratch.get(..end)?);
+    scratch.get_mut(end..end + 2)?.copy_from_slice(&crc.to_be_bytes());
+    let raw = scratch.get(..end + 2)?;
+    if out.len() < cobs::max_encoding_length(raw.len()) + 1 {
+        return None;
+    }
+    let length = cobs::encode(raw, out);
+    *out.get_mut(length)? = 0;
+    Some(length + 1)
+}
+
+/// Decodes one frame, given without its final zero; `frame` is used as scratch space.
+///
+/// # Errors
+/// `Cobs`, `Length`, `Crc`, `Kind`, `Value` or `NotFinite`, checked in this order.
+pub fn decode(frame: &mut [u8]) -> Result<Frame, Refusal> {
+    let length = cobs::decode_in_place(frame).map_err(|_| Refusal::Cobs)?;
+    let raw = frame.get(..length).ok_or(Refusal::Cobs)?;
+    let (content, crc) = raw.split_last_chunk::<2>().ok_or(Refusal::Length)?;
+    let &[kind, source, ref body @ ..] = content else { return Err(Refusal::Length) };
+    if CRC.checksum(content) != u16::from_be_bytes(*crc) {
+        return Err(Refusal::Crc);
+    }
+    if kind & 0xF0 == REAL_TIME {
+        decode_real_time(kind & 0x0F, source, body).map(Frame::RealTime)
+    } else {
+        Service::decode(kind, body).map(|service| Frame::Service { source, service })
+    }
+}
+
+fn decode_real_time(function: u8, from: u8, body: &[u8]) -> Result<Message, Refusal> {
+    match function {
+        function::CTRL => {
+            let &[to, number, arg, low, high] = exactly(body)?;
+            let at_tick = u16::from_le_bytes([low, high]);
+            let target = if to == 0 { Target::All } else { Target::Node(source(to)?) };
+            Ok(Message::Ctrl { target, command: command(number)?, arg, at_tick })
+        }
+        function::SYNC => {
+            let &[t0, t1, t2, p0, p1] = exactly(body)?;
+            Ok(Message::Sync {
+                source: NodeId::new(from),
+                previous_tick: TickStamp::low(u32::from_le_bytes([t0, t1, t2, 0]), 24),
+                phase_us: u16::from_le_bytes([p0, p1]),
+            })
+        }
+        function::FAULT => {
+            let &[code, how_bad, a0, a1, t0, t1] = exactly(body)?;
+            Ok(Message::Fault {
+                source: source(from)?,
+                code: FaultCode(code),
+                severity: severity(how_bad)?,
+                arg: u16::from_le_bytes([a0, a1]),
+                tick: TickStamp::low(u32::from_le_bytes([t0, t1, 0, 0]), 16),
+            })
+        }
+        function::STATE..=function::STATE_LAST => {
+            let &[t0, t1, x0, x1, x2, x3] = exactly(body)?;
+            Ok(Message::State {
+                source: source(from)?,
+                component: Component::new(function - function::STATE).ok_or(Refusal::Kind)?,
+                tick: TickStamp::low(u32::from_le_bytes([t0, t1, 0, 0]), 16),
+                x: finite(f32::from_le_bytes([x0, x1, x2, x3]))?,
+            })
+        }
+        _ => Err(Refusal::Kind),
+    }
+}
+
+fn head(message: &Message) -> (u8, u8) {
+    let (function, source) = match *message {
+        Message::Ctrl { .. } => (function::CTRL, HOST),
+        Message::Sync { source, .. } => (function::SYNC, source.map_or(HOST, NodeId::get)),
+        Message::Fault { source, .. } => (function::FAULT, source.get()),
+        Message::State { source, component, .. } => (function::STATE + component.get(), source.get()),
+    };
+    (REAL_TIME | function, source)
+}
+
+fn low16(tick: TickStamp) -> [u8; 2] {
+    let [low, high, ..] = tick.value().to_le_bytes();
+    [low, high]
+}
+
+/// Room is a tested constant ([`MAX_REAL_TIME_FRAME`]), so nothing is cut off here.
+fn push(raw: &mut Vec<u8, MAX_REAL_TIME_FRAME>, bytes: &[u8]) {
+    let _ = raw.extend_from_slice(bytes);
+}
+
+fn finish(raw: &[u8], frame: &mut Vec<u8, MAX_REAL_TIME_FRAME>) {
+    let length =
+        if frame.len() > cobs::max_encoding_length(raw.len()) { cobs::encode(raw, frame) } else { 0 };
+    frame.truncate(length + 1);
+    if let Some(last) = frame.last_mut() {
+        *last = 0;
+    }
+}
+
+/// Finds frames in a stream of bytes.
+///
+/// After an overflow everything up to the next zero is dropped, so that no tail of a frame is taken for a frame.
+#[derive(Debug)]
+pub struct Deframer<const N: usize = MAX_FRAME> {
+    buffer: Vec<u8, N>,
+    overflow: bool,
+}
+
+impl<const N: usize> Default for Deframer<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Deframer<N> {
+    /// An empty one.
+    pub const fn new() -> Self {
+        Self { buffer: Vec::new(), overflow: false }
+    }
+
+    /// Takes one byte; gives a frame, or the reason for refusing one, when the byte ends it. Idle zeros are ignored.
+    #[inline]
+    pub fn push(&mut self, byte: u8) -> Option<Result<Frame, Refusal>> {
+        if byte != 0 {
+            self.overflow |= self.buffer.push(byte).is_err();
+            return None;
+        }
+        self.finish()
+    }
+
+    fn finish(&mut self) -> Option<Result<Frame, Refusal>> {
+        let frame = match (self.overflow, self.buffer.is_empty()) {
+            (true, _) => Some(Err(Refusal::Overflow)),
+            (false, true) => None,
+            (false, false) => Some(decode(&mut self.buffer)),
+        };
+        self.buffer.clear();
+        self.overflow = false;
+        frame
+    }
+}

@@ -1,0 +1,136 @@
+//! Decoders are total, encoders and decoders agree, and the stated maximum sizes are the real ones.
+
+use funnel_protocol::config::{
+    EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, MAX_NEIGHBOURS, MAX_SINES, NodeConfig,
+    SineConfig, TickSource,
+};
+use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
+use funnel_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
+use funnel_protocol::{Refusal, Service, can};
+use proptest::prelude::*;
+
+fn largest_config() -> NodeConfig {
+    let sine = SineConfig { amplitude: 1.0, frequency: 2.0, phase: 3.0 };
+    NodeConfig {
+        id: 127,
+        tick_ns: u32::MAX,
+        tick_source: TickSource::Sync,
+        initial_state: 1.0,
+        state_limit: 1.0,
+        field: FieldConfig { slope: 1.0, offset: 1.0, sines: (0..MAX_SINES).map(|_| sine).collect() },
+        gain: GainConfig::Reciprocal { scale: 1.0 },
+        funnel: FunnelConfig {
+            factor: 1.0,
+            shape: FunnelShape::Exponential { start: 1.0, end: 1.0, rate: 1.0 },
+        },
+        neighbours: (0..MAX_NEIGHBOURS).map(|_| EdgeConfig { id: 127, weight: 1.0 }).collect(),
+        extrapolate_ticks: 255,
+        telemetry_every: u32::MAX,
+    }
+}
+
+fn encode_service(service: &Service) -> Vec<u8> {
+    let (mut scratch, mut out) = ([0; MAX_RAW], [0; MAX_FRAME]);
+    let length = serial::encode_service(service, 1, &mut scratch, &mut out).unwrap();
+    out[..length].to_vec()
+}
+
+fn deframe(bytes: &[u8]) -> Vec<Result<Frame, Refusal>> {
+    let mut deframer: Deframer = Deframer::new();
+    bytes.iter().filter_map(|&byte| deframer.push(byte)).collect()
+}
+
+#[test]
+fn largest_configuration_fits_and_little_is_wasted() {
+    let mut body = [0; MAX_BODY];
+    let length = Service::Configure(largest_config()).encode_body(&mut body).unwrap();
+    assert!(length <= MAX_BODY && length + 32 > MAX_BODY, "{length} of {MAX_BODY}");
+    let service = Service::Configure(largest_config());
+    assert_eq!(deframe(&encode_service(&service)), [Ok(Frame::Service { source: 1, service })]);
+}
+
+#[test]
+fn an_oversized_frame_is_dropped_whole() {
+    // A long run of garbage whose tail is a valid frame must not yield that frame.
+    let valid = serial::encode(&Message::State {
+        source: NodeId::new(5).unwrap(),
+        component: Component::FIRST,
+        tick: TickStamp::full(7),
+        x: 1.0,
+    });
+    let mut bytes = vec![1; MAX_FRAME];
+    bytes.extend_from_slice(&valid);
+    bytes.extend_from_slice(&valid);
+    let frames = deframe(&bytes);
+    assert_eq!(frames.len(), 2);
+    assert_eq!(frames[0], Err(Refusal::Overflow));
+    assert!(frames[1].is_ok());
+}
+
+#[test]
+fn a_truncated_service_frame_is_refused_at_every_length() {
+    let whole = encode_service(&Service::Configure(largest_config()));
+    for length in 1..whole.len() - 1 {
+        let mut bytes = whole[..length].to_vec();
+        bytes.push(0);
+        assert!(deframe(&bytes).iter().all(Result::is_err), "{length}");
+    }
+}
+
+#[test]
+fn not_a_number_is_refused() {
+    for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let [x0, x1, x2, x3] = x.to_le_bytes();
+        assert_eq!(can::decode(0x185, &[x0, x1, x2, x3, 0]), Err(Refusal::NotFinite));
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_can_frame_gives_a_message_or_a_reason(id: u16, data in proptest::collection::vec(any::<u8>(), 0..=8)) {
+        if let Ok(message) = can::decode(id, &data) {
+            let again = can::encode(&message);
+            // Everything but the reserved upper id bits survives: a message has one form only.
+            prop_assert_eq!((again.id(), again.data()), (id & 0x7FF, data.as_slice()));
+        }
+    }
+
+    #[test]
+    fn any_bytes_give_frames_or_reasons(bytes in proptest::collection::vec(any::<u8>(), 0..2000)) {
+        for frame in deframe(&bytes).into_iter().flatten() {
+            if let Frame::RealTime(message) = frame {
+                prop_assert!(serial::encode(&message).len() <= MAX_REAL_TIME_FRAME);
+            }
+        }
+    }
+
+    #[test]
+    fn a_flipped_bit_never_passes(node in 1u8..=127, tick: u32, x in -1e6f32..1e6, bit in 0usize..80) {
+        let message = Message::State {
+            source: NodeId::new(node).unwrap(), component: Component::FIRST, tick: TickStamp::full(tick), x,
+        };
+        let mut bytes = serial::encode(&message).to_vec();
+        let bit = bit % ((bytes.len() - 1) * 8);
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        for frame in deframe(&bytes) {
+            prop_assert!(frame.is_err(), "{:?}", frame);
+        }
+    }
+
+    #[test]
+    fn states_survive_the_serial_link(node in 1u8..=127, k in 0u8..8, tick: u32, x in proptest::num::f32::NORMAL) {
+        let source = NodeId::new(node).unwrap();
+        let component = Component::new(k).unwrap();
+        let sent = Message::State { source, component, tick: TickStamp::full(tick), x };
+        let got = Message::State { source, component, tick: TickStamp::low(tick, 16), x };
+        prop_assert_eq!(deframe(&serial::encode(&sent)), vec![Ok(Frame::RealTime(got))]);
+    }
+
+    #[test]
+    fn ticks_are_rebuilt_inside_the_window(own: u32, offset in -8i32..=2) {
+        let tick = own.wrapping_add_signed(offset);
+        prop_assert_eq!(TickStamp::low(tick, 8).rebuild(own, 8, 2), Some(tick));
+        prop_assert_eq!(TickStamp::low(own.wrapping_add(3), 8).rebuild(own, 8, 2), None);
+        prop_assert_eq!(TickStamp::low(own.wrapping_sub(9), 8).rebuild(own, 8, 2), None);
+    }
+}
