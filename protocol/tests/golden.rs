@@ -1,4 +1,5 @@
 //! Golden vectors: the bytes of every released wire version, in both directions.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
 use funnel_protocol::serial::{Deframer, Frame};

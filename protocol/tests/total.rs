@@ -1,4 +1,5 @@
 //! Decoders are total, encoders and decoders agree, and the stated maximum sizes are the real ones.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnel_protocol::config::{
     EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, MAX_NEIGHBOURS, MAX_SINES, NodeConfig,

@@ -1,0 +1,3 @@
+//! Coupling laws.
+
+pub mod node_wise;

@@ -1,0 +1,78 @@
+//! Node-wise funnel coupling (paper, eq. (funnel_coup)) in the implicit sampled form of LAW.md 3:
+//!
+//! ```text
+//! b = theta c T d
+//! r = nu + theta dnu + b u[k-1]
+//! find u[k]:   psi(t_k + theta T) mu^-1(u) + b u = r          (*)
+//! ```
+//!
+//! The left side is strictly increasing in `u`: there is exactly one solution for every `r`, inside the funnel or far
+//! outside it. Explicit evaluation is unstable as soon as `T mu'(s) lambda_max / psi > 2`, which a shrinking funnel always
+//! reaches (LAW.md 2).
+
+use crate::funnel::Widths;
+use crate::gain::{Gain, Solution};
+use crate::math::Real;
+
+/// `theta` = 1/2: second order in `T`.
+pub const THETA: f64 = 0.5;
+/// `c` = 2.5: above 2, which covers every weighted undirected graph (LAW.md 3).
+pub const C: f64 = 2.5;
+/// Largest `|nu| / psi` from which the very first input is computed directly.
+const FIRST_RATIO: f64 = 0.99;
+
+/// What the law needs to know, fixed for a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeWise<F, G> {
+    /// Gain.
+    pub gain: G,
+    /// `theta`.
+    theta: F,
+    /// `b = theta c T d`, s.
+    b: F,
+}
+
+/// What the law remembers: the last input, once there is one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Memory<F> {
+    last_input: Option<F>,
+}
+
+impl<F: Real> Memory<F> {
+    /// Replaces the last input by what an actuator really did (LAW.md 6).
+    pub fn feed_back(&mut self, u: F) {
+        self.last_input = Some(u);
+    }
+}
+
+impl<F: Real, G: Gain<F>> NodeWise<F, G> {
+    /// The law for tick period `tick` (s) at a node of weighted degree `degree`, with the default `theta` and `c`.
+    pub fn new(gain: G, tick: f64, degree: f64) -> Self {
+        Self::with(gain, tick, degree, THETA, C)
+    }
+
+    /// The law with other constants: `theta` in [1/2, 1], `c > 2`.
+    pub fn with(gain: G, tick: f64, degree: f64, theta: f64, c: f64) -> Self {
+        Self { gain, theta: F::from_f64(theta), b: F::from_f64(theta * c * tick * degree) }
+    }
+
+    /// One tick: input from the diffusive term `nu`, its change `dnu` over the last tick (both state units), and the
+    /// funnel.
+    #[inline]
+    pub fn step(&self, memory: &mut Memory<F>, nu: F, dnu: F, psi: Widths<F>) -> Solution<F> {
+        let last = match memory.last_input {
+            Some(u) => u,
+            None => self.first_input(nu, psi.now),
+        };
+        let r = nu + self.theta * dnu + self.b * last;
+        let solution = self.gain.solve(psi.ahead, self.b, r);
+        memory.last_input = Some(solution.u);
+        solution
+    }
+
+    /// `u[-1] = mu(nu / psi)`, clamped.
+    fn first_input(&self, nu: F, psi: F) -> F {
+        let limit = F::from_f64(FIRST_RATIO);
+        self.gain.apply((nu / psi).max(-limit).min(limit))
+    }
+}

@@ -1,0 +1,234 @@
+//! Elementary functions. The only file that calls `libm`: the same bits on a host and on a Cortex-M (PLATFORM.md).
+//!
+//! The one function of our own is the f32 sine of a phase in turns: `libm::sinf` computes in f64, which an M4F does in
+//! software (docs/notes/2026-11-23-first-light.md has the counts).
+
+use core::fmt::Debug;
+use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+/// A floating-point type that the law is written in: f32 on a node, f64 for reference.
+pub trait Real:
+    Copy
+    + PartialOrd
+    + Default
+    + Debug
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + 'static
+{
+    /// Zero.
+    const ZERO: Self;
+    /// One.
+    const ONE: Self;
+    /// Two.
+    const TWO: Self;
+    /// One half.
+    const HALF: Self;
+    /// Relative distance of neighbouring numbers.
+    const EPSILON: Self;
+    /// Smallest width that a funnel ever has, far below any resolution, so that ratios stay defined.
+    const TINY: Self;
+
+    /// From single precision, exactly.
+    fn from_f32(x: f32) -> Self;
+    /// From double precision, rounded.
+    fn from_f64(x: f64) -> Self;
+    /// From an integer, rounded.
+    fn from_u32(x: u32) -> Self;
+    /// From an integer, rounded.
+    fn from_i32(x: i32) -> Self;
+    /// To single precision, rounded.
+    fn to_f32(self) -> f32;
+    /// To double precision, exactly.
+    fn to_f64(self) -> f64;
+    /// Absolute value.
+    fn abs(self) -> Self;
+    /// The larger; the other one where one is NaN.
+    fn max(self, other: Self) -> Self;
+    /// The smaller; the other one where one is NaN.
+    fn min(self, other: Self) -> Self;
+    /// This magnitude with the sign of `sign`.
+    fn copysign(self, sign: Self) -> Self;
+    /// Whether neither NaN nor infinite.
+    fn is_finite(self) -> bool;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// `e^x`.
+    fn exp(self) -> Self;
+    /// `e^x - 1`, exact near zero.
+    fn exp_m1(self) -> Self;
+    /// `ln(1 + x)`, exact near zero.
+    fn ln_1p(self) -> Self;
+    /// Sine of a phase counted in 2^-64 turns.
+    fn sin_turns(turns: u64) -> Self;
+}
+
+macro_rules! real {
+    ($t:ident, $sqrt:path, $exp:path, $expm1:path, $log1p:path, $sin_turns:path) => {
+        impl Real for $t {
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+            const TWO: Self = 2.0;
+            const HALF: Self = 0.5;
+            const EPSILON: Self = $t::EPSILON;
+            const TINY: Self = 1e-30;
+
+            #[inline]
+            fn from_f32(x: f32) -> Self {
+                x as Self
+            }
+            #[inline]
+            fn from_f64(x: f64) -> Self {
+                x as Self
+            }
+            #[inline]
+            fn from_u32(x: u32) -> Self {
+                x as Self
+            }
+            #[inline]
+            fn from_i32(x: i32) -> Self {
+                x as Self
+            }
+            #[inline]
+            fn to_f32(self) -> f32 {
+                self as f32
+            }
+            #[inline]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline]
+            fn abs(self) -> Self {
+                $t::abs(self)
+            }
+            #[inline]
+            fn max(self, other: Self) -> Self {
+                $t::max(self, other)
+            }
+            #[inline]
+            fn min(self, other: Self) -> Self {
+                $t::min(self, other)
+            }
+            #[inline]
+            fn copysign(self, sign: Self) -> Self {
+                $t::copysign(self, sign)
+            }
+            #[inline]
+            fn is_finite(self) -> bool {
+                $t::is_finite(self)
+            }
+            #[inline]
+            fn sqrt(self) -> Self {
+                $sqrt(self)
+            }
+            #[inline]
+            fn exp(self) -> Self {
+                $exp(self)
+            }
+            #[inline]
+            fn exp_m1(self) -> Self {
+                $expm1(self)
+            }
+            #[inline]
+            fn ln_1p(self) -> Self {
+                $log1p(self)
+            }
+            #[inline]
+            fn sin_turns(turns: u64) -> Self {
+                $sin_turns(turns)
+            }
+        }
+    };
+}
+
+real!(f32, libm::sqrtf, libm::expf, libm::expm1f, libm::log1pf, sin_turns_f32);
+real!(f64, libm::sqrt, libm::exp, libm::expm1, libm::log1p, sin_turns_f64);
+
+/// Sine of an angle in radians, for continuous-time references.
+pub fn sin(x: f64) -> f64 {
+    libm::sin(x)
+}
+
+/// Cosine of an angle in radians, for continuous-time references.
+pub fn cos(x: f64) -> f64 {
+    libm::cos(x)
+}
+
+/// `10^x`, for plots and reports.
+pub fn exp10(x: f64) -> f64 {
+    libm::exp10(x)
+}
+
+/// Logarithm to the base 10, for plots and reports.
+pub fn log10(x: f64) -> f64 {
+    libm::log10(x)
+}
+
+/// Next integer below, for plots and reports.
+pub fn floor(x: f64) -> f64 {
+    libm::floor(x)
+}
+
+/// An angle in radians as a phase in 2^-64 turns, modulo one turn; its resolution is that of f64 in turns.
+pub fn turns_from_radians(angle: f64) -> u64 {
+    let turns = angle / core::f64::consts::TAU;
+    let fraction = turns - libm::floor(turns);
+    // Two halves, since f64 to u64 saturates at 2^64 and the product is exact in either half.
+    let scaled = fraction * 4_294_967_296.0;
+    let high = libm::floor(scaled);
+    let low = (scaled - high) * 4_294_967_296.0;
+    ((high as u64) << 32).wrapping_add(low as u64)
+}
+
+fn sin_turns_f64(turns: u64) -> f64 {
+    const RADIANS: f64 = core::f64::consts::TAU / 18_446_744_073_709_551_616.0;
+    libm::sin((turns as i64) as f64 * RADIANS)
+}
+
+/// Quadrant by integer, then the polynomials of the Cephes library (S. Moshier, `sinf.c`), within 1.5 ulp of 1.
+fn sin_turns_f32(turns: u64) -> f32 {
+    const RADIANS: f32 = core::f32::consts::FRAC_PI_2 / 1_073_741_824.0;
+    let phase = (turns >> 32) as u32;
+    let quadrant = phase.wrapping_add(1 << 29) >> 30;
+    // Signed distance to the centre of the quadrant, within an eighth of a turn.
+    let angle = phase.wrapping_sub(quadrant << 30) as i32 as f32 * RADIANS;
+    let square = angle * angle;
+    let magnitude = if quadrant & 1 == 0 {
+        ((-1.951_529_6e-4 * square + 8.332_161e-3) * square - 1.666_665_5e-1) * square * angle + angle
+    } else {
+        ((2.443_315_7e-5 * square - 1.388_731_6e-3) * square + 4.166_664_6e-2) * square * square
+            - 0.5 * square
+            + 1.0
+    };
+    if quadrant & 2 == 0 { magnitude } else { -magnitude }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sine_of_turns_is_the_sine() {
+        let mut worst = 0.0_f64;
+        for step in 0..200_000_u64 {
+            let turns = step.wrapping_mul(0x0001_5A4B_3C2D_1E0F_u64 * 7);
+            let exact = sin_turns_f64(turns & 0xFFFF_FFFF_0000_0000);
+            worst = worst.max((f64::from(sin_turns_f32(turns)) - exact).abs());
+        }
+        assert!(worst < 1.5 * f64::from(f32::EPSILON), "{worst:e}");
+        assert!(worst > 0.0);
+    }
+
+    #[test]
+    fn radians_become_turns() {
+        assert_eq!(turns_from_radians(core::f64::consts::PI), 1 << 63);
+        assert_eq!(turns_from_radians(0.0), 0);
+        assert_eq!(turns_from_radians(-core::f64::consts::FRAC_PI_2), 3 << 62);
+        assert!((sin_turns_f64(turns_from_radians(123.456)) - sin(123.456)).abs() < 1e-14);
+        assert!((sin_turns_f64(turns_from_radians(-0.1)) - sin(-0.1)).abs() < 1e-15);
+    }
+}

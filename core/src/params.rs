@@ -1,0 +1,175 @@
+//! From a configuration in SI units to what the hot path needs: validated once, converted once.
+//!
+//! The ranges are wide enough for any bench and narrow enough that no product in the law can overflow an f32
+//! (`tests/law.rs` sweeps their corners).
+
+use crate::field::AffineSines;
+use crate::funnel::Funnel;
+use crate::gain::{BuiltinGain, Logarithmic, Reciprocal};
+use crate::law::node_wise::{NodeWise, THETA};
+use crate::math::Real;
+use crate::neighbour::Neighbours;
+use funnel_protocol::config::{
+    ConfigError, ConfigField, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
+};
+use funnel_protocol::message::NodeId;
+
+/// Largest state, input and funnel scale, state units.
+pub const LARGEST: f64 = 1e9;
+/// Smallest positive scale.
+pub const SMALLEST: f64 = 1e-9;
+/// Largest edge weight and weighted degree.
+pub const LARGEST_WEIGHT: f64 = 1e6;
+/// Shortest tick period, ns.
+pub const SHORTEST_TICK_NS: u32 = 10_000;
+/// Times the rounding error of a diffusive term below which a funnel is not resolved (LAW.md 4).
+pub const FLOOR_ULPS: f64 = 16.0;
+
+/// What a node needs for a run, validated. `F` is the node's number type, `V` its vector field, `G` its gain.
+#[derive(Clone, Debug)]
+pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
+    /// Own id.
+    pub id: NodeId,
+    /// Tick period, ns.
+    pub tick_ns: u64,
+    /// Tick period `T`, s.
+    pub tick: F,
+    /// What makes the node tick.
+    pub tick_source: TickSource,
+    /// Initial state, state units.
+    pub initial_state: F,
+    /// States beyond this are refused, state units.
+    pub state_limit: F,
+    /// Own vector field.
+    pub field: V,
+    /// Coupling law.
+    pub law: NodeWise<F, G>,
+    /// Funnel.
+    pub funnel: Funnel<F>,
+    /// Funnel floor per unit of the largest `|x|`: `FLOOR_ULPS * epsilon * degree`.
+    pub floor_per_state: F,
+    /// Neighbour table, nobody heard yet.
+    pub neighbours: Neighbours<F>,
+}
+
+impl<F: Real> Params<F> {
+    /// Validates `config`.
+    ///
+    /// # Errors
+    /// The first value outside its range, by name, with what is allowed.
+    pub fn new(config: &NodeConfig) -> Result<Self, ConfigError> {
+        let field = check_field(&config.field)?;
+        let gain = check_gain(&config.gain)?;
+        Self::with_field_and_gain(config, |tick| AffineSines::new(field, tick), gain)
+    }
+}
+
+impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
+    /// Validates `config`, with a vector field (built from `T` in s) and a gain of the user's own in place of its.
+    ///
+    /// # Errors
+    /// The first value outside its range, by name, with what is allowed.
+    pub fn with_field_and_gain(
+        config: &NodeConfig,
+        field: impl FnOnce(f64) -> V,
+        gain: G,
+    ) -> Result<Self, ConfigError> {
+        let id = check_id(ConfigField::Id, 0, config.id)?;
+        let tick_ns = config.tick_ns;
+        check(ConfigField::Tick, 0, f64::from(tick_ns), f64::from(SHORTEST_TICK_NS), f64::from(u32::MAX))?;
+        let limit = f64::from(config.state_limit);
+        check(ConfigField::StateLimit, 0, limit, SMALLEST, LARGEST)?;
+        check(ConfigField::InitialState, 0, f64::from(config.initial_state), -limit, limit)?;
+        check_funnel(&config.funnel)?;
+        let tick = f64::from(tick_ns) * 1e-9;
+        let (neighbours, degree) = check_neighbours(config, id)?;
+        Ok(Self {
+            id,
+            tick_ns: u64::from(tick_ns),
+            tick: F::from_f64(tick),
+            tick_source: config.tick_source,
+            initial_state: F::from_f32(config.initial_state),
+            state_limit: F::from_f64(limit),
+            field: field(tick),
+            law: NodeWise::new(gain, tick, degree),
+            funnel: Funnel::new(&config.funnel, tick, THETA),
+            floor_per_state: F::from_f64(FLOOR_ULPS * degree) * F::EPSILON,
+            neighbours,
+        })
+    }
+}
+
+fn check(field: ConfigField, index: usize, found: f64, low: f64, high: f64) -> Result<(), ConfigError> {
+    // Written so that NaN is outside.
+    if found >= low && found <= high {
+        Ok(())
+    } else {
+        Err(ConfigError::OutOfRange { field, index: index as u8, found, low, high })
+    }
+}
+
+fn check_id(field: ConfigField, index: usize, id: u8) -> Result<NodeId, ConfigError> {
+    let (low, high) = (1.0, f64::from(NodeId::MAX));
+    NodeId::new(id).ok_or(ConfigError::OutOfRange {
+        field,
+        index: index as u8,
+        found: f64::from(id),
+        low,
+        high,
+    })
+}
+
+fn check_field(field: &FieldConfig) -> Result<&FieldConfig, ConfigError> {
+    check(ConfigField::Slope, 0, f64::from(field.slope), -1e6, 1e6)?;
+    check(ConfigField::Offset, 0, f64::from(field.offset), -LARGEST, LARGEST)?;
+    for (index, sine) in field.sines.iter().enumerate() {
+        check(ConfigField::SineAmplitude, index, f64::from(sine.amplitude), -LARGEST, LARGEST)?;
+        check(ConfigField::SineFrequency, index, sine.frequency, -1e6, 1e6)?;
+        check(ConfigField::SinePhase, index, sine.phase, -1e6, 1e6)?;
+    }
+    Ok(field)
+}
+
+fn check_gain<F: Real>(gain: &GainConfig) -> Result<BuiltinGain<F>, ConfigError> {
+    let (GainConfig::Reciprocal { scale } | GainConfig::Logarithmic { scale }) = *gain;
+    check(ConfigField::GainScale, 0, f64::from(scale), SMALLEST, LARGEST)?;
+    let scale = F::from_f32(scale);
+    Ok(match gain {
+        GainConfig::Reciprocal { .. } => BuiltinGain::Reciprocal(Reciprocal { scale }),
+        GainConfig::Logarithmic { .. } => BuiltinGain::Logarithmic(Logarithmic { scale }),
+    })
+}
+
+fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
+    check(ConfigField::FunnelFactor, 0, f64::from(funnel.factor), SMALLEST, LARGEST)?;
+    match funnel.shape {
+        FunnelShape::Exponential { start, end, rate } => {
+            check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
+            check(ConfigField::FunnelEnd, 0, f64::from(end), 0.0, LARGEST)?;
+            check(ConfigField::FunnelRate, 0, f64::from(rate), 0.0, 1e6)
+        }
+        FunnelShape::Constant { width } => {
+            check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST)
+        }
+    }
+}
+
+/// The neighbour table and the weighted degree `d`.
+fn check_neighbours<F: Real>(config: &NodeConfig, own: NodeId) -> Result<(Neighbours<F>, f64), ConfigError> {
+    let mut neighbours = Neighbours::new(u32::from(config.extrapolate_ticks));
+    let mut degree = 0.0;
+    for (index, edge) in config.neighbours.iter().enumerate() {
+        let id = check_id(ConfigField::NeighbourId, index, edge.id)?;
+        if id == own {
+            return Err(ConfigError::OwnNeighbour { id: edge.id });
+        }
+        let weight = f64::from(edge.weight);
+        check(ConfigField::Weight, index, weight, SMALLEST, LARGEST_WEIGHT)?;
+        if !neighbours.add(id, F::from_f32(edge.weight)) {
+            return Err(ConfigError::DuplicateNeighbour { id: edge.id });
+        }
+        degree += weight;
+    }
+    check(ConfigField::Degree, 0, degree, 0.0, LARGEST_WEIGHT)?;
+    Ok((neighbours, degree))
+}

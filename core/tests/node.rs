@@ -1,0 +1,214 @@
+//! The node as a state machine: start, ticks, neighbours that fall silent, strangers, a twin, bad numbers.
+#![allow(clippy::unwrap_used)]
+
+use funnel_core::{Action, Event, Node, Params, Phase};
+use funnel_protocol::config::{
+    ConfigError, ConfigField, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
+    TickSource,
+};
+use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Target, TickStamp};
+use funnel_protocol::refusal::Refusal;
+
+const MS: u64 = 1_000_000;
+
+fn config() -> NodeConfig {
+    NodeConfig {
+        id: 1,
+        tick_ns: MS as u32,
+        tick_source: TickSource::Timer,
+        initial_state: 1.0,
+        state_limit: 1e6,
+        field: FieldConfig { slope: 0.0, offset: 0.0, sines: heapless::Vec::new() },
+        gain: GainConfig::Reciprocal { scale: 1.0 },
+        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
+        neighbours: [EdgeConfig { id: 2, weight: 1.0 }].into_iter().collect(),
+        extrapolate_ticks: 3,
+        telemetry_every: 0,
+    }
+}
+
+fn node(config: &NodeConfig) -> Node {
+    Node::new(Params::new(config).unwrap())
+}
+
+fn state(source: u8, tick: u32, x: f32) -> Message {
+    let source = NodeId::new(source).unwrap();
+    Message::State { source, component: Component::FIRST, tick: TickStamp::low(tick, 8), x }
+}
+
+fn start() -> Message {
+    Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 }
+}
+
+fn actions(node: &mut Node, now: u64) -> Vec<Action> {
+    core::iter::from_fn(|| node.poll(now)).collect()
+}
+
+fn sent(actions: &[Action]) -> Vec<Message> {
+    actions.iter().filter_map(|a| if let Action::Send(message) = a { Some(*message) } else { None }).collect()
+}
+
+fn started(config: &NodeConfig) -> Node {
+    let mut node = node(config);
+    node.on_message(&start(), 0).unwrap();
+    actions(&mut node, 0);
+    node
+}
+
+#[test]
+fn it_announces_its_initial_state_and_then_ticks_by_its_timer() {
+    let mut node = node(&config());
+    assert_eq!(node.poll_at(), None);
+    node.on_message(&start(), 5 * MS).unwrap();
+    let first = actions(&mut node, 5 * MS);
+    assert_eq!(first[0], Action::Report(Event::Started));
+    assert!(matches!(sent(&first)[..], [Message::State { x: 1.0, .. }]));
+    assert_eq!(node.poll_at(), Some(6 * MS));
+    assert_eq!(actions(&mut node, 6 * MS - 1), []);
+    node.on_message(&state(2, 0, 2.0), 6 * MS - 1).unwrap();
+    let ticked = actions(&mut node, 6 * MS);
+    let [Message::State { tick, x, .. }] = sent(&ticked)[..] else { panic!("{ticked:?}") };
+    assert_eq!(tick.value(), 1);
+    // The paper's law at the first tick: u = s / (1 - s) at s = 0.1, and x moves by T u.
+    let u = 0.1 / 0.9;
+    assert!((node.observation().u - u).abs() < 1e-4 * u, "{}", node.observation().u);
+    assert!((x - 1.0 - 1e-3 * u).abs() < 2e-7);
+    assert_eq!(node.poll_at(), Some(7 * MS));
+}
+
+#[test]
+fn late_ticks_are_made_up_for_one_by_one_and_counted() {
+    let mut node = started(&config());
+    let all = actions(&mut node, 4 * MS);
+    assert_eq!(node.tick(), 4);
+    assert_eq!(node.counters().overruns, 3);
+    assert_eq!(sent(&all).len(), 1, "only the latest state is worth sending: {all:?}");
+}
+
+#[test]
+fn a_silent_neighbour_is_extrapolated_then_dropped_then_found_again() {
+    let mut node = started(&config());
+    node.on_message(&state(2, 0, 2.0), 0).unwrap();
+    actions(&mut node, MS);
+    node.on_message(&state(2, 1, 2.5), MS).unwrap();
+    actions(&mut node, 2 * MS);
+    actions(&mut node, 3 * MS);
+    // Tick 2: 2.5 + 0.5 is expected, less the own state.
+    let expected = 3.0 - node.observation().x;
+    assert!((node.observation().nu - expected).abs() < 1e-6);
+    assert_eq!(node.counters().extrapolated, 1);
+    actions(&mut node, 4 * MS);
+    actions(&mut node, 5 * MS);
+    let dropped = actions(&mut node, 6 * MS);
+    assert!(dropped.contains(&Action::Report(Event::NeighbourLost(NodeId::new(2).unwrap()))), "{dropped:?}");
+    assert_eq!((node.observation().nu, node.counters().neighbours_lost), (0.0, 1));
+    node.on_message(&state(2, 6, 9.0), 6 * MS).unwrap();
+    let found = actions(&mut node, 7 * MS);
+    assert!(found.contains(&Action::Report(Event::NeighbourFound(NodeId::new(2).unwrap()))));
+    assert!(node.observation().nu > 7.0);
+}
+
+#[test]
+fn every_bad_state_is_refused_counted_and_changes_nothing() {
+    let mut node = started(&config());
+    node.on_message(&state(2, 0, 2.0), 0).unwrap();
+    let cases = [
+        (state(3, 0, 1.0), Refusal::UnknownSource),
+        (state(2, 0, 5.0), Refusal::Duplicate),
+        (state(2, 100, 5.0), Refusal::TickWindow),
+        (state(2, 255, 5.0), Refusal::Stale),
+        (state(2, 1, f32::NAN), Refusal::NotFinite),
+        (state(2, 1, f32::NEG_INFINITY), Refusal::NotFinite),
+        (state(2, 1, 1.1e6), Refusal::OutOfRange),
+    ];
+    for (message, reason) in cases {
+        let before = node.counters().refused(reason);
+        assert_eq!(node.on_message(&message, 0), Err(reason), "{message:?}");
+        assert_eq!(node.counters().refused(reason), before + 1);
+    }
+    actions(&mut node, MS);
+    assert_eq!(node.observation().nu, 1.0);
+}
+
+#[test]
+fn a_twin_silences_the_node() {
+    let mut node = started(&config());
+    assert_eq!(node.on_message(&state(1, 0, 3.0), 0), Err(Refusal::OwnId));
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::DUPLICATE_ID));
+    let last = actions(&mut node, MS);
+    assert!(matches!(sent(&last)[..], [Message::Fault { code: FaultCode::DUPLICATE_ID, .. }]), "{last:?}");
+    assert_eq!(actions(&mut node, 100 * MS), []);
+    assert_eq!(node.on_message(&start(), 0), Err(Refusal::Phase));
+}
+
+#[test]
+fn one_tick_per_sync_and_none_twice() {
+    let mut node = started(&NodeConfig { tick_source: TickSource::Sync, ..config() });
+    let sync = |previous: u32| Message::Sync {
+        source: None,
+        previous_tick: TickStamp::low(previous, 24),
+        phase_us: 0,
+    };
+    assert_eq!(actions(&mut node, 100 * MS), []);
+    node.on_message(&sync(u32::MAX), 0).unwrap();
+    assert_eq!(sent(&actions(&mut node, 0)).len(), 1);
+    assert_eq!(node.on_message(&sync(u32::MAX), 0), Err(Refusal::TickWindow));
+    assert_eq!(actions(&mut node, 0), []);
+    node.on_message(&sync(0), 0).unwrap();
+    actions(&mut node, 0);
+    assert_eq!(node.tick(), 2);
+    node.on_message(&sync(3), 0).unwrap();
+    assert!(actions(&mut node, 0).contains(&Action::Report(Event::SyncGap { missed: 2 })));
+    assert_eq!((node.tick(), node.counters().sync_gaps), (5, 1));
+}
+
+#[test]
+fn an_escaping_state_stops_the_node_with_its_last_good_value() {
+    let mut unstable = config();
+    unstable.field.slope = 1e5;
+    let mut node = started(&unstable);
+    for k in 1..100 {
+        actions(&mut node, k * MS);
+    }
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::STATE_LIMIT));
+    assert!(node.state().abs() <= 1e6);
+}
+
+#[test]
+fn a_breach_is_counted_reported_and_survived() {
+    let mut node = started(&config());
+    node.on_message(&state(2, 0, 25.0), 0).unwrap();
+    let events = actions(&mut node, MS);
+    assert!(
+        events.iter().any(|e| matches!(e, Action::Report(Event::BreachBegan { tick: 0, .. }))),
+        "{events:?}"
+    );
+    assert_eq!(node.counters().breaches, 1);
+    assert!(node.observation().u.is_finite() && node.report().max_ratio > 2.0);
+}
+
+#[test]
+fn configurations_out_of_range_are_refused_by_name() {
+    let refused = |change: fn(&mut NodeConfig)| {
+        let mut bad = config();
+        change(&mut bad);
+        Params::<f32>::new(&bad).unwrap_err()
+    };
+    let field =
+        |error| if let ConfigError::OutOfRange { field, .. } = error { field } else { panic!("{error}") };
+    assert_eq!(field(refused(|c| c.id = 0)), ConfigField::Id);
+    assert_eq!(field(refused(|c| c.id = 128)), ConfigField::Id);
+    assert_eq!(field(refused(|c| c.tick_ns = 0)), ConfigField::Tick);
+    assert_eq!(field(refused(|c| c.initial_state = f32::NAN)), ConfigField::InitialState);
+    assert_eq!(field(refused(|c| c.field.slope = f32::INFINITY)), ConfigField::Slope);
+    assert_eq!(field(refused(|c| c.gain = GainConfig::Reciprocal { scale: 0.0 })), ConfigField::GainScale);
+    assert_eq!(field(refused(|c| c.funnel.factor = -1.0)), ConfigField::FunnelFactor);
+    assert_eq!(field(refused(|c| c.neighbours[0].weight = -1.0)), ConfigField::Weight);
+    assert_eq!(refused(|c| c.neighbours[0].id = 1), ConfigError::OwnNeighbour { id: 1 });
+    let twice = |c: &mut NodeConfig| c.neighbours.push(EdgeConfig { id: 2, weight: 1.0 }).unwrap();
+    let mut bad = config();
+    twice(&mut bad);
+    assert_eq!(Params::<f32>::new(&bad).unwrap_err(), ConfigError::DuplicateNeighbour { id: 2 });
+    let text = refused(|c| c.neighbours[0].weight = -1.0).to_string();
+    assert_eq!(text, "graph weight = -1: allowed are 0.000000001 to 1000000");
+}
