@@ -1,1 +1,9 @@
-//! Sim-host: runs a Funnelnet scenario.
+//! Sim-host: runs a Funnelnet scenario at a chosen fidelity.
+//!
+//! `engine` drives the very same f32 node as the firmware, over a bus model; `reference` solves the continuous-time
+//! equations of the paper in f64.
+#![forbid(unsafe_code)]
+
+pub mod bus;
+pub mod engine;
+pub mod random;

@@ -1,0 +1,167 @@
+//! The ideal bus: no bandwidth, no arbitration; a latency, a jitter, and loss at each receiver.
+//!
+//! A frame reaches all listeners at the same time, as on a shared wire; each of them loses it independently. Jitter is
+//! drawn per frame from the sender's stream, loss per frame and receiver from the receiver's stream.
+
+use crate::random::{Purpose, Stream};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Parameters of the ideal bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IdealParams {
+    /// Probability that a receiver loses a frame, 0 to 1.
+    pub loss: f64,
+    /// Delay of every frame, ns.
+    pub latency_ns: u64,
+    /// Largest extra delay, uniformly distributed, ns.
+    pub jitter_ns: u64,
+}
+
+/// Frame counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Frames sent.
+    pub sent: u64,
+    /// Deliveries that were lost.
+    pub lost: u64,
+}
+
+/// A frame under way. Ordered by time, then by order of sending.
+#[derive(Clone, Debug)]
+struct Flight<P> {
+    at: u64,
+    order: u64,
+    sender: usize,
+    payload: P,
+}
+
+impl<P> PartialEq for Flight<P> {
+    fn eq(&self, other: &Self) -> bool {
+        self.order == other.order
+    }
+}
+
+impl<P> Eq for Flight<P> {}
+
+impl<P> PartialOrd for Flight<P> {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl<P> Ord for Flight<P> {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        (self.at, self.order).cmp(&(other.at, other.order))
+    }
+}
+
+/// The ideal bus for frames of type `P`.
+#[derive(Clone, Debug)]
+pub struct IdealBus<P> {
+    params: IdealParams,
+    /// Who accepts the frames of each node: its neighbours' acceptance filters.
+    listeners: Vec<Vec<usize>>,
+    flights: BinaryHeap<Reverse<Flight<P>>>,
+    loss: Vec<Stream>,
+    jitter: Vec<Stream>,
+    traffic: Traffic,
+}
+
+impl<P> IdealBus<P> {
+    /// A bus on which the nodes `listeners[i]` accept the frames of node `i`.
+    pub fn new(params: IdealParams, seed: u64, listeners: Vec<Vec<usize>>) -> Self {
+        let streams = |purpose| (0..listeners.len()).map(|node| Stream::new(seed, purpose, node)).collect();
+        Self {
+            params,
+            flights: BinaryHeap::with_capacity(2 * listeners.len()),
+            loss: streams(Purpose::Loss),
+            jitter: streams(Purpose::Jitter),
+            traffic: Traffic::default(),
+            listeners,
+        }
+    }
+
+    /// Node `sender` puts a frame on the bus at `now` (ns).
+    pub fn send(&mut self, now: u64, sender: usize, payload: P) {
+        let extra = self.jitter.get_mut(sender).map_or(0, |stream| stream.below(self.params.jitter_ns));
+        let order = self.traffic.sent;
+        self.traffic.sent += 1;
+        let at = now + self.params.latency_ns + extra;
+        self.flights.push(Reverse(Flight { at, order, sender, payload }));
+    }
+
+    /// When the next frame arrives, ns.
+    pub fn next_arrival(&self) -> Option<u64> {
+        self.flights.peek().map(|Reverse(flight)| flight.at)
+    }
+
+    /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it.
+    pub fn deliver(&mut self, mut receive: impl FnMut(usize, &P)) {
+        let Some(Reverse(flight)) = self.flights.pop() else { return };
+        for &listener in self.listeners.get(flight.sender).into_iter().flatten() {
+            let lost = self.loss.get_mut(listener).is_some_and(|stream| stream.happens(self.params.loss));
+            if lost {
+                self.traffic.lost += 1;
+            } else {
+                receive(listener, &flight.payload);
+            }
+        }
+    }
+
+    /// Frame counts so far.
+    pub fn traffic(&self) -> Traffic {
+        self.traffic
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bus(params: IdealParams) -> IdealBus<u32> {
+        IdealBus::new(params, 7, vec![vec![1, 2], vec![0], vec![0]])
+    }
+
+    #[test]
+    fn frames_arrive_in_order_of_time_then_of_sending() {
+        let mut bus = bus(IdealParams { latency_ns: 10, ..IdealParams::default() });
+        bus.send(5, 0, 100);
+        bus.send(5, 1, 101);
+        bus.send(4, 2, 102);
+        let mut got = Vec::new();
+        while let Some(at) = bus.next_arrival() {
+            bus.deliver(|receiver, &frame| got.push((at, receiver, frame)));
+        }
+        assert_eq!(got, [(14, 0, 102), (15, 1, 100), (15, 2, 100), (15, 0, 101)]);
+    }
+
+    #[test]
+    fn loss_is_independent_at_each_receiver_and_as_frequent_as_said() {
+        let mut bus = bus(IdealParams { loss: 0.1, ..IdealParams::default() });
+        let mut heard = [0u32; 3];
+        let (mut both, sends) = (0, 20_000);
+        for frame in 0..sends {
+            bus.send(0, 0, frame);
+            let before = heard;
+            bus.deliver(|receiver, _| heard[receiver] += 1);
+            both += u32::from(heard[1] > before[1] && heard[2] > before[2]);
+        }
+        let share = |count: u32| f64::from(count) / f64::from(sends);
+        assert!((share(heard[1]) - 0.9).abs() < 0.01 && (share(heard[2]) - 0.9).abs() < 0.01, "{heard:?}");
+        assert!((share(both) - 0.81).abs() < 0.015, "{both}");
+        assert_eq!(bus.traffic().lost, u64::from(2 * sends - heard[1] - heard[2]));
+    }
+
+    #[test]
+    fn jitter_stays_within_its_bound_and_is_used() {
+        let mut bus = bus(IdealParams { jitter_ns: 50, ..IdealParams::default() });
+        let mut seen = std::collections::BTreeSet::new();
+        for frame in 0..1000 {
+            bus.send(1000, 0, frame);
+            seen.insert(bus.next_arrival().unwrap());
+            bus.deliver(|_, _| {});
+        }
+        assert!(*seen.first().unwrap() >= 1000 && *seen.last().unwrap() < 1050 && seen.len() > 40);
+    }
+}
