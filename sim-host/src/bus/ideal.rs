@@ -4,8 +4,7 @@
 //! drawn per frame from the sender's stream, loss per frame and receiver from the receiver's stream.
 
 use crate::random::{Purpose, Stream};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::VecDeque;
 
 /// Parameters of the ideal bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,33 +26,12 @@ pub struct Traffic {
     pub lost: u64,
 }
 
-/// A frame under way. Ordered by time, then by order of sending.
+/// A frame under way.
 #[derive(Clone, Debug)]
 struct Flight<P> {
     at: u64,
-    order: u64,
     sender: usize,
     payload: P,
-}
-
-impl<P> PartialEq for Flight<P> {
-    fn eq(&self, other: &Self) -> bool {
-        self.order == other.order
-    }
-}
-
-impl<P> Eq for Flight<P> {}
-
-impl<P> PartialOrd for Flight<P> {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl<P> Ord for Flight<P> {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.at, self.order).cmp(&(other.at, other.order))
-    }
 }
 
 /// The ideal bus for frames of type `P`.
@@ -62,7 +40,8 @@ pub struct IdealBus<P> {
     params: IdealParams,
     /// Who accepts the frames of each node: its neighbours' acceptance filters.
     listeners: Vec<Vec<usize>>,
-    flights: BinaryHeap<Reverse<Flight<P>>>,
+    /// By time of arrival, then by order of sending. New frames mostly go to the end, so that no heap is needed.
+    flights: VecDeque<Flight<P>>,
     loss: Vec<Stream>,
     jitter: Vec<Stream>,
     traffic: Traffic,
@@ -74,7 +53,7 @@ impl<P> IdealBus<P> {
         let streams = |purpose| (0..listeners.len()).map(|node| Stream::new(seed, purpose, node)).collect();
         Self {
             params,
-            flights: BinaryHeap::with_capacity(2 * listeners.len()),
+            flights: VecDeque::with_capacity(2 * listeners.len()),
             loss: streams(Purpose::Loss),
             jitter: streams(Purpose::Jitter),
             traffic: Traffic::default(),
@@ -85,20 +64,20 @@ impl<P> IdealBus<P> {
     /// Node `sender` puts a frame on the bus at `now` (ns).
     pub fn send(&mut self, now: u64, sender: usize, payload: P) {
         let extra = self.jitter.get_mut(sender).map_or(0, |stream| stream.below(self.params.jitter_ns));
-        let order = self.traffic.sent;
-        self.traffic.sent += 1;
         let at = now + self.params.latency_ns + extra;
-        self.flights.push(Reverse(Flight { at, order, sender, payload }));
+        self.traffic.sent += 1;
+        let later = self.flights.iter().rev().take_while(|flight| flight.at > at).count();
+        self.flights.insert(self.flights.len() - later, Flight { at, sender, payload });
     }
 
     /// When the next frame arrives, ns.
     pub fn next_arrival(&self) -> Option<u64> {
-        self.flights.peek().map(|Reverse(flight)| flight.at)
+        self.flights.front().map(|flight| flight.at)
     }
 
     /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it.
     pub fn deliver(&mut self, mut receive: impl FnMut(usize, &P)) {
-        let Some(Reverse(flight)) = self.flights.pop() else { return };
+        let Some(flight) = self.flights.pop_front() else { return };
         for &listener in self.listeners.get(flight.sender).into_iter().flatten() {
             let lost = self.loss.get_mut(listener).is_some_and(|stream| stream.happens(self.params.loss));
             if lost {
