@@ -19,6 +19,7 @@ pub mod node;
 pub mod observe;
 pub mod params;
 pub mod root;
+pub mod session;
 
 pub use field::{AffineSines, VectorField};
 pub use gain::{BuiltinGain, Gain};
@@ -26,3 +27,4 @@ pub use math::Real;
 pub use node::{Action, Node};
 pub use observe::{Event, Observation, Phase};
 pub use params::Params;
+pub use session::{Output, Session};

@@ -16,7 +16,7 @@ pub mod service;
 pub use config::NodeConfig;
 pub use message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
 pub use refusal::Refusal;
-pub use service::Service;
+pub use service::{Reply, Request};
 
 /// Version of the wire. Nodes report it in [`service::Identity`]; unequal versions do not talk.
 pub const WIRE_VERSION: u8 = 1;

@@ -6,7 +6,7 @@ use crate::can::{
 };
 use crate::message::{Component, FaultCode, Message, NodeId, Target, TickStamp};
 use crate::refusal::Refusal;
-use crate::service::Service;
+use crate::service::Body;
 use crc::{CRC_16_IBM_3740, Crc, Table};
 use heapless::Vec;
 
@@ -27,17 +27,18 @@ pub const MAX_REAL_TIME_FRAME: usize = 12;
 static CRC: Crc<u16, Table<1>> = Crc::<u16, Table<1>>::new(&CRC_16_IBM_3740);
 
 /// A decoded serial frame.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
-pub enum Frame {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Frame<'a> {
     /// Real-time plane.
     RealTime(Message),
-    /// Service plane.
+    /// Service plane; [`crate::service::Body::decode`] reads the body, which only the receiver's role tells how.
     Service {
+        /// Kind of the body.
+        kind: u8,
         /// Sender; 0 is the host or a blank node.
         source: u8,
-        /// What it says.
-        service: Service,
+        /// Body, not decoded yet.
+        body: &'a [u8],
     },
 }
 
@@ -76,10 +77,10 @@ pub fn encode(message: &Message) -> Vec<u8, MAX_REAL_TIME_FRAME> {
 
 /// Encodes a frame of the service plane into `out`, final zero included; its length, or `None` where it does not fit.
 /// [`MAX_FRAME`] bytes always suffice. `scratch` holds the frame before COBS, [`MAX_RAW`] bytes.
-pub fn encode_service(service: &Service, source: u8, scratch: &mut [u8], out: &mut [u8]) -> Option<usize> {
+pub fn encode_service(service: &impl Body, source: u8, scratch: &mut [u8], out: &mut [u8]) -> Option<usize> {
     let (head, body) = scratch.split_at_mut_checked(2)?;
     head.copy_from_slice(&[service.kind(), source]);
-    let end = 2 + service.encode_body(body)?;
+    let end = 2 + service.encode(body)?;
     let crc = CRC.checksum(scratch.get(..end)?);
     scratch.get_mut(end..end + 2)?.copy_from_slice(&crc.to_be_bytes());
     let raw = scratch.get(..end + 2)?;
@@ -95,7 +96,7 @@ pub fn encode_service(service: &Service, source: u8, scratch: &mut [u8], out: &m
 ///
 /// # Errors
 /// `Cobs`, `Length`, `Crc`, `Kind`, `Value` or `NotFinite`, checked in this order.
-pub fn decode(frame: &mut [u8]) -> Result<Frame, Refusal> {
+pub fn decode(frame: &mut [u8]) -> Result<Frame<'_>, Refusal> {
     let length = cobs::decode_in_place(frame).map_err(|_| Refusal::Cobs)?;
     let raw = frame.get(..length).ok_or(Refusal::Cobs)?;
     let (content, crc) = raw.split_last_chunk::<2>().ok_or(Refusal::Length)?;
@@ -106,7 +107,7 @@ pub fn decode(frame: &mut [u8]) -> Result<Frame, Refusal> {
     if kind & 0xF0 == REAL_TIME {
         decode_real_time(kind & 0x0F, source, body).map(Frame::RealTime)
     } else {
-        Service::decode(kind, body).map(|service| Frame::Service { source, service })
+        Ok(Frame::Service { kind, source, body })
     }
 }
 
@@ -185,6 +186,8 @@ fn finish(raw: &[u8], frame: &mut Vec<u8, MAX_REAL_TIME_FRAME>) {
 pub struct Deframer<const N: usize = MAX_FRAME> {
     buffer: Vec<u8, N>,
     overflow: bool,
+    /// The buffer still holds the last frame, which was lent out.
+    done: bool,
 }
 
 impl<const N: usize> Default for Deframer<N> {
@@ -196,12 +199,16 @@ impl<const N: usize> Default for Deframer<N> {
 impl<const N: usize> Deframer<N> {
     /// An empty one.
     pub const fn new() -> Self {
-        Self { buffer: Vec::new(), overflow: false }
+        Self { buffer: Vec::new(), overflow: false, done: false }
     }
 
     /// Takes one byte; gives a frame, or the reason for refusing one, when the byte ends it. Idle zeros are ignored.
     #[inline]
-    pub fn push(&mut self, byte: u8) -> Option<Result<Frame, Refusal>> {
+    pub fn push(&mut self, byte: u8) -> Option<Result<Frame<'_>, Refusal>> {
+        if self.done {
+            self.buffer.clear();
+            self.done = false;
+        }
         if byte != 0 {
             self.overflow |= self.buffer.push(byte).is_err();
             return None;
@@ -209,14 +216,11 @@ impl<const N: usize> Deframer<N> {
         self.finish()
     }
 
-    fn finish(&mut self) -> Option<Result<Frame, Refusal>> {
-        let frame = match (self.overflow, self.buffer.is_empty()) {
-            (true, _) => Some(Err(Refusal::Overflow)),
-            (false, true) => None,
-            (false, false) => Some(decode(&mut self.buffer)),
-        };
-        self.buffer.clear();
-        self.overflow = false;
-        frame
+    fn finish(&mut self) -> Option<Result<Frame<'_>, Refusal>> {
+        self.done = true;
+        if core::mem::take(&mut self.overflow) {
+            return Some(Err(Refusal::Overflow));
+        }
+        if self.buffer.is_empty() { None } else { Some(decode(&mut self.buffer)) }
     }
 }

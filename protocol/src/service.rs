@@ -36,69 +36,105 @@ pub struct Identity {
     pub uid: u64,
 }
 
-/// One frame of the service plane.
+/// What a host asks of a node.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
-pub enum Service {
+pub enum Request {
     /// Who is there?
     Hello,
-    /// I am.
-    Identity(Identity),
     /// Be this.
     Configure(NodeConfig),
-    /// I am, or I refuse.
+    /// Report!
+    Report,
+}
+
+/// What a node answers, or tells unasked.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reply {
+    /// I am.
+    Identity(Identity),
+    /// I am what you configured, or I refuse.
     Configured(Result<(), ConfigError>),
     /// What the law did.
     Telemetry(Telemetry),
-    /// Report!
-    ReportRequest,
     /// Counters.
     Report(Report),
 }
 
-impl Service {
+/// A body that travels in a service frame.
+pub trait Body: Sized {
     /// Kind of the frame.
-    pub fn kind(&self) -> u8 {
-        match self {
-            Self::Hello => kind::HELLO,
-            Self::Identity(_) => kind::IDENTITY,
-            Self::Configure(_) => kind::CONFIGURE,
-            Self::Configured(_) => kind::CONFIGURED,
-            Self::Telemetry(_) => kind::TELEMETRY,
-            Self::ReportRequest => kind::REPORT_REQUEST,
-            Self::Report(_) => kind::REPORT,
-        }
-    }
+    fn kind(&self) -> u8;
 
-    /// Writes the body to the front of `body`; the number of bytes, or `None` where it does not fit.
-    pub fn encode_body(&self, body: &mut [u8]) -> Option<usize> {
-        let written = match self {
-            Self::Hello | Self::ReportRequest => return Some(0),
-            Self::Identity(value) => postcard::to_slice(value, body),
-            Self::Configure(value) => postcard::to_slice(value, body),
-            Self::Configured(value) => postcard::to_slice(value, body),
-            Self::Telemetry(value) => postcard::to_slice(value, body),
-            Self::Report(value) => postcard::to_slice(value, body),
-        };
-        written.ok().map(|bytes| bytes.len())
-    }
+    /// Writes the body to the front of `out`; the number of bytes, or `None` where it does not fit.
+    fn encode(&self, out: &mut [u8]) -> Option<usize>;
 
     /// Reads a body of `kind`.
     ///
     /// # Errors
-    /// `Kind` for an unknown kind, `Length` for trailing bytes, `Value` for anything else that is not such a body.
-    pub fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal> {
+    /// `Kind` for a kind that is not of this direction, `Length` for trailing bytes, `Value` for anything else that is
+    /// not such a body.
+    fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal>;
+}
+
+impl Body for Request {
+    fn kind(&self) -> u8 {
+        match self {
+            Self::Hello => kind::HELLO,
+            Self::Configure(_) => kind::CONFIGURE,
+            Self::Report => kind::REPORT_REQUEST,
+        }
+    }
+
+    fn encode(&self, out: &mut [u8]) -> Option<usize> {
+        match self {
+            Self::Hello | Self::Report => Some(0),
+            Self::Configure(config) => write(config, out),
+        }
+    }
+
+    fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal> {
         match kind {
             kind::HELLO => empty(body).map(|()| Self::Hello),
-            kind::IDENTITY => whole(body).map(Self::Identity),
             kind::CONFIGURE => whole(body).map(Self::Configure),
+            kind::REPORT_REQUEST => empty(body).map(|()| Self::Report),
+            _ => Err(Refusal::Kind),
+        }
+    }
+}
+
+impl Body for Reply {
+    fn kind(&self) -> u8 {
+        match self {
+            Self::Identity(_) => kind::IDENTITY,
+            Self::Configured(_) => kind::CONFIGURED,
+            Self::Telemetry(_) => kind::TELEMETRY,
+            Self::Report(_) => kind::REPORT,
+        }
+    }
+
+    fn encode(&self, out: &mut [u8]) -> Option<usize> {
+        match self {
+            Self::Identity(value) => write(value, out),
+            Self::Configured(value) => write(value, out),
+            Self::Telemetry(value) => write(value, out),
+            Self::Report(value) => write(value, out),
+        }
+    }
+
+    fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal> {
+        match kind {
+            kind::IDENTITY => whole(body).map(Self::Identity),
             kind::CONFIGURED => whole(body).map(Self::Configured),
             kind::TELEMETRY => whole(body).map(Self::Telemetry),
-            kind::REPORT_REQUEST => empty(body).map(|()| Self::ReportRequest),
             kind::REPORT => whole(body).map(Self::Report),
             _ => Err(Refusal::Kind),
         }
     }
+}
+
+fn write<T: Serialize>(value: &T, out: &mut [u8]) -> Option<usize> {
+    postcard::to_slice(value, out).ok().map(|bytes| bytes.len())
 }
 
 fn empty(body: &[u8]) -> Result<(), Refusal> {

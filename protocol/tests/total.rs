@@ -7,7 +7,8 @@ use funnel_protocol::config::{
 };
 use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
-use funnel_protocol::{Refusal, Service, can};
+use funnel_protocol::service::{Body, Request};
+use funnel_protocol::{Refusal, can};
 use proptest::prelude::*;
 
 fn largest_config() -> NodeConfig {
@@ -30,24 +31,39 @@ fn largest_config() -> NodeConfig {
     }
 }
 
-fn encode_service(service: &Service) -> Vec<u8> {
+fn encode_service(service: &impl Body) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; MAX_RAW], [0; MAX_FRAME]);
     let length = serial::encode_service(service, 1, &mut scratch, &mut out).unwrap();
     out[..length].to_vec()
 }
 
-fn deframe(bytes: &[u8]) -> Vec<Result<Frame, Refusal>> {
+/// A frame that owns what it says.
+#[derive(Clone, Debug, PartialEq)]
+enum Owned {
+    RealTime(Message),
+    Service(u8, u8, Vec<u8>),
+}
+
+fn deframe(bytes: &[u8]) -> Vec<Result<Owned, Refusal>> {
+    let own = |frame: Frame<'_>| match frame {
+        Frame::RealTime(message) => Owned::RealTime(message),
+        Frame::Service { kind, source, body } => Owned::Service(kind, source, body.to_vec()),
+    };
     let mut deframer: Deframer = Deframer::new();
-    bytes.iter().filter_map(|&byte| deframer.push(byte)).collect()
+    bytes.iter().filter_map(|&byte| deframer.push(byte).map(|frame| frame.map(own))).collect()
 }
 
 #[test]
 fn largest_configuration_fits_and_little_is_wasted() {
     let mut body = [0; MAX_BODY];
-    let length = Service::Configure(largest_config()).encode_body(&mut body).unwrap();
+    let request = Request::Configure(largest_config());
+    let length = request.encode(&mut body).unwrap();
     assert!(length <= MAX_BODY && length + 32 > MAX_BODY, "{length} of {MAX_BODY}");
-    let service = Service::Configure(largest_config());
-    assert_eq!(deframe(&encode_service(&service)), [Ok(Frame::Service { source: 1, service })]);
+    let frames = deframe(&encode_service(&request));
+    let [Ok(Owned::Service(kind, 1, body))] = &frames[..] else { panic!("{frames:?}") };
+    assert_eq!(Request::decode(*kind, body), Ok(request));
+    assert_eq!(Request::decode(*kind, &body[..body.len() - 1]), Err(Refusal::Value));
+    assert_eq!(Request::decode(*kind, &[&body[..], &[0]].concat()), Err(Refusal::Length));
 }
 
 #[test]
@@ -70,7 +86,7 @@ fn an_oversized_frame_is_dropped_whole() {
 
 #[test]
 fn a_truncated_service_frame_is_refused_at_every_length() {
-    let whole = encode_service(&Service::Configure(largest_config()));
+    let whole = encode_service(&Request::Configure(largest_config()));
     for length in 1..whole.len() - 1 {
         let mut bytes = whole[..length].to_vec();
         bytes.push(0);
@@ -99,7 +115,7 @@ proptest! {
     #[test]
     fn any_bytes_give_frames_or_reasons(bytes in proptest::collection::vec(any::<u8>(), 0..2000)) {
         for frame in deframe(&bytes).into_iter().flatten() {
-            if let Frame::RealTime(message) = frame {
+            if let Owned::RealTime(message) = frame {
                 prop_assert!(serial::encode(&message).len() <= MAX_REAL_TIME_FRAME);
             }
         }
@@ -124,7 +140,7 @@ proptest! {
         let component = Component::new(k).unwrap();
         let sent = Message::State { source, component, tick: TickStamp::full(tick), x };
         let got = Message::State { source, component, tick: TickStamp::low(tick, 16), x };
-        prop_assert_eq!(deframe(&serial::encode(&sent)), vec![Ok(Frame::RealTime(got))]);
+        prop_assert_eq!(deframe(&serial::encode(&sent)), vec![Ok(Owned::RealTime(got))]);
     }
 
     #[test]

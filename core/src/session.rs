@@ -1,0 +1,149 @@
+//! A node and its host: identity, configuration, telemetry, report. Frames and time in, outputs out.
+//!
+//! Firmware wraps a link around it; tests drive it in memory.
+
+use crate::node::{Action, Node};
+use crate::observe::{Event, Phase};
+use crate::params::Params;
+use funnel_protocol::config::ConfigError;
+use funnel_protocol::message::Message;
+use funnel_protocol::refusal::Refusal;
+use funnel_protocol::report::{Counters, Report, Telemetry};
+use funnel_protocol::serial::{Frame, HOST};
+use funnel_protocol::service::{Body, Identity, Reply, Request, kind};
+
+/// What the firmware shall do next.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// Put this frame of the real-time plane on the link.
+    Send(Message),
+    /// Put this frame of the service plane on the link.
+    Reply(Reply),
+    /// Log this event.
+    Report(Event),
+}
+
+/// A node that may still be blank.
+#[derive(Debug)]
+pub struct Session {
+    identity: Identity,
+    node: Option<Node>,
+    /// Counters of a blank node.
+    counters: Counters,
+    telemetry_every: u32,
+    /// Tick after the last one that telemetry was considered for.
+    reported: u32,
+    reply: Option<Reply>,
+}
+
+impl Session {
+    /// A blank node.
+    pub fn new(identity: Identity) -> Self {
+        let counters = Counters::default();
+        Self { identity, node: None, counters, telemetry_every: 0, reported: 0, reply: None }
+    }
+
+    /// The node, once it is configured.
+    pub fn node(&self) -> Option<&Node> {
+        self.node.as_ref()
+    }
+
+    /// Own id, 0 while blank: the source of its frames.
+    pub fn id(&self) -> u8 {
+        self.node.as_ref().map_or(HOST, |node| node.id().get())
+    }
+
+    /// When [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
+    pub fn poll_at(&self) -> Option<u64> {
+        if self.reply.is_some() { Some(0) } else { self.node.as_ref()?.poll_at() }
+    }
+
+    /// Takes what the link received at `now` (ns). What is refused is counted and changes nothing.
+    pub fn on_frame(&mut self, frame: Result<Frame<'_>, Refusal>, now: u64) {
+        let outcome = match frame {
+            Ok(Frame::RealTime(message)) => return self.on_message(&message, now),
+            Ok(Frame::Service { kind, body, .. }) => self.on_request(kind, body),
+            Err(reason) => Err(reason),
+        };
+        if let Err(reason) = outcome {
+            self.refuse(reason);
+        }
+    }
+
+    /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as `Node::poll`.
+    pub fn poll(&mut self, now: u64) -> Option<Output> {
+        if let Some(reply) = self.reply.take() {
+            return Some(Output::Reply(reply));
+        }
+        let node = self.node.as_mut()?;
+        match node.poll(now) {
+            Some(Action::Send(message)) => Some(Output::Send(message)),
+            Some(Action::Report(event)) => Some(Output::Report(event)),
+            None => self.telemetry().map(|telemetry| Output::Reply(Reply::Telemetry(telemetry))),
+        }
+    }
+
+    fn on_message(&mut self, message: &Message, now: u64) {
+        match self.node.as_mut() {
+            // The node counts what it refuses.
+            Some(node) => drop(node.on_message(message, now)),
+            None => self.counters.refuse(Refusal::Phase),
+        }
+    }
+
+    fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
+        let reply = match Request::decode(kind, body) {
+            Ok(Request::Hello) => Reply::Identity(Identity { id: self.id(), ..self.identity }),
+            Ok(Request::Report) => Reply::Report(self.report()),
+            Ok(Request::Configure(config)) => Reply::Configured(self.configure(&config)),
+            // A configuration that cannot be read is answered, so that no host waits for nothing.
+            Err(Refusal::Value | Refusal::Length) if kind == kind::CONFIGURE => {
+                self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
+                return Err(Refusal::Value);
+            }
+            Err(reason) => return Err(reason),
+        };
+        self.reply = Some(reply);
+        Ok(())
+    }
+
+    fn configure(&mut self, config: &funnel_protocol::NodeConfig) -> Result<(), ConfigError> {
+        if self.node.as_ref().is_some_and(|node| node.phase() == Phase::Running) {
+            return Err(ConfigError::Running);
+        }
+        self.node = Some(Node::new(Params::new(config)?));
+        self.telemetry_every = config.telemetry_every;
+        self.reported = 0;
+        Ok(())
+    }
+
+    fn report(&self) -> Report {
+        match &self.node {
+            Some(node) => node.report(),
+            None => Report { max_ratio: 0.0, counters: self.counters.clone() },
+        }
+    }
+
+    /// Telemetry of the last tick, once per tick and where the configuration asks for it.
+    fn telemetry(&mut self) -> Option<Telemetry> {
+        let node = self.node.as_ref()?;
+        if self.telemetry_every == 0 || node.tick() == self.reported {
+            return None;
+        }
+        self.reported = node.tick();
+        let seen = node.observation();
+        seen.tick.is_multiple_of(self.telemetry_every).then_some(Telemetry {
+            tick: seen.tick,
+            nu: seen.nu,
+            psi: seen.psi,
+            u: seen.u,
+        })
+    }
+
+    fn refuse(&mut self, reason: Refusal) {
+        match self.node.as_mut() {
+            Some(node) => node.refuse(reason),
+            None => self.counters.refuse(reason),
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! A session in memory: identity, configuration and its refusals, telemetry, report.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use funnel_core::{Output, Session};
+use funnel_protocol::config::{
+    ConfigError, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
+};
+use funnel_protocol::message::{Command, Message, Target, TickStamp};
+use funnel_protocol::serial::Frame;
+use funnel_protocol::service::{Body, Identity, Reply, Request, kind};
+use funnel_protocol::{Refusal, WIRE_VERSION};
+
+const IDENTITY: Identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid: 42 };
+
+fn config() -> NodeConfig {
+    NodeConfig {
+        id: 3,
+        tick_ns: 1_000_000,
+        tick_source: TickSource::Sync,
+        initial_state: 1.0,
+        state_limit: 1e6,
+        field: FieldConfig { slope: -1.0, offset: 0.0, sines: heapless::Vec::new() },
+        gain: GainConfig::Reciprocal { scale: 1.0 },
+        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
+        neighbours: [EdgeConfig { id: 2, weight: 1.0 }].into_iter().collect(),
+        extrapolate_ticks: 3,
+        telemetry_every: 2,
+    }
+}
+
+fn ask(session: &mut Session, request: &Request) -> Vec<Output> {
+    let mut body = [0; 1024];
+    let length = request.encode(&mut body).unwrap();
+    let frame = Frame::Service { kind: request.kind(), source: 0, body: &body[..length] };
+    session.on_frame(Ok(frame), 0);
+    outputs(session)
+}
+
+fn tell(session: &mut Session, message: Message) -> Vec<Output> {
+    session.on_frame(Ok(Frame::RealTime(message)), 0);
+    outputs(session)
+}
+
+fn outputs(session: &mut Session) -> Vec<Output> {
+    core::iter::from_fn(|| session.poll(0)).collect()
+}
+
+fn start() -> Message {
+    Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 }
+}
+
+fn sync(previous: u32) -> Message {
+    Message::Sync { source: None, previous_tick: TickStamp::low(previous, 24), phase_us: 0 }
+}
+
+#[test]
+fn a_blank_node_says_who_it_is_and_counts_what_it_cannot_use() {
+    let mut session = Session::new(IDENTITY);
+    assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(IDENTITY))]);
+    assert_eq!(tell(&mut session, start()), []);
+    session.on_frame(Err(Refusal::Crc), 0);
+    let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };
+    assert_eq!((report.counters.refused(Refusal::Phase), report.counters.refused(Refusal::Crc)), (1, 1));
+}
+
+#[test]
+fn a_bad_configuration_is_refused_by_name_and_leaves_the_node_as_it_was() {
+    let mut session = Session::new(IDENTITY);
+    let mut bad = config();
+    bad.funnel.factor = -1.0;
+    let answer = ask(&mut session, &Request::Configure(bad));
+    assert!(
+        matches!(answer[..], [Output::Reply(Reply::Configured(Err(ConfigError::OutOfRange { found: -1.0, .. })))]),
+        "{answer:?}"
+    );
+    assert!(session.node().is_none());
+    let torn = Frame::Service { kind: kind::CONFIGURE, source: 0, body: &[1, 2, 3] };
+    session.on_frame(Ok(torn), 0);
+    assert_eq!(outputs(&mut session), [Output::Reply(Reply::Configured(Err(ConfigError::Malformed)))]);
+}
+
+#[test]
+fn it_runs_by_sync_with_telemetry_and_reports() {
+    let mut session = Session::new(IDENTITY);
+    assert_eq!(ask(&mut session, &Request::Configure(config())), [Output::Reply(Reply::Configured(Ok(())))]);
+    let started = tell(&mut session, start());
+    assert!(started.iter().any(|o| matches!(o, Output::Send(Message::State { x: 1.0, .. }))), "{started:?}");
+    let refused = ask(&mut session, &Request::Configure(config()));
+    assert_eq!(refused, [Output::Reply(Reply::Configured(Err(ConfigError::Running)))]);
+    let ticks: Vec<_> = (0..4).map(|k: u32| tell(&mut session, sync(k.wrapping_sub(1)))).collect();
+    for (k, outputs) in ticks.iter().enumerate() {
+        assert!(matches!(outputs[0], Output::Send(Message::State { .. })), "{outputs:?}");
+        let telemetry = outputs.iter().any(|o| matches!(o, Output::Reply(Reply::Telemetry(t)) if t.tick == k as u32));
+        assert_eq!(telemetry, k % 2 == 0, "every second tick: {outputs:?}");
+    }
+    let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };
+    assert_eq!((report.counters.ticks, report.counters.sent), (4, 5));
+}
