@@ -70,7 +70,10 @@ fn a_bad_configuration_is_refused_by_name_and_leaves_the_node_as_it_was() {
     bad.funnel.factor = -1.0;
     let answer = ask(&mut session, &Request::Configure(bad));
     assert!(
-        matches!(answer[..], [Output::Reply(Reply::Configured(Err(ConfigError::OutOfRange { found: -1.0, .. })))]),
+        matches!(
+            answer[..],
+            [Output::Reply(Reply::Configured(Err(ConfigError::OutOfRange { found: -1.0, .. })))]
+        ),
         "{answer:?}"
     );
     assert!(session.node().is_none());
@@ -90,7 +93,8 @@ fn it_runs_by_sync_with_telemetry_and_reports() {
     let ticks: Vec<_> = (0..4).map(|k: u32| tell(&mut session, sync(k.wrapping_sub(1)))).collect();
     for (k, outputs) in ticks.iter().enumerate() {
         assert!(matches!(outputs[0], Output::Send(Message::State { .. })), "{outputs:?}");
-        let telemetry = outputs.iter().any(|o| matches!(o, Output::Reply(Reply::Telemetry(t)) if t.tick == k as u32));
+        let telemetry =
+            outputs.iter().any(|o| matches!(o, Output::Reply(Reply::Telemetry(t)) if t.tick == k as u32));
         assert_eq!(telemetry, k % 2 == 0, "every second tick: {outputs:?}");
     }
     let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };

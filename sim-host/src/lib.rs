@@ -5,5 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bus;
+pub mod emulator;
 pub mod engine;
+pub mod interrupt;
 pub mod random;

@@ -1,0 +1,262 @@
+//! Fidelity `emulator`: the firmware image on one QEMU per node, with this program as the bus between their UARTs.
+//!
+//! The link model is that of the loopback engine, frame by frame and draw by draw: states that nodes send at tick `k` go on
+//! the bus at the time of tick `k`, and what arrives before tick `k + 1` is written to the receivers before their next SYNC.
+//! So the same scenario gives the same bits (tests/tests/parity.rs).
+
+mod error;
+mod link;
+mod log;
+mod process;
+
+pub use error::EmulatorError;
+pub use log::decode as decode_log;
+
+use crate::bus::ideal::{IdealBus, Traffic};
+use crate::engine::NodeEvent;
+use crate::interrupt::Interrupt;
+use funnel_core::{Event, Observation};
+use funnel_protocol::config::NodeConfig;
+use funnel_protocol::message::{Command, Message, Severity, Target, TickStamp};
+use funnel_protocol::report::{Report, Telemetry};
+use funnel_protocol::service::{Reply, Request};
+use funnel_protocol::{WIRE_VERSION, serial};
+use link::{Link, Received};
+use process::Process;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How long a node may take to boot and say who it is.
+const BOOT: Duration = Duration::from_secs(20);
+/// How long a node may take for an answer or for a tick.
+const ANSWER: Duration = Duration::from_secs(10);
+
+/// Bytes of a real-time frame on the wire.
+pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
+
+/// Where the pieces are.
+#[derive(Clone, Debug)]
+pub struct EmulatorOptions {
+    /// Firmware image (ELF) for `mps2-an386`.
+    pub image: PathBuf,
+    /// Name or path of the emulator.
+    pub qemu: String,
+    /// Set when the user wants to stop.
+    pub interrupt: Interrupt,
+}
+
+/// One node on its emulator.
+struct EmulatedNode {
+    process: Process,
+    link: Link,
+    /// State at the tick that comes next.
+    next_state: f32,
+    /// It has said that it stopped, and is not waited for any more.
+    stopped: bool,
+}
+
+/// A network of emulated nodes.
+pub struct Emulator {
+    nodes: Vec<EmulatedNode>,
+    bus: IdealBus<FrameBytes>,
+    tick_ns: u64,
+    /// Tick that comes next.
+    tick: u32,
+    observations: Vec<Observation<f32>>,
+    events: Vec<NodeEvent>,
+}
+
+impl Emulator {
+    /// Starts one emulator per configuration, asks each node who it is, and configures it.
+    ///
+    /// # Errors
+    /// No emulator, no image, a node that does not answer in time, another wire version, a refused configuration.
+    pub fn new(
+        configs: &[NodeConfig],
+        bus: IdealBus<FrameBytes>,
+        options: &EmulatorOptions,
+    ) -> Result<Self, EmulatorError> {
+        if !options.image.is_file() {
+            return Err(EmulatorError::NoImage { path: options.image.clone() });
+        }
+        let mut processes = Vec::new();
+        for config in configs {
+            processes.push(Process::start(config.id, options)?);
+        }
+        let mut nodes = Vec::new();
+        for (mut process, config) in processes.into_iter().zip(configs) {
+            let stream = process.connect(BOOT, &options.interrupt)?;
+            let link = Link::new(config.id, stream, options.interrupt.clone())?;
+            nodes.push(EmulatedNode { process, link, next_state: config.initial_state, stopped: false });
+        }
+        let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
+        let observations = vec![Observation::default(); nodes.len()];
+        let mut network = Self { nodes, bus, tick_ns, tick: 0, observations, events: Vec::new() };
+        network.identify()?;
+        network.configure(configs)?;
+        Ok(network)
+    }
+
+    /// Starts all nodes and takes their announced initial states.
+    ///
+    /// # Errors
+    /// A node that does not answer or dies.
+    pub fn start(&mut self) -> Result<(), EmulatorError> {
+        let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
+        for node in &mut self.nodes {
+            node.link.write(&serial::encode(&start))?;
+        }
+        for index in 0..self.nodes.len() {
+            self.take_state(index, 0)?;
+        }
+        Ok(())
+    }
+
+    /// Runs one tick on every node, and gives what they saw, by index.
+    ///
+    /// # Errors
+    /// A node that does not answer or dies, or an interrupt.
+    pub fn advance(&mut self) -> Result<&[Observation<f32>], EmulatorError> {
+        let now = (u64::from(self.tick) + 1) * self.tick_ns;
+        self.deliver_before(now);
+        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
+        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        for node in self.nodes.iter_mut().filter(|node| !node.stopped) {
+            node.link.queue(&sync);
+            node.link.flush()?;
+        }
+        for index in 0..self.nodes.len() {
+            self.take_tick(index, now)?;
+        }
+        self.tick += 1;
+        Ok(&self.observations)
+    }
+
+    /// Stops all nodes and takes their reports, by index.
+    ///
+    /// # Errors
+    /// A node that does not answer or dies.
+    pub fn finish(&mut self) -> Result<Vec<Report>, EmulatorError> {
+        let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
+        let mut reports = Vec::new();
+        for node in &mut self.nodes {
+            node.link.write(&serial::encode(&stop))?;
+            node.link.request(&Request::Report)?;
+            reports.push(node.link.wait_for(ANSWER, "report", |received| match received {
+                Received::Reply(Reply::Report(report)) => Some(report),
+                _ => None,
+            })?);
+        }
+        Ok(reports)
+    }
+
+    /// Faults that nodes reported so far.
+    pub fn events(&self) -> &[NodeEvent] {
+        &self.events
+    }
+
+    /// Frame counts so far.
+    pub fn traffic(&self) -> Traffic {
+        self.bus.traffic()
+    }
+
+    /// Ends all emulators and gives each node's raw defmt log, by index.
+    pub fn into_logs(self) -> Vec<Vec<u8>> {
+        self.nodes.into_iter().map(|node| node.process.into_log()).collect()
+    }
+
+    fn identify(&mut self) -> Result<(), EmulatorError> {
+        for node in &mut self.nodes {
+            node.link.request(&Request::Hello)?;
+            let identity = node.link.wait_for(BOOT, "identity", |received| match received {
+                Received::Reply(Reply::Identity(identity)) => Some(identity),
+                _ => None,
+            })?;
+            if identity.wire_version != WIRE_VERSION {
+                return Err(EmulatorError::WireVersion {
+                    node: node.link.id(),
+                    found: identity.wire_version,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn configure(&mut self, configs: &[NodeConfig]) -> Result<(), EmulatorError> {
+        for (node, config) in self.nodes.iter_mut().zip(configs) {
+            node.link.request(&Request::Configure(config.clone()))?;
+            let answer = node.link.wait_for(ANSWER, "configured", |received| match received {
+                Received::Reply(Reply::Configured(answer)) => Some(answer),
+                _ => None,
+            })?;
+            answer.map_err(|reason| EmulatorError::Refused { node: config.id, reason })?;
+        }
+        Ok(())
+    }
+
+    fn deliver_before(&mut self, now: u64) {
+        while self.bus.next_arrival().is_some_and(|at| at < now) {
+            let nodes = &mut self.nodes;
+            self.bus.deliver(|receiver, frame| {
+                if let Some(node) = nodes.get_mut(receiver).filter(|node| !node.stopped) {
+                    node.link.queue(frame);
+                }
+            });
+        }
+    }
+
+    /// Waits for a node's state (the tick after the one that ran) and puts it on the bus.
+    fn take_state(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
+        let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
+        let message = node.link.wait_for(ANSWER, "state", |received| match received {
+            Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
+            _ => None,
+        })?;
+        self.take_message(index, message, now);
+        Ok(())
+    }
+
+    fn take_tick(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
+        let Some(state) = self.nodes.get(index).filter(|node| !node.stopped).map(|node| node.next_state)
+        else {
+            return Ok(());
+        };
+        self.take_state(index, now)?;
+        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
+        let telemetry = node.link.wait_for(ANSWER, "telemetry", |received| match received {
+            Received::Reply(Reply::Telemetry(telemetry)) => Some(telemetry),
+            _ => None,
+        })?;
+        if telemetry.tick != self.tick {
+            return Err(EmulatorError::OutOfStep {
+                node: node.link.id(),
+                tick: self.tick,
+                found: telemetry.tick,
+            });
+        }
+        if let Some(slot) = self.observations.get_mut(index) {
+            *slot = observation(state, &telemetry);
+        }
+        Ok(())
+    }
+
+    fn take_message(&mut self, index: usize, message: Message, now: u64) {
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        match message {
+            Message::State { x, .. } => node.next_state = x,
+            Message::Fault { code, severity, .. } => {
+                node.stopped = severity == Severity::Stopped;
+                self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+            }
+            Message::Ctrl { .. } | Message::Sync { .. } => return,
+        }
+        self.bus.send(now, index, serial::encode(&message));
+    }
+}
+
+/// What a node saw at a tick: its state from the bus, the rest from its telemetry. The ratio is one f32 division, which
+/// has the same bits here and there.
+fn observation(x: f32, telemetry: &Telemetry) -> Observation<f32> {
+    let Telemetry { tick, nu, psi, u } = *telemetry;
+    Observation { tick, x, nu, psi, ratio: nu.abs() / psi, u }
+}
