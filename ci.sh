@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Every check of this repository as a named sub-command: ./ci.sh help
 #
-# A sub-command is a function cmd_NAME whose first line ends in "#: what it does"; `help` lists those lines. Called with
-# several names, they run in that order; the first failure ends the run with its exit code.
+# A sub-command is a function cmd_NAME whose first line ends in "#: what it does"; `help` lists those lines.
+# Called with several names, they run in that order; the first failure ends the run with its exit code.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 readonly ROOT=$PWD
@@ -10,15 +10,17 @@ readonly TARGET=thumbv7em-none-eabihf
 readonly IMAGES=$ROOT/firmware/target/$TARGET/release
 readonly TOOLS=$ROOT/firmware/target/tools
 readonly DEFMT_PRINT_VERSION=1.2.0
+readonly FLASH_BUDGET=$((48 * 1024)) RAM_BUDGET=$((16 * 1024)) # bytes
 
 say() { printf 'ci.sh: %s\n' "$*"; }
 fail() { printf 'ci.sh: error: %s\n' "$*" >&2; exit 1; }
 have() { command -v "$1" >/dev/null 2>&1; }
 
-# --- toolchain ---------------------------------------------------------------------------------------------------
+# --- toolchain
+# ---------------------------------------------------------------------------------------------------
 #
-# Two ways to a compiler for the target. rustup's, where it can reach its servers; else Debian's, which brings no core
-# for the target but its source. FUNNEL_TOOLCHAIN=rustup or =debian forces one of them.
+# Two ways to a compiler for the target. rustup's, where it can reach its servers; else Debian's, which brings
+# no core for the target but its source. FUNNEL_TOOLCHAIN=rustup or =debian forces one of them.
 
 rustup_has_target() {
     have rustup && rustup target list --installed 2>/dev/null | grep -qx "$TARGET"
@@ -34,7 +36,7 @@ toolchain() {
     case ${FUNNEL_TOOLCHAIN:-} in
         rustup) rustup_has_target && echo rustup ;;
         debian) debian_has_source && echo debian ;;
-        "") if rustup_has_target; then echo rustup; elif debian_has_source; then echo debian; else return 1; fi ;;
+        "") { rustup_has_target && echo rustup; } || { debian_has_source && echo debian; } ;;
         *) fail "FUNNEL_TOOLCHAIN is '$FUNNEL_TOOLCHAIN', not rustup or debian" ;;
     esac
 }
@@ -72,7 +74,8 @@ firmware_cargo() (
     cd firmware
     chosen=$(toolchain) || fail "no toolchain for $TARGET: ./ci.sh setup"
     if [[ $chosen == debian ]]; then
-        # Unstable options of a released compiler: without rustup there is no other way to core for the target.
+        # Unstable options of a released compiler: without rustup there is no other way to core for the
+        # target.
         export PATH=/usr/bin:$PATH RUSTC_BOOTSTRAP=1 CARGO_UNSTABLE_BUILD_STD=core,alloc
         export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld
     fi
@@ -85,7 +88,8 @@ defmt_print() {
     cargo install --quiet --locked --root "$TOOLS" --version "$DEFMT_PRINT_VERSION" defmt-print
 }
 
-# --- sub-commands ------------------------------------------------------------------------------------------------
+# --- sub-commands
+# ------------------------------------------------------------------------------------------------
 
 cmd_setup() { #: find or install what the other commands need
     local missing=()
@@ -108,6 +112,21 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
     firmware_cargo build --release --bin selftest
     defmt_print
     python3 firmware/selftest.py qemu-system-arm "$TOOLS/bin/defmt-print" "$IMAGES/selftest"
+}
+
+cmd_cost() { #: count instructions on the emulated Cortex-M4F: name, instructions, what it is
+    firmware_cargo build --release --quiet --features cost --bin cost
+    timeout 120 qemu-system-arm -M mps2-an386 -display none -serial none -monitor none -icount shift=0 \
+        -semihosting-config enable=on,target=native -kernel "$IMAGES/cost"
+}
+
+cmd_size() { #: check the image against its budget of flash and static RAM
+    firmware_cargo build --release --quiet --bin mps2_an386
+    local text data bss flash ram
+    read -r text data bss _ < <(arm-none-eabi-size "$IMAGES/mps2_an386" | tail -n 1)
+    flash=$((text + data)) ram=$((data + bss))
+    say "mps2_an386: $flash of $FLASH_BUDGET bytes flash, $ram of $RAM_BUDGET bytes static RAM"
+    (( flash <= FLASH_BUDGET && ram <= RAM_BUDGET )) || fail "the image is over its budget"
 }
 
 cmd_help() { #: list the sub-commands

@@ -10,7 +10,7 @@ TIMEOUT = 60.0
 
 
 class Node:
-    """One emulated board. The script listens and QEMU connects, so that no byte is sent before somebody hears it."""
+    """One emulated board. The script listens and QEMU connects, so that no byte goes unheard."""
 
     def __init__(self, *options):
         self.folder = tempfile.TemporaryDirectory(prefix="selftest-")
@@ -23,8 +23,8 @@ class Node:
         self.process = subprocess.Popen([
             QEMU, "-M", "mps2-an386", "-kernel", IMAGE, "-display", "none", "-monitor", "none",
             "-chardev", f"socket,id=uart,path={folder / 'uart'}", "-serial", "chardev:uart",
-            # A chardev for semihosting gets only SYS_WRITEC and SYS_WRITE0: what is written to the opened console
-            # (":tt", as defmt-semihosting does) goes to QEMU's own standard output.
+            # A chardev for semihosting gets only SYS_WRITEC and SYS_WRITE0: what is written to the opened
+            # console (":tt", as defmt-semihosting does) goes to QEMU's own standard output.
             "-semihosting-config", "enable=on,target=native", *options], stdout=self.log_file.open("wb"))
         try:
             self.link, _ = listener.accept()
@@ -89,6 +89,34 @@ def ticker(most_late_us, *options):
         return f"1000 periods of 1 ms took {took} us, the latest {late} us late"
 
 
+def long_wait(*options):
+    with Node(*options) as node:
+        node.link.sendall(b"w")
+        took, = struct.unpack("<Q", node.receive(8))
+        assert 0 <= took - 1_000_000_000 <= 20, took
+        return f"1000 s of virtual time took {took} us"
+
+
+def bulk():
+    """Doesn't read at first, so that the transmit buffer fills and the node must wait for its interrupt."""
+    with Node() as node:
+        node.link.sendall(b"b")
+        time.sleep(1.0)
+        got = node.receive(1_000_000)
+        assert got == bytes(i & 0xFF for i in range(1_000_000)), "the bytes differ"
+        return f"{len(got)} bytes against back pressure"
+
+
+def overflow():
+    sent = random.Random(3).randbytes(3000)
+    with Node() as node:
+        node.link.sendall(b"o" + sent)
+        lost, = struct.unpack("<I", node.receive(4))
+        assert lost == len(sent) - 2048, lost
+        assert node.receive(2048) == sent[:2048], "what was kept differs"
+        return f"{lost} of {len(sent)} bytes lost and counted, the first 2048 kept"
+
+
 def defect(command, code, expected, *options):
     with Node(*options) as node:
         node.link.sendall(command)
@@ -118,7 +146,10 @@ for name, test in {
     "echo, -icount": lambda: echo(*ICOUNT),
     "echo in one piece": lambda: echo_in_one_piece(),
     "ticker, -icount": lambda: ticker(20, *ICOUNT),
-    "ticker, real time": lambda: ticker(50_000),
+    "ticker, real time": lambda: ticker(500_000),
+    "long wait, -icount": lambda: long_wait(*ICOUNT),
+    "bulk": bulk,
+    "overflow": overflow,
     "panic": lambda: defect(b"p", 101, "deliberate, as asked for"),
     "hard fault": lambda: defect(b"f", 102, "hard fault at pc"),
     "idle": idle,

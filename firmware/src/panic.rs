@@ -27,8 +27,9 @@ fn stop(code: i32, log: impl FnOnce()) -> ! {
     semihosting::process::exit(code)
 }
 
-// SAFETY: a fault handler may not assume that the interrupted code left its data in order. It reads the stacked frame and
-// writes the log; a log call that was itself interrupted panics as "reentrant", which STOPPING turns into an exit.
+// SAFETY: a fault handler may not assume that the interrupted code left its data in order. It reads the
+// stacked frame and writes the log; a log call that was itself interrupted panics as "reentrant", which
+// STOPPING turns into an exit.
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     stop(FAULT_EXIT_CODE, || {

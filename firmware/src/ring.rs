@@ -2,7 +2,8 @@
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// Holds up to `N` bytes; `N` is a power of two. One side may [`push`](Ring::push), one other may [`pop`](Ring::pop).
+/// Holds up to `N` bytes; `N` is a power of two. One side may [`push`](Ring::push), one other may
+/// [`pop`](Ring::pop).
 ///
 /// Every cell is an atomic, so that a second producer or consumer would mix up bytes but never memory.
 pub struct Ring<const N: usize> {

@@ -7,7 +7,10 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
 use firmware::executor::Executor;
-use firmware::mps2::{time, uart::Uart0};
+use firmware::mps2::{
+    time,
+    uart::{self, Uart0},
+};
 use firmware::{panic, selftest};
 use static_cell::StaticCell;
 
@@ -16,7 +19,7 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn test(link: Uart0) {
-    let Ok(()) = selftest::run(link).await;
+    let Ok(()) = selftest::run(link, || uart::lost().in_buffer).await;
 }
 
 #[entry]

@@ -36,8 +36,8 @@ pub fn enable(interrupt: Interrupt) {
 /// An entry of the vector table.
 type Handler = extern "C" fn();
 
-// SAFETY (of the attributes): cortex-m-rt expects exactly this symbol there; AN386 has 32 interrupts, and the core pushes
-// what the C calling convention doesn't preserve, so that plain functions are handlers.
+// SAFETY (of the attributes): cortex-m-rt expects exactly this symbol there; AN386 has 32 interrupts, and the
+// core pushes what the C calling convention doesn't preserve, so that plain functions are handlers.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
 static __INTERRUPTS: [Handler; 32] = table();

@@ -1,5 +1,5 @@
-//! Peripherals of the ARM MPS2 board with the AN386 image, as QEMU emulates it (`-M mps2-an386`): a Cortex-M4F with
-//! CMSDK timers and UARTs, all clocked at [`CLOCK_HZ`].
+//! Peripherals of the ARM MPS2 board with the AN386 image, as QEMU emulates it (`-M mps2-an386`): a
+//! Cortex-M4F with CMSDK timers and UARTs, all clocked at [`CLOCK_HZ`].
 
 pub mod interrupt;
 mod register;

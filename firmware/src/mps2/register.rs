@@ -7,8 +7,8 @@ use core::cell::UnsafeCell;
 #[repr(transparent)]
 pub struct Register(UnsafeCell<u32>);
 
-// SAFETY: an aligned 32-bit access is one bus transfer, so that the handler and the thread of a single core never
-// see half of one. Drivers don't read, modify and write a register from both sides.
+// SAFETY: an aligned 32-bit access is one bus transfer, so that the handler and the thread of a single core
+// never see half of one. Drivers don't read, modify and write a register from both sides.
 unsafe impl Sync for Register {}
 
 impl Register {
@@ -22,7 +22,8 @@ impl Register {
     /// Writes the register.
     #[inline(always)]
     pub fn write(&self, value: u32) {
-        // SAFETY: as in `read`; what the device does on a write touches no memory, since none of these has DMA.
+        // SAFETY: as in `read`; what the device does on a write touches no memory, since none of these has
+        // DMA.
         unsafe { self.0.get().write_volatile(value) }
     }
 }
@@ -45,7 +46,8 @@ pub struct Timer {
 pub struct Uart {
     /// Received byte when read, byte to send when written.
     pub data: Register,
-    /// Bit 0: transmit buffer full; 1: receive buffer full; 2, 3: transmit, receive overrun (write 1 to clear).
+    /// Bit 0: transmit buffer full; 1: receive buffer full; 2, 3: transmit, receive overrun (write 1 to
+    /// clear).
     pub state: Register,
     /// Bits 0, 1: transmit, receive enable; 2, 3: their interrupts; 4, 5: overrun interrupts.
     pub control: Register,

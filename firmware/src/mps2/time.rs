@@ -1,8 +1,8 @@
 //! embassy-time on two CMSDK timers: timer 0 runs for ever and is the clock, timer 1 is the alarm.
 //!
-//! The clock is 64 bits of microseconds, made from 32 bits at 25 MHz (which wrap after 171 s) by adding up what has
-//! passed since the last reading. The alarm is never farther away than `LONGEST_ALARM_US` and reads the clock, so that
-//! no wrap is missed.
+//! The clock is 64 bits of microseconds, made from 32 bits at 25 MHz (which wrap after 171 s) by adding up
+//! what has passed since the last reading. The alarm is never farther away than `LONGEST_ALARM_US` and reads
+//! the clock, so that no wrap is missed.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, Ordering};

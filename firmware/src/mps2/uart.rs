@@ -51,14 +51,14 @@ pub fn lost() -> Lost {
     }
 }
 
-/// UART 0. Reading never fails: what is lost is counted ([`lost`]), and the frame it belonged to fails its check.
-/// Dropping a pending `read` or `write` loses nothing.
+/// UART 0. Reading never fails: what is lost is counted ([`lost`]), and the frame it belonged to fails its
+/// check. Dropping a pending `read` or `write` loses nothing.
 pub struct Uart0 {
     _taken: (),
 }
 
 impl Uart0 {
-    /// The one UART 0, set to `bit_rate` in bit/s (at most [`CLOCK_HZ`] / 16), or `None` if it has been taken.
+    /// The one UART 0, set to `bit_rate` in bit/s (at most [`CLOCK_HZ`] / 16), or `None` if it is taken.
     pub fn take(bit_rate: u32) -> Option<Self> {
         if TAKEN.swap(true, Ordering::Relaxed) {
             return None;
