@@ -1,8 +1,8 @@
 //! A thread-mode executor that sleeps by `WFI`.
 //!
 //! embassy's own sleeps by `WFE`, which QEMU executes as a no-operation: an idle node would keep a core of
-//! the host busy and starve the others (five nodes on two cores: 11 exchanges of 12 bytes per second instead of
-//! 405). On hardware the two are equally good here, because everything that wakes a task is an interrupt.
+//! the host busy and starve the others (five nodes on two cores: 11 exchanges of 12 bytes per second instead
+//! of 405). On hardware the two are equally good here, because everything that wakes a task is an interrupt.
 #![allow(unsafe_code)]
 
 use core::sync::atomic::{AtomicBool, Ordering};
