@@ -1,0 +1,158 @@
+#!/usr/bin/env python3
+"""Runs target/.../selftest in QEMU: echo without loss, a ticker that is right, and defects that are reported.
+
+usage: selftest.py QEMU DEFMT_PRINT IMAGE
+"""
+import pathlib, random, socket, struct, subprocess, sys, tempfile, time
+
+QEMU, DEFMT_PRINT, IMAGE = sys.argv[1:4]
+TIMEOUT = 60.0
+
+
+class Node:
+    """One emulated board. The script listens and QEMU connects, so that no byte goes unheard."""
+
+    def __init__(self, *options):
+        self.folder = tempfile.TemporaryDirectory(prefix="selftest-")
+        folder = pathlib.Path(self.folder.name)
+        self.log_file = folder / "log"
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(str(folder / "uart"))
+        listener.listen(1)
+        listener.settimeout(TIMEOUT)
+        self.process = subprocess.Popen([
+            QEMU, "-M", "mps2-an386", "-kernel", IMAGE, "-display", "none", "-monitor", "none",
+            "-chardev", f"socket,id=uart,path={folder / 'uart'}", "-serial", "chardev:uart",
+            # A chardev for semihosting gets only SYS_WRITEC and SYS_WRITE0: what is written to the opened
+            # console (":tt", as defmt-semihosting does) goes to QEMU's own standard output.
+            "-semihosting-config", "enable=on,target=native", *options], stdout=self.log_file.open("wb"))
+        try:
+            self.link, _ = listener.accept()
+        except OSError:
+            self.process.kill()
+            raise
+        listener.close()
+        self.link.settimeout(TIMEOUT)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.link.close()
+        self.process.kill()
+        self.process.wait()
+        self.folder.cleanup()
+
+    def receive(self, count):
+        data = b""
+        while len(data) < count:
+            more = self.link.recv(count - len(data))
+            if not more:
+                raise EOFError(f"link closed after {len(data)} of {count} bytes")
+            data += more
+        return data
+
+    def log(self):
+        decode = [DEFMT_PRINT, "-e", IMAGE, "--log-format", "{t} {L} {s} ({f}:{l})"]
+        return subprocess.run(decode, input=self.log_file.read_bytes(), capture_output=True, check=True,
+                              timeout=TIMEOUT).stdout.decode()
+
+
+def echo(*options):
+    source = random.Random(1)
+    sent = source.randbytes(10_000)
+    with Node(*options) as node:
+        node.link.sendall(b"e")
+        start, at, got = time.monotonic(), 0, b""
+        while at < len(sent):
+            burst = sent[at:at + source.randint(20, 800)]
+            at += len(burst)
+            node.link.sendall(burst)
+            got += node.receive(len(burst))
+        assert got == sent, "the echo differs"
+        return f"{len(sent)} bytes there and back in {time.monotonic() - start:.2f} s"
+
+
+def echo_in_one_piece(*options):
+    sent = random.Random(2).randbytes(10_000)
+    with Node(*options) as node:
+        node.link.sendall(b"e" + sent)
+        assert node.receive(len(sent)) == sent, "the echo differs"
+        return f"{len(sent)} bytes in one burst"
+
+
+def ticker(most_late_us, *options):
+    with Node(*options) as node:
+        node.link.sendall(b"t")
+        took, late = struct.unpack("<II", node.receive(8))
+        assert 1_000_000 <= took <= 1_000_000 + most_late_us and late <= most_late_us, (took, late)
+        return f"1000 periods of 1 ms took {took} us, the latest {late} us late"
+
+
+def long_wait(*options):
+    with Node(*options) as node:
+        node.link.sendall(b"w")
+        took, = struct.unpack("<Q", node.receive(8))
+        assert 0 <= took - 1_000_000_000 <= 20, took
+        return f"1000 s of virtual time took {took} us"
+
+
+def bulk():
+    """Doesn't read at first, so that the transmit buffer fills and the node must wait for its interrupt."""
+    with Node() as node:
+        node.link.sendall(b"b")
+        time.sleep(1.0)
+        got = node.receive(1_000_000)
+        assert got == bytes(i & 0xFF for i in range(1_000_000)), "the bytes differ"
+        return f"{len(got)} bytes against back pressure"
+
+
+def overflow():
+    sent = random.Random(3).randbytes(3000)
+    with Node() as node:
+        node.link.sendall(b"o" + sent)
+        lost, = struct.unpack("<I", node.receive(4))
+        assert lost == len(sent) - 2048, lost
+        assert node.receive(2048) == sent[:2048], "what was kept differs"
+        return f"{lost} of {len(sent)} bytes lost and counted, the first 2048 kept"
+
+
+def defect(command, code, expected, *options):
+    with Node(*options) as node:
+        node.link.sendall(command)
+        ended = node.process.wait(timeout=TIMEOUT)
+        log = node.log()
+        assert ended == code and expected in log, (ended, log)
+        return f"exit code {ended}, log: {log.strip().splitlines()[-1]}"
+
+
+def idle():
+    """An idle node must sleep, or a bench of them starves."""
+    with Node() as node:
+        stat = pathlib.Path(f"/proc/{node.process.pid}/stat")
+        used = lambda: sum(int(field) for field in stat.read_text().rsplit(")", 1)[1].split()[11:13])
+        time.sleep(0.5)
+        before = used()
+        time.sleep(1.0)
+        ticks = used() - before
+        assert ticks <= 20, f"{ticks} % of a core"
+        return f"{ticks} % of a host core"
+
+
+# Without sleep=off an idle machine waits in real time, and a host that wakes it late makes the tick late.
+ICOUNT = ("-icount", "shift=0,sleep=off")
+for name, test in {
+    "echo": lambda: echo(),
+    "echo, -icount": lambda: echo(*ICOUNT),
+    "echo in one piece": lambda: echo_in_one_piece(),
+    "ticker, -icount": lambda: ticker(20, *ICOUNT),
+    "ticker, real time": lambda: ticker(500_000),
+    "long wait, -icount": lambda: long_wait(*ICOUNT),
+    "bulk": bulk,
+    "overflow": overflow,
+    "panic": lambda: defect(b"p", 101, "deliberate, as asked for"),
+    "hard fault": lambda: defect(b"f", 102, "hard fault at pc"),
+    "idle": idle,
+}.items():
+    print(f"{name:20}", end="", flush=True)
+    print(test(), flush=True)

@@ -1,0 +1,35 @@
+//! The node on the emulated board: `qemu-system-arm -M mps2-an386`. UART 0 is the link, semihosting the log.
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_semihosting as _;
+use firmware::executor::Executor;
+use firmware::mps2::{time, uart::Uart0};
+use firmware::{app, panic};
+use static_cell::StaticCell;
+
+/// What hardware would run at; the emulator doesn't wait for bits.
+const BIT_RATE: u32 = 1_000_000;
+
+#[embassy_executor::task]
+async fn node(link: Uart0) {
+    match app::run(link).await {}
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    time::start();
+    let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
+    let node = node(link).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

@@ -1,0 +1,38 @@
+//! Tests of the platform on the emulated board; see `firmware::selftest`.
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_semihosting as _;
+use firmware::executor::Executor;
+use firmware::mps2::{
+    time,
+    uart::{self, Uart0},
+};
+use firmware::{panic, selftest};
+use static_cell::StaticCell;
+
+/// What hardware would run at; the emulator doesn't wait for bits.
+const BIT_RATE: u32 = 1_000_000;
+
+#[embassy_executor::task]
+async fn test(link: Uart0) {
+    let Ok(()) = selftest::run(link, || uart::lost().in_buffer).await;
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    time::start();
+    let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
+    let test = test(link).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(test))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

@@ -1,0 +1,101 @@
+//! Does the platform keep its promises? Run by `./ci.sh selftest` in the emulator, and at the bring-up of a
+//! new board.
+//!
+//! The first byte that comes chooses a test; everything after it belongs to that test.
+
+use embassy_time::{Duration, Instant, Ticker, Timer};
+use embedded_io_async::{Read, Write};
+
+use crate::app::echo;
+
+/// Ticks of the timing test.
+pub const TICKS: u32 = 1000;
+/// Period of the timing test.
+pub const PERIOD: Duration = Duration::from_millis(1);
+/// Length of the long wait: longer than any hardware timer here, so that it has to be put together.
+pub const LONG_WAIT: Duration = Duration::from_secs(1000);
+/// Bytes of the bulk test: more than the sockets between the emulator and the host hold.
+pub const BULK: u32 = 1_000_000;
+
+/// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
+/// of the receive buffer, `p` panic, `f` hard fault. `lost` tells how many bytes the link has
+/// dropped for want of room.
+pub async fn run<L: Read + Write>(mut link: L, lost: impl Fn() -> u32) -> Result<(), L::Error> {
+    defmt::info!("selftest ready");
+    let mut choice = [0];
+    link.read(&mut choice).await?;
+    match choice[0] {
+        b'e' => loop {
+            echo(&mut link).await?;
+        },
+        b't' => ticker(&mut link).await,
+        b'w' => long_wait(&mut link).await,
+        b'b' => bulk(&mut link).await,
+        b'o' => overflow(&mut link, lost).await,
+        b'p' => deliberate_panic(),
+        b'f' => cortex_m::asm::udf(),
+        other => {
+            defmt::error!("no test is called {=u8:#04x}", other);
+            Ok(())
+        }
+    }
+}
+
+#[allow(clippy::panic)] // That is the test.
+fn deliberate_panic() -> ! {
+    panic!("deliberate, as asked for")
+}
+
+/// Sends, as two little-endian u32 in microseconds, how long [`TICKS`] periods took and how late the latest
+/// tick was.
+async fn ticker<L: Write>(link: &mut L) -> Result<(), L::Error> {
+    let start = Instant::now();
+    let mut ticker = Ticker::every(PERIOD);
+    let mut latest = 0;
+    for tick in 1..=TICKS {
+        ticker.next().await;
+        let due = start + PERIOD * tick;
+        latest = Instant::now().saturating_duration_since(due).as_micros().max(latest);
+    }
+    let took = start.elapsed().as_micros();
+    defmt::info!("{=u32} ticks took {=u64} us, the latest was {=u64} us late", TICKS, took, latest);
+    link.write_all(&(took as u32).to_le_bytes()).await?;
+    link.write_all(&(latest as u32).to_le_bytes()).await
+}
+
+/// Sends, as a little-endian u64 in microseconds, how long [`LONG_WAIT`] was.
+async fn long_wait<L: Write>(link: &mut L) -> Result<(), L::Error> {
+    let start = Instant::now();
+    Timer::after(LONG_WAIT).await;
+    link.write_all(&start.elapsed().as_micros().to_le_bytes()).await
+}
+
+/// Sends [`BULK`] bytes as fast as the link takes them, each the low byte of its number.
+async fn bulk<L: Write>(link: &mut L) -> Result<(), L::Error> {
+    let piece: [u8; 256] = core::array::from_fn(|i| i as u8);
+    let mut left = BULK as usize;
+    while left > 0 {
+        let count = left.min(piece.len());
+        link.write_all(&piece[..count]).await?;
+        left -= count;
+    }
+    link.flush().await
+}
+
+/// Leaves what comes lying until it has overflowed and stopped; then sends, as a little-endian u32, how many
+/// bytes were lost, and what was kept.
+async fn overflow<L: Read + Write>(link: &mut L, lost: impl Fn() -> u32) -> Result<(), L::Error> {
+    let mut before = 0;
+    loop {
+        Timer::after(Duration::from_millis(300)).await;
+        let now = lost();
+        if now != 0 && now == before {
+            break;
+        }
+        before = now;
+    }
+    link.write_all(&before.to_le_bytes()).await?;
+    loop {
+        echo(link).await?;
+    }
+}
