@@ -6,8 +6,6 @@
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 
-use crate::app::echo;
-
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
 /// Period of the timing test.
@@ -98,4 +96,11 @@ async fn overflow<L: Read + Write>(link: &mut L, lost: impl Fn() -> u32) -> Resu
     loop {
         echo(link).await?;
     }
+}
+
+/// Sends back the bytes that are there.
+async fn echo<L: Read + Write>(link: &mut L) -> Result<(), L::Error> {
+    let mut buffer = [0; 256];
+    let count = link.read(&mut buffer).await?;
+    link.write_all(&buffer[..count]).await
 }

@@ -5,6 +5,9 @@ use crate::refusal::Refusal;
 use crate::report::{Report, Telemetry};
 use serde::{Deserialize, Serialize};
 
+/// Longest body of a [`Reply`], bytes: a report whose counters are all at their largest.
+pub const MAX_REPLY_BODY: usize = 124;
+
 /// Kinds of serial frame of the service plane.
 pub mod kind {
     /// Host asks who is there; empty body.

@@ -6,8 +6,9 @@ use funnel_protocol::config::{
     SineConfig, TickSource,
 };
 use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
+use funnel_protocol::report::{Counters, Report};
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
-use funnel_protocol::service::{Body, Request};
+use funnel_protocol::service::{Body, MAX_REPLY_BODY, Reply, Request};
 use funnel_protocol::{Refusal, can};
 use proptest::prelude::*;
 
@@ -64,6 +65,26 @@ fn largest_configuration_fits_and_little_is_wasted() {
     assert_eq!(Request::decode(*kind, body), Ok(request));
     assert_eq!(Request::decode(*kind, &body[..body.len() - 1]), Err(Refusal::Value));
     assert_eq!(Request::decode(*kind, &[&body[..], &[0]].concat()), Err(Refusal::Length));
+}
+
+#[test]
+fn largest_reply_fits_and_little_is_wasted() {
+    let most = u32::MAX;
+    let counters = Counters {
+        ticks: most,
+        sent: most,
+        accepted: most,
+        breaches: most,
+        floored: most,
+        extrapolated: most,
+        neighbours_lost: most,
+        sync_gaps: most,
+        overruns: most,
+        refused: [most; Refusal::COUNT],
+    };
+    let report = Reply::Report(Report { max_ratio: 1.0, counters });
+    let length = report.encode(&mut [0; MAX_REPLY_BODY]).unwrap();
+    assert!(length + 8 > MAX_REPLY_BODY, "{length} of {MAX_REPLY_BODY}");
 }
 
 #[test]

@@ -16,7 +16,7 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn node(link: Uart0) {
-    match app::run(link).await {}
+    match app::run(link, 0).await {}
 }
 
 #[entry]

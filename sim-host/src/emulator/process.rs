@@ -11,6 +11,11 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
+/// The emulator's files, in a temporary folder of its own: serial line, defmt log, its own complaints.
+const SOCKET: &str = "uart";
+const LOG: &str = "log";
+const ERRORS: &str = "stderr";
+
 /// A running emulator; dropping it ends it.
 pub struct Process {
     id: u8,
@@ -30,14 +35,14 @@ impl Process {
             .prefix("funnelnet-")
             .tempdir()
             .map_err(EmulatorError::io("make a temporary folder"))?;
-        let listener = UnixListener::bind(folder.path().join("uart"))
+        let listener = UnixListener::bind(folder.path().join(SOCKET))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(EmulatorError::io("listen for the emulator's serial line"))?;
-        let errors = File::create(folder.path().join("stderr"))
+        let errors = File::create(folder.path().join(ERRORS))
             .map_err(EmulatorError::io("make the emulator's error file"))?;
         let child = command(&options.qemu, &options.image, folder.path())
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(log)
             .stderr(errors)
             .process_group(0)
             .spawn()
@@ -85,11 +90,11 @@ impl Process {
     pub fn into_log(mut self) -> Vec<u8> {
         self.end();
         // No log is an empty log: the node may have had nothing to say.
-        std::fs::read(self.folder.path().join("log")).unwrap_or_default()
+        std::fs::read(self.folder.path().join(LOG)).unwrap_or_default()
     }
 
     fn errors(&self) -> String {
-        match std::fs::read_to_string(self.folder.path().join("stderr")) {
+        match std::fs::read_to_string(self.folder.path().join(ERRORS)) {
             Ok(text) if !text.trim().is_empty() => format!(": {}", text.trim()),
             _ => String::new(),
         }
@@ -119,11 +124,11 @@ fn command(qemu: &str, image: &Path, folder: &Path) -> Command {
         }
         false => Command::new(qemu),
     };
-    let file = |name: &str| folder.join(name).display().to_string();
+    let socket = folder.join(SOCKET).display().to_string();
     command.args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-kernel"]).arg(image);
-    command.args(["-chardev", &format!("socket,id=uart,path={}", file("uart")), "-serial", "chardev:uart"]);
-    command.args(["-chardev", &format!("file,id=log,path={}", file("log"))]);
-    command.args(["-semihosting-config", "enable=on,target=native,chardev=log"]);
+    command.args(["-chardev", &format!("socket,id=uart,path={socket}"), "-serial", "chardev:uart"]);
+    // defmt's bytes come by semihosting, which QEMU writes to its own standard output.
+    command.args(["-semihosting-config", "enable=on,target=native"]);
     command
 }
 
