@@ -158,6 +158,26 @@ pub fn cos(x: f64) -> f64 {
     libm::cos(x)
 }
 
+/// `e^x`, for continuous-time references and random graphs.
+pub fn exp(x: f64) -> f64 {
+    libm::exp(x)
+}
+
+/// `e^x - 1`, exact near zero, for continuous-time forecasts.
+pub fn exp_m1(x: f64) -> f64 {
+    libm::expm1(x)
+}
+
+/// Natural logarithm, for continuous-time references and random graphs.
+pub fn ln(x: f64) -> f64 {
+    libm::log(x)
+}
+
+/// `x^y`, for continuous-time references.
+pub fn pow(x: f64, y: f64) -> f64 {
+    libm::pow(x, y)
+}
+
 /// `10^x`, for plots and reports.
 pub fn exp10(x: f64) -> f64 {
     libm::exp10(x)

@@ -71,7 +71,8 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             },
             gain: gain(&node.gain).ok_or(too_much("kinds of gain: this one", 0))?,
             funnel: funnel(&node.funnel).ok_or(too_much("kinds of funnel: this one", 0))?,
-            neighbours: collect(edges).ok_or(too_much("neighbours", funnel_protocol::config::MAX_NEIGHBOURS))?,
+            neighbours: collect(edges)
+                .ok_or(too_much("neighbours", funnel_protocol::config::MAX_NEIGHBOURS))?,
             extrapolate_ticks: EXTRAPOLATE_TICKS,
             telemetry_every: drive.telemetry_every,
         })

@@ -5,7 +5,15 @@
 #![forbid(unsafe_code)]
 
 pub mod bus;
+pub mod check;
+pub mod cli;
+pub mod configure;
+pub mod emergent;
 pub mod emulator;
 pub mod engine;
+pub mod exit;
+pub mod figure;
 pub mod interrupt;
 pub mod random;
+pub mod run;
+pub mod scenario;

@@ -1,2 +1,5 @@
 //! Command line of sim-host.
-fn main() {}
+
+fn main() -> std::process::ExitCode {
+    sim_host::cli::main()
+}

@@ -1,40 +1,72 @@
-//! Random streams: one per node and purpose, all from the scenario's seed.
+//! Random streams: one root seed, one independent stream per purpose and index.
 //!
-//! The generator is named (PCG-XSH-RR 64/32), since `rand`'s default ones change between versions.
+//! The generator is named (PCG XSL RR 128/64), since `rand`'s default ones change between versions.
 
-use rand_pcg::Pcg32;
+use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng;
 
-/// What a stream is for. Numbers are part of what a recorded seed means: append only.
-#[derive(Clone, Copy, Debug)]
+/// What a stream is for. The numbers are part of the meaning of a seed: never reuse or change one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
 pub enum Purpose {
-    /// Loss of frames at a receiver.
-    Loss = 1,
-    /// Extra delay of a sender's frames.
-    Jitter = 2,
-    /// Edges of a random graph.
-    Graph = 3,
+    /// Random graphs.
+    Graph = 1,
+    /// Lost frames.
+    Loss = 2,
+    /// Delays of frames.
+    Jitter = 3,
 }
 
-/// One random stream.
-#[derive(Clone, Debug)]
-pub struct Stream(Pcg32);
+/// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.
+#[must_use]
+pub fn stream(seed: u64, purpose: Purpose, index: u64) -> Pcg64 {
+    let low = mix(seed ^ mix(purpose as u64));
+    let high = mix(low ^ mix(index));
+    let selector = (u128::from(purpose as u64) << 64) | u128::from(index);
+    Pcg64::new((u128::from(high) << 64) | u128::from(low), selector)
+}
 
-impl Stream {
-    /// The stream of `node` (its index) for `purpose`.
-    pub fn new(seed: u64, purpose: Purpose, node: usize) -> Self {
-        Self(Pcg32::new(seed, (purpose as u64) << 32 | node as u64))
+/// The finaliser of SplitMix64 (Steele, Lea and Flood, 2014): neighbouring seeds give unrelated states.
+const fn mix(value: u64) -> u64 {
+    let z = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Uniform in [0, 1) with 53 bits.
+pub fn uniform(generator: &mut impl Rng) -> f64 {
+    (generator.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Uniform in 0..n (n > 0); the bias of the multiplication is below n / 2^64.
+pub fn below(generator: &mut impl Rng, n: usize) -> usize {
+    ((u128::from(generator.next_u64()) * n as u128) >> 64) as usize
+}
+
+/// True with probability `probability` (0 to 1); no draw where it is zero.
+pub fn happens(generator: &mut impl Rng, probability: f64) -> bool {
+    probability > 0.0 && uniform(generator) < probability
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_are_fixed_and_apart() {
+        let first = |seed, purpose, index| stream(seed, purpose, index).next_u64();
+        assert_eq!(first(1, Purpose::Graph, 0), first(1, Purpose::Graph, 0));
+        assert_ne!(first(1, Purpose::Graph, 0), first(2, Purpose::Graph, 0));
+        assert_ne!(first(1, Purpose::Graph, 0), first(1, Purpose::Loss, 0));
+        assert_ne!(first(1, Purpose::Loss, 0), first(1, Purpose::Loss, 1));
     }
 
-    /// True with probability `probability`, to 2^-32; no draw where it is zero.
-    #[inline]
-    pub fn happens(&mut self, probability: f64) -> bool {
-        probability > 0.0 && f64::from(self.0.next_u32()) < probability * 4_294_967_296.0
-    }
-
-    /// A whole number below `bound`, nearly uniform (to 2^-32); 0 where `bound` is 0, without a draw.
-    #[inline]
-    pub fn below(&mut self, bound: u64) -> u64 {
-        if bound == 0 { 0 } else { ((u128::from(self.0.next_u32()) * u128::from(bound)) >> 32) as u64 }
+    #[test]
+    fn uniform_and_below_stay_inside() {
+        let mut generator = stream(7, Purpose::Graph, 0);
+        let mean = (0..10_000).map(|_| uniform(&mut generator)).sum::<f64>() / 10_000.0;
+        assert!((mean - 0.5).abs() < 0.02, "{mean}");
+        assert!((0..1_000).all(|_| below(&mut generator, 7) < 7));
     }
 }

@@ -3,7 +3,8 @@
 //! A frame reaches all listeners at the same time, as on a shared wire; each of them loses it independently. Jitter is
 //! drawn per frame from the sender's stream, loss per frame and receiver from the receiver's stream.
 
-use crate::random::{Purpose, Stream};
+use crate::random::{self, Purpose};
+use rand_pcg::Pcg64;
 use std::collections::VecDeque;
 
 /// Parameters of the ideal bus.
@@ -42,15 +43,16 @@ pub struct IdealBus<P> {
     listeners: Vec<Vec<usize>>,
     /// By time of arrival, then by order of sending. New frames mostly go to the end, so that no heap is needed.
     flights: VecDeque<Flight<P>>,
-    loss: Vec<Stream>,
-    jitter: Vec<Stream>,
+    loss: Vec<Pcg64>,
+    jitter: Vec<Pcg64>,
     traffic: Traffic,
 }
 
 impl<P> IdealBus<P> {
     /// A bus on which the nodes `listeners[i]` accept the frames of node `i`.
     pub fn new(params: IdealParams, seed: u64, listeners: Vec<Vec<usize>>) -> Self {
-        let streams = |purpose| (0..listeners.len()).map(|node| Stream::new(seed, purpose, node)).collect();
+        let streams =
+            |purpose| (0..listeners.len() as u64).map(|node| random::stream(seed, purpose, node)).collect();
         Self {
             params,
             flights: VecDeque::with_capacity(2 * listeners.len()),
@@ -63,7 +65,10 @@ impl<P> IdealBus<P> {
 
     /// Node `sender` puts a frame on the bus at `now` (ns).
     pub fn send(&mut self, now: u64, sender: usize, payload: P) {
-        let extra = self.jitter.get_mut(sender).map_or(0, |stream| stream.below(self.params.jitter_ns));
+        let extra = match (self.params.jitter_ns as usize, self.jitter.get_mut(sender)) {
+            (0, _) | (_, None) => 0,
+            (bound, Some(stream)) => random::below(stream, bound) as u64,
+        };
         let at = now + self.params.latency_ns + extra;
         self.traffic.sent += 1;
         let later = self.flights.iter().rev().take_while(|flight| flight.at > at).count();
@@ -79,7 +84,8 @@ impl<P> IdealBus<P> {
     pub fn deliver(&mut self, mut receive: impl FnMut(usize, &P)) {
         let Some(flight) = self.flights.pop_front() else { return };
         for &listener in self.listeners.get(flight.sender).into_iter().flatten() {
-            let lost = self.loss.get_mut(listener).is_some_and(|stream| stream.happens(self.params.loss));
+            let lost =
+                self.loss.get_mut(listener).is_some_and(|stream| random::happens(stream, self.params.loss));
             if lost {
                 self.traffic.lost += 1;
             } else {

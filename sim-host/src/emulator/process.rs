@@ -38,8 +38,10 @@ impl Process {
         let listener = UnixListener::bind(folder.path().join(SOCKET))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(EmulatorError::io("listen for the emulator's serial line"))?;
-        let errors = File::create(folder.path().join(ERRORS))
-            .map_err(EmulatorError::io("make the emulator's error file"))?;
+        let file = |name| {
+            File::create(folder.path().join(name)).map_err(EmulatorError::io("make the emulator's log file"))
+        };
+        let (log, errors) = (file(LOG)?, file(ERRORS)?);
         let child = command(&options.qemu, &options.image, folder.path())
             .stdin(Stdio::null())
             .stdout(log)

@@ -1,0 +1,316 @@
+//! The command line: arguments in, exit code out.
+
+use std::ffi::OsString;
+use std::io::{self, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::check;
+use crate::exit::Exit;
+use crate::run::{self, Fidelity, RunOptions, Summary, Verbosity};
+use crate::scenario::{Override, Scenario, format_duration, parse_duration};
+
+const AFTER_HELP: &str = "\
+Examples:
+  sim-host check scenarios/five-agents.toml
+  sim-host run scenarios/five-agents.toml --out out/five
+  sim-host run scenarios/five-agents.toml --set graph.kind=star --set time.tick=2ms
+
+Exit codes: 0 all expectations hold, 1 one failed, 2 bad usage or configuration,
+3 no such hardware or emulator, 4 a defect of the program.";
+
+const RUN_HELP: &str = "\
+Examples:
+  sim-host run scenarios/five-agents.toml
+  sim-host run scenarios/five-agents.toml --on reference --out out/reference --every 10ms
+  sim-host run scenarios/lossy-ring.toml --seed 7 --set bus.loss=0.3 --junit out/lossy.xml
+  sim-host run scenarios/five-agents.toml --set node.3.state=-2 --set 'coupling.funnel.end=0.5'";
+
+const CHECK_HELP: &str = "\
+Runs nothing. Says whether the paper's assumptions hold, what its bounds give, how narrow a funnel the tick
+can hold, and what the states would take of a real bus.
+
+Examples:
+  sim-host check scenarios/five-agents.toml
+  sim-host check scenarios/five-agents.toml --set time.tick=20ms --json";
+
+const COMPLETIONS_HELP: &str = "\
+Examples:
+  sim-host completions bash > ~/.local/share/bash-completion/completions/sim-host
+  sim-host completions fish > ~/.config/fish/completions/sim-host.fish";
+
+/// Agreement with a guarantee: runs funnel-coupling scenarios, from the equations to emulated nodes.
+#[derive(Debug, Parser)]
+#[command(name = "sim-host", version, about, after_help = AFTER_HELP, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a scenario and check its expectations
+    #[command(after_help = RUN_HELP)]
+    Run(RunArgs),
+    /// Check a scenario's assumptions, bounds and capacity without running it
+    #[command(after_help = CHECK_HELP)]
+    Check(CheckArgs),
+    /// Print a completion script for a shell
+    #[command(after_help = COMPLETIONS_HELP)]
+    Completions {
+        /// The shell to complete for
+        shell: clap_complete::Shell,
+    },
+}
+
+#[derive(Args, Debug)]
+struct Source {
+    /// The scenario file
+    #[arg(value_name = "SCENARIO.toml")]
+    scenario: PathBuf,
+    /// Root of every random stream, instead of the scenario's
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Set one value: TOML, or a bare string; node.3.state means the [[node]] with id 3 (repeatable)
+    #[arg(long, value_name = "section.key=value", value_parser = parse_override)]
+    set: Vec<Override>,
+}
+
+impl Source {
+    fn load(&self) -> Result<Scenario, Failure> {
+        let seed = self.seed.map(Override::seed);
+        let overrides: Vec<_> = self.set.iter().cloned().chain(seed).collect();
+        Scenario::load(&self.scenario, &overrides).map_err(|errors| Failure::bad_input(errors.to_string()))
+    }
+}
+
+#[derive(Args, Debug)]
+struct RunArgs {
+    #[command(flatten)]
+    source: Source,
+    /// What runs the scenario
+    #[arg(long, value_enum, default_value = "loopback")]
+    on: Fidelity,
+    /// Folder for trajectory.csv, summary.json and plots; made where it is missing
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Time between two rows of the trajectory, such as 100ms [default: every tick, up to 2,000 rows]
+    #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
+    every: Option<u64>,
+    /// File for the summary as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// File for the expectations as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more
+    #[arg(short, long)]
+    verbose: bool,
+}
+
+#[derive(Args, Debug)]
+struct CheckArgs {
+    #[command(flatten)]
+    source: Source,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+/// A message for standard error, and how the program ends.
+struct Failure {
+    message: String,
+    exit: Exit,
+}
+
+impl Failure {
+    fn bad_input(message: String) -> Self {
+        Self { message, exit: Exit::BadInput }
+    }
+}
+
+impl From<io::Error> for Failure {
+    /// A reader that went away (`| head`) is no failure of ours; anything else could not be written.
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::BrokenPipe => Self { message: String::new(), exit: Exit::Success },
+            _ => Self::bad_input(format!("cannot write to standard output: {error}")),
+        }
+    }
+}
+
+/// Runs the program with the process's arguments.
+#[must_use]
+pub fn main() -> ExitCode {
+    let arguments: Vec<_> = std::env::args_os().collect();
+    // A panic is a defect, and has its own exit code; its message is already on standard error.
+    let exit = catch_unwind(AssertUnwindSafe(|| dispatch(&arguments))).unwrap_or_else(|_| {
+        complain("this is a defect of sim-host; please report it with the command that you ran");
+        Exit::Defect
+    });
+    exit.into()
+}
+
+fn dispatch(arguments: &[OsString]) -> Exit {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version come this way too, with code 0. Nobody is left to tell if printing fails.
+            let _ = error.print();
+            return if error.exit_code() == 0 { Exit::Success } else { Exit::BadInput };
+        }
+    };
+    let result = match cli.command {
+        Command::Run(args) => run_command(&args, arguments),
+        Command::Check(args) => check_command(&args),
+        Command::Completions { shell } => completions(shell),
+    };
+    result.unwrap_or_else(|failure| {
+        complain(&failure.message);
+        failure.exit
+    })
+}
+
+fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
+    let scenario = args.source.load()?;
+    let options = RunOptions {
+        on: args.on,
+        out: args.out.clone(),
+        every_ticks: args.every.map(|every| every_ticks(every, &scenario)).transpose()?,
+        json: args.json.clone(),
+        junit: args.junit.clone(),
+        verbosity: match (args.quiet, args.verbose) {
+            (true, _) => Verbosity::Quiet,
+            (_, true) => Verbosity::Verbose,
+            _ => Verbosity::Normal,
+        },
+    };
+    let summary = run::execute(&scenario, &options)
+        .map_err(|error| Failure { message: error.to_string(), exit: error.exit })?;
+    let exit = verdict(&summary, &scenario, arguments);
+    if options.verbosity > Verbosity::Quiet {
+        // The verdict stands even where nobody reads the summary.
+        if let Err(failure) = print(&summary.to_string()).map_err(Failure::from) {
+            complain(&failure.message);
+            return Ok(if exit == Exit::Success { failure.exit } else { exit });
+        }
+    }
+    Ok(exit)
+}
+
+fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
+    let tick = scenario.time.tick_ns;
+    if every_ns == 0 || !every_ns.is_multiple_of(tick) {
+        let (every, tick) = (format_duration(every_ns), format_duration(tick));
+        return Err(Failure::bad_input(format!(
+            "--every {every}: must be one or more whole ticks of {tick}"
+        )));
+    }
+    Ok(every_ns / tick)
+}
+
+/// Says what failed, with the seed and the command that repeats it.
+fn verdict(summary: &Summary, scenario: &Scenario, arguments: &[OsString]) -> Exit {
+    let failed: Vec<_> = summary.expect.iter().filter(|verdict| !verdict.pass).collect();
+    if failed.is_empty() {
+        return Exit::Success;
+    }
+    for verdict in failed {
+        complain(&format!("failed: {} = {} must stay below {}", verdict.name, verdict.value, verdict.limit));
+    }
+    complain(&format!("seed {}; repeat with: {}", scenario.seed, repeat(arguments, scenario.seed)));
+    Exit::ExpectationFailed
+}
+
+/// The command as typed, quoted for a POSIX shell, with the seed made explicit.
+fn repeat(arguments: &[OsString], seed: u64) -> String {
+    let mut words: Vec<_> = arguments.iter().map(|word| quote(&word.to_string_lossy())).collect();
+    if !words.iter().any(|word| word == "--seed" || word.starts_with("--seed=")) {
+        words.push(format!("--seed {seed}"));
+    }
+    words.join(" ")
+}
+
+fn quote(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
+fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
+    let report = check::check(&args.source.load()?);
+    if args.json {
+        let text = serde_json::to_string_pretty(&report)
+            .map_err(|error| Failure { message: error.to_string(), exit: Exit::Defect })?;
+        print(&text)?;
+    } else {
+        print(&report.to_string())?;
+    }
+    Ok(if report.pass { Exit::Success } else { Exit::BadInput })
+}
+
+fn completions(shell: clap_complete::Shell) -> Result<Exit, Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "sim-host", &mut script);
+    io::stdout().lock().write_all(&script)?;
+    Ok(Exit::Success)
+}
+
+/// Clap names the option and the value itself, so only what is allowed is left to say.
+fn parse_override(text: &str) -> Result<Override, String> {
+    Override::parse(text).map_err(|diagnostic| diagnostic.allowed)
+}
+
+/// One text and a newline to standard output; unlike `println!` it does not panic on a broken pipe.
+fn print(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{text}")?;
+    out.flush()
+}
+
+/// One message to standard error; where even that fails there is nobody to tell.
+fn complain(message: &str) {
+    if !message.is_empty() {
+        let _ = writeln!(io::stderr().lock(), "{message}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_repeating_command_has_the_seed_once_and_is_quoted() {
+        let words = |list: &[&str]| list.iter().map(OsString::from).collect::<Vec<_>>();
+        let command = repeat(&words(&["sim-host", "run", "my file.toml", "--set", "title=\"it's\""]), 3);
+        assert_eq!(command, r#"sim-host run 'my file.toml' --set 'title="it'\''s"' --seed 3"#);
+        assert_eq!(
+            repeat(&words(&["sim-host", "run", "a.toml", "--seed=9"]), 9),
+            "sim-host run a.toml --seed=9"
+        );
+    }
+
+    #[test]
+    fn a_failed_expectation_is_code_1_and_none_is_code_0() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
+        let scenario = Scenario::load(&path, &[]).unwrap();
+        let verdict_of = |pass| run::Verdict { name: "funnel_ratio", limit: 1.0, value: 0.9, pass };
+        let summary = |pass| Summary { expect: vec![verdict_of(true), verdict_of(pass)] };
+        assert_eq!(verdict(&summary(true), &scenario, &[]), Exit::Success);
+        assert_eq!(verdict(&summary(false), &scenario, &[]), Exit::ExpectationFailed);
+    }
+}

@@ -1,0 +1,108 @@
+//! What is wrong with a scenario, where, and what would be right.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// The sort of mistake, which decides how the message is worded.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Problem {
+    /// A value of the wrong type or outside its range.
+    Value,
+    /// A key that the section does not have.
+    UnknownKey {
+        /// The section as written, such as `[graph] of kind 'ring'`.
+        section: String,
+    },
+    /// A key that the section needs and lacks.
+    MissingKey {
+        /// The section as written.
+        section: String,
+    },
+    /// Part of the contract, but not of this version.
+    Unsupported,
+    /// Anything about the file or the scenario as a whole.
+    Whole,
+}
+
+/// One mistake in a scenario. `Display` gives one line that a person can act on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Diagnostic {
+    /// The file as the user named it, or the command-line option that brought the value in.
+    pub file: String,
+    /// Line, from 1; 0 where `file` is a command-line option or could not be read.
+    pub line: usize,
+    /// Column in characters, from 1; 0 like `line`.
+    pub column: usize,
+    /// What sort of mistake it is.
+    pub problem: Problem,
+    /// Full key, such as `coupling.funnel.rate`; empty where no key is concerned.
+    pub key: String,
+    /// The value as written, where there is one.
+    pub found: Option<String>,
+    /// What is allowed, with its unit.
+    pub allowed: String,
+    /// What would mend it, where that is known.
+    pub hint: Option<String>,
+}
+
+impl Diagnostic {
+    /// The last part of the key.
+    fn leaf(&self) -> &str {
+        self.key.rsplit('.').next().unwrap_or(&self.key)
+    }
+
+    fn place(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            0 => write!(f, "{}: ", self.file),
+            line => write!(f, "{}:{line}:{}: ", self.file, self.column),
+        }
+    }
+}
+
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.place(f)?;
+        match (&self.problem, &self.found) {
+            (Problem::UnknownKey { section }, _) => {
+                write!(f, "unknown key '{}' in {section}; known: {}", self.leaf(), self.allowed)?;
+            }
+            (Problem::MissingKey { section }, _) => {
+                write!(f, "missing key '{}' in {section}: {}", self.leaf(), self.allowed)?;
+            }
+            (_, Some(found)) => write!(f, "{} = {found}: {}", self.key, self.allowed)?,
+            (_, None) if self.key.is_empty() => f.write_str(&self.allowed)?,
+            (_, None) => write!(f, "{}: {}", self.key, self.allowed)?,
+        }
+        match &self.hint {
+            Some(hint) => write!(f, "; {hint}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Every mistake found in one scenario, at least one, in the order of the file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(transparent)]
+pub struct Diagnostics(pub Vec<Diagnostic>);
+
+impl fmt::Display for Diagnostics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (n, diagnostic) in self.0.iter().enumerate() {
+            if n > 0 {
+                f.write_str("\n")?;
+            }
+            write!(f, "{diagnostic}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Diagnostics {}
+
+impl From<Box<Diagnostic>> for Diagnostics {
+    fn from(diagnostic: Box<Diagnostic>) -> Self {
+        Self(vec![*diagnostic])
+    }
+}

@@ -1,0 +1,189 @@
+//! The scenario file: TOML to a plain, fully resolved and validated model.
+//!
+//! Reading goes in steps, each of which stops where it found mistakes: the syntax, then every key by itself,
+//! then what only the whole shows (the graph, the number of ticks, the start inside the funnel).
+
+mod agents;
+mod coupling;
+mod diagnostic;
+mod duration;
+mod graph;
+mod initial;
+mod model;
+mod network;
+mod overrides;
+mod reader;
+mod topology;
+mod tree;
+
+use std::path::Path;
+
+pub use diagnostic::{Diagnostic, Diagnostics, Problem};
+pub use duration::{format_duration, parse_duration};
+pub use graph::{Edge, Graph};
+pub use initial::initial_ratios;
+pub use model::{
+    Affine, BusModel, BusSpec, CouplingKind, Expect, FunnelSpec, GainSpec, NodeSpec, Scenario, Sine, TimeSpec,
+};
+pub use overrides::Override;
+
+use reader::{Log, Range, Section, later, ready, unsupported};
+use tree::{Item, Place};
+
+/// Node-ticks that a run may have: about two weeks at a million per second.
+const MAX_NODE_TICKS: u64 = 1 << 40;
+
+impl Scenario {
+    /// Reads and checks a scenario file, with `overrides` from the command line put in first.
+    ///
+    /// # Errors
+    /// Everything that was found to be wrong, with file, line and column.
+    pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, Diagnostics> {
+        let whole = Place::whole(&path.display().to_string());
+        let refuse = |why: String| Diagnostics::from(whole.diagnostic(Problem::Whole, "", why));
+        let bytes = std::fs::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let at = error.utf8_error().valid_up_to();
+            refuse(format!("must be UTF-8 text, and is not at byte {at}"))
+        })?;
+        Self::parse(&text, path, overrides)
+    }
+
+    /// The same for a text that is already in memory; `path` is only named in messages.
+    ///
+    /// # Errors
+    /// Everything that was found to be wrong, with file, line and column.
+    pub fn parse(text: &str, path: &Path, overrides: &[Override]) -> Result<Self, Diagnostics> {
+        let mut root = tree::parse_file(text, &path.display().to_string())?;
+        for value in overrides {
+            value.apply(&mut root)?;
+        }
+        resolve(&root, path)
+    }
+}
+
+/// The tree to the model.
+fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
+    let log = Log::default();
+    let unread = || Diagnostics::from(root.place.diagnostic(Problem::Whole, "", "cannot be made sense of"));
+    let Some(mut file) = Section::open(root, &log) else { return Err(unread()) };
+    file.integer("version", None, (1, 1), "the version of this format; write version = 1");
+    let title = file.text("title").unwrap_or_else(|| default_title(path));
+    let seed = file.integer("seed", Some(1), (0, u64::MAX), "");
+    let time = need_section(&mut file, "time").map(read_time);
+    let network = need_section(&mut file, "graph").and_then(network::read);
+    let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
+    let (nodes, places) = match (&network, &coupling) {
+        (Some(network), Some(coupling)) if network.nodes > 0 => {
+            agents::read(&mut file, coupling, network.nodes)
+        }
+        _ => {
+            file.take("agent");
+            file.take("node");
+            (Vec::new(), Vec::new())
+        }
+    };
+    let bus = read_bus(&mut file);
+    if let Some(event) = file.take("event") {
+        log.report(unsupported(event, "this version runs scenarios without events"));
+    }
+    let expect = read_expect(&mut file);
+    file.finish();
+    log.checkpoint()?;
+    let (Some(time), Some(network), Some(coupling)) = (time, network, coupling) else {
+        return Err(unread());
+    };
+    let time = whole_ticks(&time, network.nodes, &log);
+    let graph = network::build(&network, seed, &log);
+    log.checkpoint()?;
+    let path = path.to_owned();
+    let scenario = Scenario { title, seed, time, graph, coupling: coupling.kind, nodes, bus, expect, path };
+    initial::check(&scenario, &places)?;
+    Ok(scenario)
+}
+
+fn default_title(path: &Path) -> String {
+    path.file_stem().map_or_else(|| "scenario".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+fn need_section<'a>(file: &mut Section<'a>, key: &'static str) -> Option<Section<'a>> {
+    file.need(key, &format!("must be a section [{key}]"))?;
+    file.section(key)
+}
+
+/// `[time]` before it is known to be whole.
+struct Time<'a> {
+    tick_ns: u64,
+    duration_ns: u64,
+    duration: Option<&'a Item>,
+    place: &'a Place,
+}
+
+fn read_time(mut section: Section<'_>) -> Time<'_> {
+    let time = Time {
+        tick_ns: section.duration("tick", None),
+        duration_ns: section.duration("duration", None),
+        duration: section.take("duration"),
+        place: section.place(),
+    };
+    section.finish();
+    time
+}
+
+fn whole_ticks(time: &Time<'_>, nodes: u64, log: &Log) -> TimeSpec {
+    let (ticks, rest) = (time.duration_ns / time.tick_ns, time.duration_ns % time.tick_ns);
+    let report = |allowed: String, hint: String| {
+        let mut diagnostic = match time.duration {
+            Some(item) => item.diagnostic(Problem::Value, allowed),
+            None => time.place.diagnostic(Problem::Whole, "time.duration", allowed),
+        };
+        diagnostic.hint = Some(hint);
+        log.report(diagnostic);
+    };
+    if rest != 0 {
+        let allowed = format!("must be a whole number of ticks of {}", format_duration(time.tick_ns));
+        let below = ticks.saturating_mul(time.tick_ns);
+        let near =
+            if rest * 2 < time.tick_ns && ticks > 0 { below } else { below.saturating_add(time.tick_ns) };
+        report(allowed, format!("\"{}\" would do", format_duration(near)));
+    } else if ticks.saturating_mul(nodes) > MAX_NODE_TICKS {
+        let allowed =
+            format!("{ticks} ticks of {nodes} nodes are more than 2^40 node-ticks, which would take days");
+        report(allowed, "shorten it, or lengthen the tick".to_owned());
+    }
+    TimeSpec { tick_ns: time.tick_ns, ticks }
+}
+
+fn read_bus(file: &mut Section<'_>) -> BusSpec {
+    let mut bus = BusSpec { model: BusModel::Ideal, loss: 0.0, latency_ns: 0, jitter_ns: 0 };
+    let models = [
+        ready("ideal", BusModel::Ideal),
+        later("can", BusModel::Can),
+        later("can-fd", BusModel::CanFd),
+        later("uart", BusModel::Uart),
+    ];
+    let Some(mut section) = file.section("bus") else { return bus };
+    let Some(model) = section.choice("model", &models, Some(BusModel::Ideal)) else { return bus };
+    bus.model = model;
+    bus.loss = section.number("loss", Some(0.0), Range::probability());
+    bus.latency_ns = section.duration("latency", Some(0));
+    bus.jitter_ns = section.duration("jitter", Some(0));
+    section.finish();
+    bus
+}
+
+fn read_expect(file: &mut Section<'_>) -> Expect {
+    let Some(mut section) = file.section("expect") else { return Expect::default() };
+    let length = Range::positive("state units").on_host();
+    let expect = Expect {
+        funnel_ratio: section.optional_number("funnel_ratio", Range::positive("|nu| / psi").on_host()),
+        final_spread: section.optional_number("final_spread", length),
+        emergent_error: section.optional_number("emergent_error", length),
+        reference_error: section.optional_number("reference_error", length),
+    };
+    section.finish();
+    expect
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,180 @@
+//! `[graph]`: a named shape or a list of edges, checked to be one connected network.
+
+use std::collections::BTreeMap;
+
+use super::diagnostic::Problem;
+use super::graph::{Edge, Graph};
+use super::reader::{Choice, Log, Range, Section, integer, number, ready};
+use super::topology::Topology;
+use super::tree::{Item, Place, Value};
+
+/// The largest network: ids are 7 bits, and 0 means all nodes (WIRE.md).
+pub(super) const MAX_NODES: u64 = 127;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Ring,
+    Path,
+    Star,
+    Complete,
+    Grid,
+    RingLattice,
+    RandomRegular,
+    ErdosRenyi,
+    Edges,
+}
+
+const KINDS: [Choice<Kind>; 9] = [
+    ready("ring", Kind::Ring),
+    ready("path", Kind::Path),
+    ready("star", Kind::Star),
+    ready("complete", Kind::Complete),
+    ready("grid", Kind::Grid),
+    ready("ring-lattice", Kind::RingLattice),
+    ready("random-regular", Kind::RandomRegular),
+    ready("erdos-renyi", Kind::ErdosRenyi),
+    ready("edges", Kind::Edges),
+];
+
+/// The shape as read; the graph itself is built once the whole file is known to be sound.
+pub(super) struct Network<'a> {
+    pub nodes: u64,
+    weight: f64,
+    shape: Option<Topology>,
+    /// What a failed draw or an impossible parameter points at.
+    parameter: Option<&'a Item>,
+    edges: &'a [Item],
+    place: Place,
+}
+
+/// Reads `[graph]`; `None`, reported, where the kind is not known.
+pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Network<'a>> {
+    let kind = section.choice("kind", &KINDS, None)?;
+    let nodes = section.integer("nodes", None, (1, MAX_NODES), "ids are 7 bits on the wire, and 0 means all");
+    let weight = section.number("weight", Some(1.0), Range::positive("edge weight"));
+    let mut network =
+        Network { nodes, weight, shape: None, parameter: None, edges: &[], place: section.place().clone() };
+    network.shape = match kind {
+        Kind::Ring => Some(Topology::Ring),
+        Kind::Path => Some(Topology::Path),
+        Kind::Star => Some(Topology::Star),
+        Kind::Complete => Some(Topology::Complete),
+        Kind::Grid => Some(Topology::Grid { columns: columns(&mut section, nodes) }),
+        Kind::RingLattice => Some(Topology::RingLattice { degree: degree(&mut section) }),
+        Kind::RandomRegular => Some(Topology::RandomRegular { degree: degree(&mut section) }),
+        Kind::ErdosRenyi => {
+            let probability = section.number("probability", None, Range::positive_probability());
+            Some(Topology::ErdosRenyi { probability })
+        }
+        Kind::Edges => {
+            section.need("edges", "must be an array such as [[1, 2, 1.0], [2, 3]]");
+            network.edges = section.array("edges");
+            None
+        }
+    };
+    let keys = ["degree", "probability", "columns", "edges"];
+    network.parameter = keys.into_iter().find_map(|key| section.known(key));
+    section.finish();
+    Some(network)
+}
+
+fn degree(section: &mut Section<'_>) -> usize {
+    section.integer("degree", None, (1, MAX_NODES - 1), "neighbours per node") as usize
+}
+
+/// As square as it gets where the file does not say.
+fn columns(section: &mut Section<'_>, nodes: u64) -> usize {
+    let square = (nodes.max(1) as f64).sqrt().ceil() as u64;
+    section.integer("columns", Some(square), (1, MAX_NODES), "nodes per row") as usize
+}
+
+/// Builds the graph and checks that it is connected. What is wrong is reported.
+pub(super) fn build(network: &Network<'_>, seed: u64, log: &Log) -> Graph {
+    let nodes = network.nodes as usize;
+    let edges = match network.shape {
+        None => listed(network, log),
+        Some(shape) => match shape.links(nodes, seed) {
+            Ok(links) => links.into_iter().map(|(a, b)| Edge { a, b, weight: network.weight }).collect(),
+            Err(allowed) => {
+                complain(network, allowed, log);
+                return Graph { nodes, edges: Vec::new() };
+            }
+        },
+    };
+    let graph = Graph { nodes, edges };
+    if log.checkpoint().is_ok() {
+        connected(&graph, network, log);
+    }
+    graph
+}
+
+fn complain(network: &Network<'_>, allowed: String, log: &Log) {
+    log.report(match network.parameter {
+        Some(item) => item.diagnostic(Problem::Value, allowed),
+        None => network.place.diagnostic(Problem::Whole, "graph", allowed),
+    });
+}
+
+fn connected(graph: &Graph, network: &Network<'_>, log: &Log) {
+    let parts = graph.components();
+    if parts.len() > 1 {
+        let name = |part: &Vec<usize>| {
+            let ids: Vec<_> = part.iter().map(|index| (index + 1).to_string()).collect();
+            format!("{{{}}}", ids.join(", "))
+        };
+        let names: Vec<_> = parts.iter().map(name).collect();
+        let allowed = format!(
+            "must be connected (Assumption 1), but it falls into {} parts: {}",
+            parts.len(),
+            names.join(", ")
+        );
+        let place = network.parameter.map_or(&network.place, |item| &item.place);
+        let mut diagnostic = place.diagnostic(Problem::Whole, "graph", allowed);
+        diagnostic.hint = Some("add an edge between them".to_owned());
+        log.report(diagnostic);
+    }
+}
+
+/// The edges of `edges = [[a, b, weight], ...]`, sorted, each once.
+fn listed(network: &Network<'_>, log: &Log) -> Vec<Edge> {
+    let mut weights: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+    for item in network.edges {
+        let Some((a, b, weight)) = listed_edge(item, network, log) else { continue };
+        let key = (a.min(b), a.max(b));
+        let before = weights.insert(key, weight);
+        if let Some(before) = before.filter(|before| *before != weight) {
+            let allowed = format!(
+                "must have one weight: {} and {} are already joined with weight {before}, and the \
+                 graph is undirected",
+                key.0, key.1
+            );
+            log.report(item.diagnostic(Problem::Value, allowed));
+        }
+    }
+    weights.into_iter().map(|((a, b), weight)| Edge { a: a - 1, b: b - 1, weight }).collect()
+}
+
+/// One `[a, b]` or `[a, b, weight]`, ids from 1.
+fn listed_edge(item: &Item, network: &Network<'_>, log: &Log) -> Option<(usize, usize, f64)> {
+    let report = |diagnostic| log.report(diagnostic);
+    let Value::Array(parts) = &item.value else {
+        report(item.diagnostic(Problem::Value, "must be [id, id] or [id, id, weight]"));
+        return None;
+    };
+    let (a, b, weight) = match parts.as_slice() {
+        [a, b] => (a, b, None),
+        [a, b, weight] => (a, b, Some(weight)),
+        _ => {
+            report(item.diagnostic(Problem::Value, "must be [id, id] or [id, id, weight]"));
+            return None;
+        }
+    };
+    let id = |end| integer(end, (1, network.nodes), "[graph] nodes").map_err(report).ok();
+    let (a, b) = (id(a)?, id(b)?);
+    if a == b {
+        report(item.diagnostic(Problem::Value, "must join two different nodes (no self loops)"));
+        return None;
+    }
+    let weight = weight.map_or(Ok(network.weight), |item| number(item, Range::positive("edge weight")));
+    Some((a as usize, b as usize, weight.map_err(report).ok()?))
+}

@@ -1,0 +1,380 @@
+//! Reading of whole files.
+
+use super::*;
+
+const FILE: &str = r#"version = 1
+seed = 7
+
+[time]
+tick = "1ms"
+duration = "2s"
+
+[graph]
+kind = "path"
+nodes = 3
+
+[coupling]
+kind = "node-wise"
+gain = { kind = "reciprocal", scale = 2.0 }
+funnel = { kind = "exponential", start = 40.0, end = 2.0, rate = 1.0 }
+
+[agent]
+state = 1.0
+dynamics = { kind = "affine", slope = -1.0, sines = [{ amplitude = 10.0, frequency = 1.0 }] }
+
+[[node]]
+id = 2
+state = -3
+dynamics = { slope = -0.5 }
+funnel = { factor = 3.0 }
+gain = { kind = "logarithmic" }
+
+[expect]
+funnel_ratio = 1
+"#;
+
+fn read(text: &str, sets: &[&str]) -> Result<Scenario, Diagnostics> {
+    let overrides: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    Scenario::parse(text, Path::new("dir/a.toml"), &overrides)
+}
+
+/// The messages after replacing `from` by `to`, which must be in the file.
+fn errors(from: &str, to: &str) -> String {
+    assert!(FILE.contains(from), "{from}");
+    read(&FILE.replacen(from, to, 1), &[]).unwrap_err().to_string()
+}
+
+fn set_error(set: &str) -> String {
+    read(FILE, &[set]).unwrap_err().to_string()
+}
+
+#[test]
+fn defaults_and_overrides_are_resolved() {
+    let scenario = read(FILE, &[]).unwrap();
+    assert_eq!(scenario.title, "a");
+    assert_eq!(scenario.seed, 7);
+    assert_eq!(scenario.time, TimeSpec { tick_ns: 1_000_000, ticks: 2_000 });
+    assert_eq!(scenario.time.end_s(), 2.0);
+    assert_eq!(scenario.graph.edges.len(), 2);
+    let sines = vec![Sine { amplitude: 10.0, frequency: 1.0, phase: 0.0 }];
+    assert_eq!(
+        scenario.nodes[0],
+        NodeSpec {
+            id: 1,
+            state: 1.0,
+            dynamics: Affine { slope: -1.0, offset: 0.0, sines: sines.clone() },
+            gain: GainSpec::Reciprocal { scale: 2.0 },
+            funnel: FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 1.0, factor: 1.0 },
+        }
+    );
+    assert_eq!(
+        scenario.nodes[1],
+        NodeSpec {
+            id: 2,
+            state: -3.0,
+            dynamics: Affine { slope: -0.5, offset: 0.0, sines },
+            gain: GainSpec::Logarithmic { scale: 1.0 },
+            funnel: FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 1.0, factor: 3.0 },
+        }
+    );
+    assert_eq!(initial_ratios(&scenario), [0.1, 8.0 / 120.0, 0.1]);
+    assert_eq!(scenario.expect, Expect { funnel_ratio: Some(1.0), ..Expect::default() });
+    assert_eq!(scenario.bus, BusSpec { model: BusModel::Ideal, loss: 0.0, latency_ns: 0, jitter_ns: 0 });
+}
+
+#[test]
+fn a_wrong_value_names_place_key_value_and_range() {
+    assert_eq!(
+        errors("rate = 1.0", "rate = -1.0"),
+        "dir/a.toml:15:66: coupling.funnel.rate = -1.0: must be > 0 (1/s)"
+    );
+    assert_eq!(
+        errors("state = 1.0", "state = nan"),
+        "dir/a.toml:18:9: agent.state = nan: must be a finite number (state units)"
+    );
+    assert_eq!(
+        errors("start = 40.0", "start = inf"),
+        "dir/a.toml:15:42: coupling.funnel.start = inf: must be finite and > 0 (state units)"
+    );
+    assert_eq!(
+        errors("state = -3", "state = true"),
+        "dir/a.toml:23:9: node.2.state = true: must be a finite number (state units), not a boolean"
+    );
+    assert_eq!(
+        errors("state = -3", "state = 1e300"),
+        "dir/a.toml:23:9: node.2.state = 1e300: must be within 1e-30 to 1e30 in size: nodes compute in f32"
+    );
+}
+
+#[test]
+fn unknown_keys_come_with_the_known_ones() {
+    assert_eq!(
+        errors("nodes = 3", "nodse = 3"),
+        "dir/a.toml:8:1: missing key 'nodes' in [graph] of kind 'path': must be an integer from 1 to 127 \
+         (ids are 7 bits on the wire, and 0 means all)\n\
+         dir/a.toml:10:1: unknown key 'nodse' in [graph] of kind 'path'; known: kind, nodes, weight; \
+         did you mean 'nodes'?"
+    );
+    assert_eq!(
+        errors("[expect]", "[expcet]"),
+        "dir/a.toml:28:2: unknown key 'expcet' in the file; known: version, title, seed, time, \
+         graph, coupling, \
+         agent, node, bus, event, expect; did you mean 'expect'?"
+    );
+    assert_eq!(
+        errors("kind = \"path\"", "kind = \"pat\""),
+        "dir/a.toml:9:8: graph.kind = \"pat\": must be one of ring, path, star, complete, grid, \
+         ring-lattice, \
+         random-regular, erdos-renyi, edges; did you mean 'path'?"
+    );
+}
+
+#[test]
+fn several_mistakes_are_reported_at_once_and_each_once() {
+    let text = FILE
+        .replace("rate = 1.0", "rate = 0")
+        .replace("state = -3", "stat = -3")
+        .replace("tick = \"1ms\"", "");
+    let found = read(&text, &[]).unwrap_err();
+    let lines: Vec<_> = found.0.iter().map(|diagnostic| (diagnostic.line, diagnostic.key.as_str())).collect();
+    assert_eq!(lines, [(4, "time.tick"), (15, "coupling.funnel.rate"), (23, "node.2.stat")]);
+}
+
+#[test]
+fn times_need_units_and_whole_ticks() {
+    assert_eq!(
+        errors("\"1ms\"", "1"),
+        "dir/a.toml:5:8: time.tick = 1: must be a duration with a unit, as \"1ms\" (units: ns, us, \
+         ms, s, min, h)"
+    );
+    assert!(errors("\"1ms\"", "\"1 m\"").contains("units: ns, us, ms, s, min, h"));
+    assert_eq!(errors("\"1ms\"", "\"0ms\""), "dir/a.toml:5:8: time.tick = \"0ms\": must be longer than 0s");
+    assert_eq!(
+        errors("\"2s\"", "\"2.0004s\""),
+        "dir/a.toml:6:12: time.duration = \"2.0004s\": must be a whole number of ticks of 1ms; \
+         \"2s\" would do"
+    );
+    assert!(errors("\"2s\"", "\"200000h\"").contains("2^40 node-ticks"));
+}
+
+#[test]
+fn what_comes_later_is_told_apart_from_what_is_unknown() {
+    let later = "known, but not supported by this version yet";
+    for (from, to, place) in [
+        ("\"node-wise\"", "\"edge-wise\"", "13:8: coupling.kind = \"edge-wise\""),
+        ("\"reciprocal\"", "\"median\"", "14:17: coupling.gain.kind"),
+        ("\"exponential\"", "\"finite-time\"", "15:19: coupling.funnel.kind"),
+        ("\"affine\"", "\"expression\"", "19:21: agent.dynamics.kind"),
+        ("state = 1.0", "state = [1.0, 2.0]", "18:9: agent.state = [1.0, 2.0]"),
+        ("[expect]", "[bus]\nmodel = \"can\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can\""),
+        ("[expect]", "[[event]]\nat = \"1s\"\n[expect]", "28:1: event"),
+    ] {
+        let message = errors(from, to);
+        assert!(message.contains(later), "{message}");
+        assert!(message.starts_with(&format!("dir/a.toml:{place}")), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+    }
+}
+
+#[test]
+fn graphs_that_are_no_network_are_refused() {
+    let edges = |list: &str| errors("kind = \"path\"", &format!("kind = \"edges\"\nedges = {list}"));
+    assert_eq!(
+        edges("[[1, 2]]"),
+        "dir/a.toml:10:9: graph: must be connected (Assumption 1), but it falls into 2 parts: {1, 2}, {3}; \
+         add an edge between them"
+    );
+    assert_eq!(
+        edges("[[1, 2], [2, 3, 1.0], [3, 2, 0.5]]"),
+        "dir/a.toml:10:31: graph.edges[2] = [3, 2, 0.5]: must have one weight: 2 and 3 are already \
+         joined with \
+         weight 1, and the graph is undirected"
+    );
+    assert_eq!(
+        edges("[[1, 2], [2, 2], [2, 3, 0], [3, 4], [1]]"),
+        "dir/a.toml:10:18: graph.edges[1] = [2, 2]: must join two different nodes (no self loops)\n\
+         dir/a.toml:10:33: graph.edges[2][2] = 0: must be > 0 (edge weight)\n\
+         dir/a.toml:10:41: graph.edges[3][1] = 4: must be an integer from 1 to 3 ([graph] nodes)\n\
+         dir/a.toml:10:45: graph.edges[4] = [1]: must be [id, id] or [id, id, weight]"
+    );
+    assert!(
+        errors("nodes = 3", "nodes = 3\nweight = -1")
+            .contains("graph.weight = -1: must be > 0 (edge weight)")
+    );
+    assert!(errors("nodes = 3", "nodes = 0").contains("must be an integer from 1 to 127 (ids are 7 bits"));
+    assert!(
+        errors("nodes = 3", "nodes = 200").contains("graph.nodes = 200: must be an integer from 1 to 127")
+    );
+    let lattice = "kind = \"ring-lattice\"\ndegree = 3";
+    assert!(
+        errors("kind = \"path\"", lattice)
+            .contains("10:10: graph.degree = 3: must be even and below nodes = 3")
+    );
+}
+
+#[test]
+fn edges_may_be_given_twice_with_one_weight() {
+    let text = FILE.replace(
+        "kind = \"path\"",
+        "kind = \"edges\"\nweight = 2\nedges = [[3, 2], [2, 3, 2.0], [1, 2, 0.5]]",
+    );
+    let edge = |a, b, weight| Edge { a, b, weight };
+    assert_eq!(read(&text, &[]).unwrap().graph.edges, [edge(0, 1, 0.5), edge(1, 2, 2.0)]);
+}
+
+#[test]
+fn node_ids_are_checked() {
+    assert!(
+        errors("id = 2", "id = 4").contains("node.4.id = 4: must be an integer from 1 to 3 ([graph] nodes)")
+    );
+    assert!(errors("id = 2", "").contains("missing key 'id' in [node[0]]"));
+    let message = errors("[expect]", "[[node]]\nid = 2\n[expect]");
+    assert_eq!(message, "dir/a.toml:29:6: node.2.id = 2: must be unique: an earlier [[node]] has this id");
+}
+
+#[test]
+fn a_start_outside_the_funnel_says_by_how_much_and_what_would_do() {
+    assert_eq!(
+        errors("state = 1.0", "state = 38.5"),
+        "dir/a.toml:18:9: node 1: starts outside its funnel: |nu| = 41.5 at t = 0 must be below psi(0) = 40, \
+         and is 1.5 too much (ratio 1.0375); funnel start = 44 (or factor = 1.1) would do\n\
+         dir/a.toml:18:9: node 3: starts outside its funnel: |nu| = 41.5 at t = 0 must be below psi(0) = 40, \
+         and is 1.5 too much (ratio 1.0375); funnel start = 44 (or factor = 1.1) would do"
+    );
+    let mended = FILE.replace("state = 1.0", "state = 38.5").replace("start = 40.0", "start = 44");
+    assert!(read(&mended, &[]).is_ok());
+}
+
+#[test]
+fn every_node_needs_dynamics() {
+    let text = FILE.replace(
+        "dynamics = { kind = \"affine\", slope = -1.0, sines = [{ amplitude = 10.0, frequency = 1.0 }] }",
+        "",
+    );
+    let message = read(&text, &[]).unwrap_err().to_string();
+    assert!(message.contains("missing key 'dynamics' in [agent]: node 1 has none"), "{message}");
+}
+
+#[test]
+fn a_zero_end_is_allowed_for_exponential_funnels() {
+    assert!(read(FILE, &["coupling.funnel.end=0"]).is_ok());
+}
+
+#[test]
+fn overrides_from_the_command_line_apply_and_are_blamed() {
+    let sets = [
+        "time.tick=2ms",
+        "coupling.funnel.rate=0.5",
+        "node.2.state=5",
+        "node.3.funnel.factor=2",
+        "agent.dynamics.sines=[]",
+        "graph={kind=\"star\",nodes=3}",
+        "bus.loss=0.25",
+        "title=Two words",
+    ];
+    let scenario = read(FILE, &sets).unwrap();
+    assert_eq!(scenario.time.ticks, 1_000);
+    assert_eq!(scenario.nodes[1].state, 5.0);
+    assert_eq!(
+        scenario.nodes[2].funnel,
+        FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 0.5, factor: 2.0 }
+    );
+    assert!(scenario.nodes.iter().all(|node| node.dynamics.sines.is_empty()));
+    assert_eq!(scenario.graph.degree(0), 2.0);
+    assert_eq!(scenario.bus.loss, 0.25);
+    assert_eq!(scenario.title, "Two words");
+    assert_eq!(
+        set_error("coupling.funnel.rate=-1"),
+        "--set coupling.funnel.rate=-1: coupling.funnel.rate = -1: must be > 0 (1/s)"
+    );
+    assert_eq!(
+        set_error("bus.los=0.1"),
+        "--set bus.los=0.1: unknown key 'los' in [bus]; known: model, loss, latency, jitter; did \
+         you mean 'loss'?"
+    );
+    assert!(set_error("seed.x=1").contains("seed is an integer, so it has no key 'x'"));
+    assert!(set_error("node.x.state=1").contains("'x' is not an id"));
+    assert!(set_error("node.9.state=1").contains("node.9.id = 9: must be an integer from 1 to 3"));
+    assert!(
+        set_error("agent.dynamics.sines.4.phase=1").contains("agent.dynamics.sines has 1, counted from 0")
+    );
+    assert!(Override::parse("nonsense").is_err() && Override::parse("a..b=1").is_err());
+}
+
+#[test]
+fn syntax_errors_and_missing_sections_are_placed() {
+    let message = errors("nodes = 3", "nodes = = 3");
+    assert!(message.starts_with("dir/a.toml:10:9: not valid TOML: "), "{message}");
+    assert!(errors("nodes = 3", "nodes = 3\nnodes = 4").contains("duplicate key"));
+    let message = read("version = 1", &[]).unwrap_err().to_string();
+    assert_eq!(message.lines().count(), 3);
+    assert!(message.starts_with("dir/a.toml:1:1: missing key 'time' in the file: must be a section [time]"));
+    assert!(errors("version = 1\n", "").contains("write version = 1"));
+    assert!(
+        errors("version = 1", "version = 2").contains("version = 2: must be 1 (the version of this format")
+    );
+}
+
+#[test]
+fn one_node_and_the_whole_id_space_work() {
+    assert_eq!(read(FILE, &["graph.nodes=127"]).unwrap().nodes.last().unwrap().id, 127);
+    let text = FILE.split("[[node]]").next().unwrap();
+    let scenario = read(text, &["graph.nodes=1"]).unwrap();
+    assert_eq!((scenario.nodes.len(), scenario.graph.lambda2(), scenario.sync_bound(0.0)), (1, 0.0, 0.0));
+}
+
+#[test]
+fn random_graphs_depend_on_the_seed_alone() {
+    let graph = "graph={kind=\"random-regular\",nodes=30,degree=4}";
+    let draw = |seed: &str| read(FILE, &[graph, seed]).unwrap().graph;
+    assert_eq!(draw("seed=3"), draw("seed=3"));
+    assert_ne!(draw("seed=3"), draw("seed=4"));
+    let message = set_error("graph={kind=\"erdos-renyi\",nodes=60,probability=0.001}");
+    assert!(message.contains("gave no connected graph in 1000 draws"), "{message}");
+}
+
+#[test]
+fn an_override_of_another_kind_starts_afresh() {
+    let constant = "node.2.funnel={kind=\"constant\",width=90}";
+    let scenario = read(FILE, &[constant]).unwrap();
+    assert_eq!(scenario.nodes[1].funnel, FunnelSpec::Constant { width: 90.0, factor: 1.0 });
+    let same = "node.2.funnel={kind=\"exponential\",end=1}";
+    let funnel = FunnelSpec::Exponential { start: 40.0, end: 1.0, rate: 1.0, factor: 1.0 };
+    assert_eq!(read(FILE, &[same]).unwrap().nodes[1].funnel, funnel);
+}
+
+#[test]
+fn damaged_files_never_panic_and_errors_always_say_something() {
+    use rand_pcg::rand_core::Rng;
+    let mut generator = crate::random::stream(1, crate::random::Purpose::Graph, 99);
+    let pieces = [
+        "",
+        "=",
+        "[",
+        "]]",
+        "{",
+        "\"",
+        "\n",
+        "-",
+        "0",
+        "1e999",
+        "nan",
+        "µ",
+        "[[node]]\n",
+        "true",
+        "9999999999",
+    ];
+    for _ in 0..5_000 {
+        let mut text: Vec<char> = FILE.chars().collect();
+        for _ in 0..=crate::random::below(&mut generator, 3) {
+            let at = crate::random::below(&mut generator, text.len());
+            let end = (at + (generator.next_u64() % 4) as usize).min(text.len());
+            let piece = pieces[crate::random::below(&mut generator, pieces.len())];
+            text.splice(at..end, piece.chars());
+        }
+        let text: String = text.into_iter().collect();
+        if let Err(errors) = read(&text, &[]) {
+            assert!(!errors.0.is_empty() && errors.0.iter().all(|error| !error.allowed.is_empty()), "{text}");
+        }
+    }
+}

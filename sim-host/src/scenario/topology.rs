@@ -1,0 +1,192 @@
+//! The named graphs of the contract, as lists of links.
+
+use std::collections::BTreeSet;
+
+use rand_pcg::Pcg64;
+
+use super::graph::{Edge, Graph};
+use funnel_core::math;
+
+use crate::random::{Purpose, below, stream, uniform};
+
+/// Draws before a random graph is given up.
+const ATTEMPTS: u64 = 1_000;
+
+/// A link between two 0-based indices, the lower first.
+pub(super) type Link = (usize, usize);
+
+/// A graph by its shape.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Topology {
+    Ring,
+    Path,
+    /// The first node is the centre.
+    Star,
+    Complete,
+    /// Row by row; the last row may be shorter.
+    Grid {
+        columns: usize,
+    },
+    /// Every node linked to the `degree / 2` next ones on either side of a ring.
+    RingLattice {
+        degree: usize,
+    },
+    RandomRegular {
+        degree: usize,
+    },
+    ErdosRenyi {
+        probability: f64,
+    },
+}
+
+impl Topology {
+    /// The links, sorted, each once.
+    ///
+    /// # Errors
+    /// What is wrong with the parameters, or that no connected graph was drawn.
+    pub fn links(self, nodes: usize, seed: u64) -> Result<Vec<Link>, String> {
+        let links = match self {
+            Self::Ring => lattice(nodes, 2),
+            Self::Path => (1..nodes).map(|i| (i - 1, i)).collect(),
+            Self::Star => (1..nodes).map(|i| (0, i)).collect(),
+            Self::Complete => pairs(nodes).collect(),
+            Self::Grid { columns } => grid(nodes, columns),
+            Self::RingLattice { degree } => {
+                if degree % 2 == 1 || degree >= nodes.max(1) {
+                    return Err(format!("must be even and below nodes = {nodes} for a ring lattice"));
+                }
+                lattice(nodes, degree)
+            }
+            Self::RandomRegular { degree } => random_regular(nodes, degree, seed)?,
+            Self::ErdosRenyi { probability } => erdos_renyi(nodes, probability, seed)?,
+        };
+        Ok(links.into_iter().collect())
+    }
+}
+
+fn pairs(nodes: usize) -> impl Iterator<Item = Link> {
+    (0..nodes).flat_map(move |a| (a + 1..nodes).map(move |b| (a, b)))
+}
+
+fn lattice(nodes: usize, degree: usize) -> BTreeSet<Link> {
+    let ahead = |a: usize| (1..=degree / 2).map(move |k| (a, (a + k) % nodes));
+    let links = (0..nodes).flat_map(ahead).filter(|(a, b)| a != b);
+    links.map(|(a, b)| (a.min(b), a.max(b))).collect()
+}
+
+fn grid(nodes: usize, columns: usize) -> BTreeSet<Link> {
+    let right = (1..nodes).filter(|i| i % columns != 0).map(|i| (i - 1, i));
+    let down = (columns..nodes).map(|i| (i - columns, i));
+    right.chain(down).collect()
+}
+
+fn connected(nodes: usize, links: &BTreeSet<Link>) -> bool {
+    let edges = links.iter().map(|&(a, b)| Edge { a, b, weight: 1.0 }).collect();
+    Graph { nodes, edges }.components().len() == 1
+}
+
+/// Draws until the graph is connected.
+fn draw(
+    nodes: usize,
+    seed: u64,
+    mut once: impl FnMut(&mut Pcg64) -> Option<BTreeSet<Link>>,
+) -> Option<BTreeSet<Link>> {
+    let attempt = |n| once(&mut stream(seed, Purpose::Graph, n));
+    (0..ATTEMPTS).filter_map(attempt).find(|links| connected(nodes, links))
+}
+
+fn erdos_renyi(nodes: usize, probability: f64, seed: u64) -> Result<BTreeSet<Link>, String> {
+    let once =
+        |generator: &mut Pcg64| Some(pairs(nodes).filter(|_| uniform(generator) < probability).collect());
+    let enough = (math::ln(nodes as f64) / nodes as f64).min(1.0);
+    draw(nodes, seed, once).ok_or_else(|| {
+        format!(
+            "gave no connected graph in {ATTEMPTS} draws; above ln N / N = {enough:.3} most \
+         draws are connected"
+        )
+    })
+}
+
+fn random_regular(nodes: usize, degree: usize, seed: u64) -> Result<BTreeSet<Link>, String> {
+    if degree >= nodes.max(1) || (degree * nodes) % 2 == 1 {
+        return Err(format!("must be below nodes = {nodes}, and degree * nodes must be even"));
+    }
+    // A dense regular graph is the complement of a sparse one, which is far easier to draw.
+    let sparse = degree.min(nodes - 1 - degree);
+    let once = |generator: &mut Pcg64| {
+        let links = match_stubs(nodes, sparse, generator)?;
+        Some(if sparse == degree {
+            links
+        } else {
+            pairs(nodes).filter(|link| !links.contains(link)).collect()
+        })
+    };
+    draw(nodes, seed, once)
+        .ok_or_else(|| format!("gave no connected graph in {ATTEMPTS} draws; use degree >= 3"))
+}
+
+/// Steger and Wormald (1999): match free stubs at random, skipping loops and repeats; `None` when stuck.
+fn match_stubs(nodes: usize, degree: usize, generator: &mut Pcg64) -> Option<BTreeSet<Link>> {
+    let mut stubs: Vec<usize> = (0..nodes).flat_map(|i| std::iter::repeat_n(i, degree)).collect();
+    let mut links = BTreeSet::new();
+    let mut misses = 0;
+    while !stubs.is_empty() {
+        let (p, q) = (below(generator, stubs.len()), below(generator, stubs.len()));
+        let link = (stubs[p].min(stubs[q]), stubs[p].max(stubs[q]));
+        if link.0 != link.1 && links.insert(link) {
+            misses = 0;
+            stubs.swap_remove(p.max(q));
+            stubs.swap_remove(p.min(q));
+        } else {
+            misses += 1;
+            if misses > 200 + stubs.len() * stubs.len() {
+                return None;
+            }
+        }
+    }
+    Some(links)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_have_the_links_they_should() {
+        let links = |topology: Topology, nodes| topology.links(nodes, 1).unwrap();
+        assert_eq!(links(Topology::Ring, 5), [(0, 1), (0, 4), (1, 2), (2, 3), (3, 4)]);
+        assert_eq!(links(Topology::Ring, 2), [(0, 1)]);
+        assert_eq!(links(Topology::Ring, 1), []);
+        assert_eq!(links(Topology::Path, 3), [(0, 1), (1, 2)]);
+        assert_eq!(links(Topology::Star, 4), [(0, 1), (0, 2), (0, 3)]);
+        assert_eq!(links(Topology::Complete, 127).len(), 127 * 126 / 2);
+        assert_eq!(
+            links(Topology::Grid { columns: 3 }, 7),
+            [(0, 1), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 6), (4, 5)]
+        );
+        assert_eq!(links(Topology::RingLattice { degree: 4 }, 9).len(), 18);
+        assert!(Topology::RingLattice { degree: 3 }.links(9, 1).is_err());
+    }
+
+    #[test]
+    fn regular_graphs_are_regular_connected_and_fixed_by_the_seed() {
+        for (nodes, degree) in [(10, 3), (127, 4), (20, 9), (20, 15), (6, 5), (12, 6), (2, 1)] {
+            let topology = Topology::RandomRegular { degree };
+            let links = topology.links(nodes, 3).unwrap();
+            let count = |i| links.iter().filter(|(a, b)| *a == i || *b == i).count();
+            assert!((0..nodes).all(|i| count(i) == degree), "{nodes} {degree}");
+            assert_eq!(links, topology.links(nodes, 3).unwrap());
+        }
+        let other = Topology::RandomRegular { degree: 4 };
+        assert_ne!(other.links(50, 1), other.links(50, 2));
+        assert!(Topology::RandomRegular { degree: 3 }.links(5, 1).is_err());
+        assert!(Topology::RandomRegular { degree: 1 }.links(6, 1).unwrap_err().contains("1000 draws"));
+    }
+
+    #[test]
+    fn sparse_random_graphs_are_given_up() {
+        assert!(Topology::ErdosRenyi { probability: 0.1 }.links(40, 1).is_ok());
+        let error = Topology::ErdosRenyi { probability: 0.001 }.links(40, 1).unwrap_err();
+        assert!(error.contains("ln N / N = 0.092"), "{error}");
+    }
+}

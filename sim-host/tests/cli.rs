@@ -1,0 +1,230 @@
+//! The program as users meet it: exit codes, both output streams, and the text of every class of error.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+fn sim_host() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+    command.current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
+    command
+}
+
+fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = sim_host().args(arguments).output().unwrap();
+    (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
+}
+
+/// Checks that the arguments are refused with code 2, nothing on standard output, and the given message.
+fn refused(arguments: &[&str], message: &str) {
+    let (code, out, err) = run(arguments);
+    assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+    assert_eq!(err.trim_end(), message);
+}
+
+/// A file of its own for one test.
+fn write(name: &str, text: &[u8]) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+const FIVE: &str = "scenarios/five-agents.toml";
+
+fn refused_set(set: &str, message: &str) {
+    refused(&["check", FIVE, "--set", set], &format!("--set {set}: {message}"));
+}
+
+#[test]
+fn every_scenario_that_is_shipped_passes_its_check() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios");
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let (code, out, err) = run(&["check", path.to_str().unwrap()]);
+        assert_eq!((code, err.as_str()), (Some(0), ""), "{}", path.display());
+        assert!(out.contains("Assumption 1: the graph is undirected and connected"), "{out}");
+        count += 1;
+    }
+    assert!(count >= 10);
+}
+
+#[test]
+fn help_names_commands_examples_and_exit_codes() {
+    let (code, out, err) = run(&["--help"]);
+    assert_eq!((code, err.as_str()), (Some(0), ""));
+    for word in ["run", "check", "completions", "Examples:", "Exit codes:"] {
+        assert!(out.contains(word), "{word} is not in\n{out}");
+    }
+    let (_, out, _) = run(&["run", "--help"]);
+    for word in [
+        "--on",
+        "loopback",
+        "reference",
+        "emulator",
+        "--out",
+        "--every",
+        "--seed",
+        "--set",
+        "--json",
+        "--junit",
+        "--quiet",
+        "--verbose",
+        "Examples:",
+    ] {
+        assert!(out.contains(word), "{word} is not in\n{out}");
+    }
+    assert!(run(&["check", "--help"]).1.contains("Runs nothing."));
+    assert_eq!(run(&["--version"]).1, format!("sim-host {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn bad_usage_is_code_2() {
+    for arguments in [
+        vec![],
+        vec!["rum"],
+        vec!["run"],
+        vec!["run", FIVE, "--on", "paper"],
+        vec!["run", FIVE, "--every", "5"],
+        vec!["run", FIVE, "-q", "-v"],
+        vec!["check", FIVE, "--seed", "-1"],
+        vec!["check", FIVE, "--set", "time.tick"],
+        vec!["completions", "tcsh-ish"],
+    ] {
+        let (code, out, err) = run(&arguments);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}");
+        assert!(err.contains("Usage:") || err.contains("error:"), "{err}");
+    }
+    let (_, _, err) = run(&["check", FIVE, "--set", "time.tick"]);
+    assert!(err.contains("must be section.key=value"), "{err}");
+    let (_, _, err) = run(&["run", FIVE, "--every", "5"]);
+    assert!(err.contains("units: ns, us, ms, s, min, h"), "{err}");
+    refused(&["run", FIVE, "--every", "1.5ms"], "--every 1.5ms: must be one or more whole ticks of 1ms");
+}
+
+#[test]
+fn files_that_cannot_be_read_are_code_2() {
+    let (code, _, err) = run(&["check", "no/such.toml"]);
+    assert_eq!(code, Some(2));
+    assert!(err.starts_with("no/such.toml: cannot be read: "), "{err}");
+    assert!(run(&["check", "scenarios"]).2.starts_with("scenarios: cannot be read: "));
+    let path = write("latin1.toml", b"version = 1\ntitle = \"\xe9t\xe9\"\n");
+    let name = path.to_str().unwrap();
+    refused(&["check", name], &format!("{name}: must be UTF-8 text, and is not at byte 21"));
+    let path = write("syntax.toml", b"version = 1\n[time\n");
+    assert!(run(&["check", path.to_str().unwrap()]).2.contains("syntax.toml:2:6: not valid TOML: "));
+}
+
+#[test]
+fn a_mistake_in_a_file_is_shown_with_file_line_and_column() {
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(FIVE)).unwrap();
+    let path = write("typo.toml", text.replace("nodes = 5", "nodse = 5").as_bytes());
+    let (code, _, err) = run(&["run", path.to_str().unwrap()]);
+    assert_eq!(code, Some(2));
+    assert!(err.contains("typo.toml:13:1: unknown key 'nodse' in [graph] of kind 'ring'; "), "{err}");
+    assert!(err.contains("did you mean 'nodes'?"), "{err}");
+}
+
+#[test]
+fn each_class_of_bad_value_is_refused_with_its_range() {
+    refused_set("coupling.funnel.rate=-1", "coupling.funnel.rate = -1: must be > 0 (1/s)");
+    refused_set("agent.state=nan", "agent.state = nan: must be a finite number (state units)");
+    refused_set("graph.weight=0", "graph.weight = 0: must be > 0 (edge weight)");
+    refused_set("bus.loss=1.5", "bus.loss = 1.5: must be from 0 to 1 (probability)");
+    refused_set(
+        "time.tick=1 fortnight",
+        "time.tick = 1 fortnight: must be a duration with a unit, as \"1ms\" (units: ns, us, ms, s, min, h)",
+    );
+    let message = "must be a whole number of ticks of 3ms; \"20.001s\" would do";
+    let (code, _, err) = run(&["check", FIVE, "--set", "time.tick=3ms"]);
+    assert_eq!(code, Some(2));
+    assert!(err.contains(message), "{err}");
+}
+
+#[test]
+fn networks_that_cannot_be_are_refused() {
+    for nodes in ["0", "200"] {
+        let range = "must be an integer from 1 to 127 (ids are 7 bits on the wire, and 0 means all)";
+        refused_set(&format!("graph.nodes={nodes}"), &format!("graph.nodes = {nodes}: {range}"));
+    }
+    refused_set(
+        "graph={kind=\"edges\",nodes=5,edges=[[1,2],[3,4]]}",
+        "graph: must be connected (Assumption 1), but it falls into 3 parts: {1, 2}, {3, 4}, {5}; \
+         add an edge between them",
+    );
+    refused_set(
+        "graph={kind=\"edges\",nodes=5,edges=[[1,2,1.0],[2,1,0.5]]}",
+        "graph.edges[1] = [2,1,0.5]: must have one weight: 1 and 2 are already joined with weight \
+         1, and the graph \
+         is undirected",
+    );
+}
+
+#[test]
+fn what_this_version_cannot_run_says_so() {
+    refused_set(
+        "coupling.kind=linear",
+        "coupling.kind = linear: known, but not supported by this version yet; this version runs node-wise",
+    );
+    refused_set(
+        "bus.model=can",
+        "bus.model = can: known, but not supported by this version yet; this version runs ideal",
+    );
+}
+
+#[test]
+fn a_start_outside_the_funnel_says_what_would_do() {
+    refused_set(
+        "node.3.state=30",
+        "node 3: starts outside its funnel: |nu| = 66 at t = 0 must be below psi(0) = 40, and is 26 too much \
+         (ratio 1.65); funnel start = 70 (or factor = 1.8) would do",
+    );
+    assert_eq!(
+        run(&["check", FIVE, "--set", "node.3.state=30", "--set", "coupling.funnel.start=70"]).0,
+        Some(0)
+    );
+}
+
+#[test]
+fn check_gives_json_for_machines() {
+    let (code, out, _) = run(&["check", FIVE, "--json", "--seed", "9", "--set", "graph.kind=complete"]);
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(code, Some(0));
+    assert_eq!(report["seed"], 9);
+    assert_eq!(report["edges"], 10);
+    assert_eq!(report["pass"], true);
+    assert_eq!(report["findings"][0]["name"], "graph");
+    assert!((report["findings"][0]["values"]["lambda2"].as_f64().unwrap() - 5.0).abs() < 1e-9);
+}
+
+#[test]
+fn warnings_come_with_what_to_change() {
+    let (code, out, _) = run(&["check", "scenarios/narrow-ring.toml", "--set", "time.tick=10ms"]);
+    assert_eq!(code, Some(0));
+    assert!(out.contains("WARN  Tick: 10ms can hold funnels down to about"), "{out}");
+    assert!(out.contains("-> |nu| may leave the funnel; use a tick of"), "{out}");
+    assert!(out.contains("1 warning and 0 failures"), "{out}");
+}
+
+#[test]
+fn completions_are_printed_for_the_common_shells() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let (code, out, err) = run(&["completions", shell]);
+        assert_eq!((code, err.as_str()), (Some(0), ""));
+        assert!(out.contains("sim-host") && out.contains("junit"), "{shell}");
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_panic() {
+    for arguments in [vec!["completions", "bash"], vec!["check", FIVE], vec!["--help"]] {
+        let mut child =
+            sim_host().args(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let mut err = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        assert_eq!((child.wait().unwrap().code(), err.as_str()), (Some(0), ""), "{arguments:?}");
+    }
+}
