@@ -7,35 +7,40 @@ use funnel_core::gain::{BuiltinGain, Logarithmic, Reciprocal};
 /// Longest integration step, s: far below every time constant that a scenario can excite at its tick.
 const LONGEST_STEP: f64 = 0.002;
 
-/// `xi` at the times `k * interval` (s) for `k` in `0..count`; `None` where a gain has no emergent dynamics here.
-pub fn trajectory(scenario: &Scenario, interval: f64, count: usize) -> Option<Vec<f64>> {
-    let gains: Vec<_> = scenario.nodes.iter().map(|node| gain(&node.gain)).collect::<Option<_>>()?;
-    let mut network = Network { scenario, gains, agents: Vec::new(), guess: 0.0 };
-    let states = scenario.initial_states();
-    let mut xi = states.iter().sum::<f64>() / states.len() as f64;
-    let substeps = (interval / LONGEST_STEP).ceil().max(1.0);
-    let step = interval / substeps;
-    let mut trajectory = Vec::with_capacity(count);
-    for k in 0..count {
-        trajectory.push(xi);
-        for substep in 0..substeps as u64 {
-            let t = k as f64 * interval + substep as f64 * step;
-            xi = runge_kutta(t, xi, step, |t, x| network.field(t, x));
-        }
-    }
-    Some(trajectory)
-}
-
-struct Network<'a> {
+/// The emergent dynamics of a scenario, integrated step by step.
+pub struct EmergentTrajectory<'a> {
     scenario: &'a Scenario,
     gains: Vec<BuiltinGain<f64>>,
+    t: f64,
+    xi: f64,
     /// Kept between evaluations for its memory only.
     agents: Vec<Agent<f64, BuiltinGain<f64>>>,
-    /// The last value, from which the next search starts.
+    /// The last value of the field, from which the next search starts.
     guess: f64,
 }
 
-impl Network<'_> {
+impl<'a> EmergentTrajectory<'a> {
+    /// Starts at the mean of the initial states; `None` where a gain has no emergent dynamics here.
+    pub fn new(scenario: &'a Scenario) -> Option<Self> {
+        let gains: Vec<_> = scenario.nodes.iter().map(|node| gain(&node.gain)).collect::<Option<_>>()?;
+        let states = scenario.initial_states();
+        let xi = states.iter().sum::<f64>() / states.len().max(1) as f64;
+        Some(Self { scenario, gains, t: 0.0, xi, agents: Vec::new(), guess: 0.0 })
+    }
+
+    /// `xi` at time `t` (s), which must not decrease from call to call (state units).
+    pub fn advance(&mut self, t: f64) -> f64 {
+        let span = t - self.t;
+        let steps = (span / LONGEST_STEP - 1e-9).ceil().max(1.0);
+        let step = span / steps;
+        for index in 0..(if span > 0.0 { steps as u64 } else { 0 }) {
+            let from = self.t + index as f64 * step;
+            self.xi = runge_kutta(from, self.xi, step, |t, x| self.field(t, x));
+        }
+        self.t = t;
+        self.xi
+    }
+
     /// `f_em(t, xi)`. The funnels enter by their ratios only, so their widest is scaled to one: a funnel that tends to
     /// zero leaves the emergent dynamics as they are (paper, remark on time-invariant emergent dynamics).
     fn field(&mut self, t: f64, xi: f64) -> f64 {

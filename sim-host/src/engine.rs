@@ -63,6 +63,11 @@ impl Engine {
         Some(&self.observations)
     }
 
+    /// What the nodes saw at their last tick, by index.
+    pub fn observations(&self) -> &[Observation<f32>] {
+        &self.observations
+    }
+
     /// The nodes, by index.
     pub fn nodes(&self) -> &[Node] {
         &self.nodes

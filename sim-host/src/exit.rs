@@ -16,6 +16,8 @@ pub enum Exit {
     NoHardware = 3,
     /// A defect of the program.
     Defect = 4,
+    /// The user stopped the program (128 + SIGINT, as shells have it).
+    Interrupted = 130,
 }
 
 impl From<Exit> for ExitCode {

@@ -1,0 +1,35 @@
+//! Runs a scenario at a fidelity, and judges it.
+
+mod collect;
+mod error;
+mod fidelity;
+mod options;
+mod output;
+mod outcome;
+mod reference;
+
+pub use error::RunError;
+pub use options::{Fidelity, RunOptions, Verbosity};
+
+use crate::record::Summary;
+use crate::scenario::Scenario;
+use output::Outputs;
+use std::time::Instant;
+
+/// Runs `scenario`, writes what `options` ask for, and gives the summary with the judged expectations.
+///
+/// # Errors
+/// See [`RunError`]; outputs appear whole or not at all.
+pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
+    let begin = Instant::now();
+    let outputs = Outputs::open(scenario, options)?;
+    let outcome = match options.on {
+        Fidelity::Loopback => fidelity::loopback(scenario, options)?,
+        Fidelity::Emulator => fidelity::emulator(scenario, options)?,
+        Fidelity::Reference => reference::run(scenario, options)?,
+    };
+    let mut summary = outcome.judge(scenario, options.on);
+    summary.wall_s = begin.elapsed().as_secs_f64();
+    outputs.write(scenario, &outcome, &summary, options)?;
+    Ok(summary)
+}

@@ -1,0 +1,70 @@
+//! What the user asks of a run.
+
+use crate::interrupt::Interrupt;
+use std::fmt;
+use std::path::PathBuf;
+
+/// What runs the scenario.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Fidelity {
+    /// The f32 node, every byte through the protocol and the simulated bus.
+    Loopback,
+    /// The continuous-time system in f64 by a stiff solver.
+    Reference,
+    /// The firmware image, one QEMU per node.
+    Emulator,
+}
+
+impl fmt::Display for Fidelity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Loopback => "loopback",
+            Self::Reference => "reference",
+            Self::Emulator => "emulator",
+        })
+    }
+}
+
+/// How much is said on the terminal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verbosity {
+    /// Errors only.
+    Quiet,
+    /// The result.
+    Normal,
+    /// And how it came about.
+    Verbose,
+}
+
+/// The options of `sim-host run`.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// What runs the scenario.
+    pub on: Fidelity,
+    /// Folder for trajectory, summary and plots; made where it is missing.
+    pub out: Option<PathBuf>,
+    /// Ticks between two rows of the trajectory; `None` means every tick, thinned to 2,000 rows.
+    pub every_ticks: Option<u64>,
+    /// File for the summary as JSON.
+    pub json: Option<PathBuf>,
+    /// File for the expectations as JUnit XML.
+    pub junit: Option<PathBuf>,
+    /// Firmware image for emulated nodes.
+    pub image: PathBuf,
+    /// How much is said on the terminal.
+    pub verbosity: Verbosity,
+    /// Set when the user wants to stop.
+    pub interrupt: Interrupt,
+    /// The command that repeats the run.
+    pub repeat: String,
+}
+
+/// Rows of a trajectory that is not asked for more closely.
+const DEFAULT_ROWS: u64 = 2000;
+
+impl RunOptions {
+    /// Ticks between two rows of the trajectory, for a run of `ticks`.
+    pub fn stride(&self, ticks: u64) -> u64 {
+        self.every_ticks.unwrap_or_else(|| ticks.div_ceil(DEFAULT_ROWS)).max(1)
+    }
+}

@@ -1,0 +1,83 @@
+//! What a run came to, before and after it is judged.
+
+use super::options::Fidelity;
+use crate::engine::NodeEvent;
+use crate::record::{Bus, Emergent, Expectation, Funnel, Reference, Row, Summary, Sync, TraceHash};
+use crate::scenario::Scenario;
+
+/// What a run came to.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// Trajectory.
+    pub rows: Vec<Row>,
+    /// States at the end, by index.
+    pub last: Vec<f64>,
+    /// `xi` at the end.
+    pub xi_final: Option<f64>,
+    /// Largest `|nu| / psi` over all nodes and ticks.
+    pub max_ratio: f64,
+    /// Node-ticks with `|nu| >= psi`.
+    pub breaches: u64,
+    /// Hash of all states, where f32 nodes ran.
+    pub hash: Option<TraceHash>,
+    /// Distance to the reference, where there is a whole one.
+    pub reference: Option<Reference>,
+    /// What the bus carried.
+    pub bus: Option<Bus>,
+    /// What nodes reported.
+    pub events: Vec<NodeEvent>,
+    /// Logs of emulated nodes: id and text.
+    pub logs: Vec<(u8, String)>,
+}
+
+impl Outcome {
+    /// The summary, with the scenario's expectations judged.
+    pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
+        let final_spread = spread(&self.last);
+        let emergent = self.xi_final.map(|xi_final| Emergent { final_error: distance(&self.last, xi_final), xi_final });
+        Summary {
+            scenario: scenario.title.clone(),
+            seed: scenario.seed,
+            on: on.to_string(),
+            nodes: scenario.nodes.len(),
+            ticks: scenario.time.ticks,
+            tick_s: scenario.time.tick_s(),
+            trace_hash: self.hash.map(|hash| hash.to_string()),
+            funnel: Some(Funnel { max_ratio: self.max_ratio, breaches: self.breaches }),
+            sync: Some(Sync {
+                final_spread,
+                bound: scenario.sync_bound(scenario.time.end_s()),
+                lambda2: scenario.graph.lambda2(),
+            }),
+            emergent,
+            reference: self.reference,
+            bus: self.bus.clone(),
+            expect: self.expectations(scenario, final_spread, emergent),
+            wall_s: 0.0,
+        }
+    }
+
+    fn expectations(&self, scenario: &Scenario, final_spread: f64, emergent: Option<Emergent>) -> Vec<Expectation> {
+        let expect = &scenario.expect;
+        let judged = [
+            ("funnel_ratio", expect.funnel_ratio, Some(self.max_ratio)),
+            ("final_spread", expect.final_spread, Some(final_spread)),
+            ("emergent_error", expect.emergent_error, emergent.map(|emergent| emergent.final_error)),
+            ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
+        ];
+        let judge = |(name, limit, value): (&str, Option<f64>, _)| {
+            limit.map(|limit| Expectation::below(name, limit, value))
+        };
+        judged.into_iter().filter_map(judge).collect()
+    }
+}
+
+fn spread(states: &[f64]) -> f64 {
+    let largest = states.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let smallest = states.iter().copied().fold(f64::INFINITY, f64::min);
+    largest - smallest
+}
+
+fn distance(states: &[f64], xi: f64) -> f64 {
+    states.iter().map(|x| (x - xi).abs()).fold(0.0, f64::max)
+}

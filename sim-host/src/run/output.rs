@@ -1,0 +1,97 @@
+//! The files of a run. All are opened before the run, so that a folder that cannot be written costs no time.
+
+use super::error::RunError;
+use super::options::{Fidelity, RunOptions};
+use super::outcome::Outcome;
+use crate::engine::NodeEvent;
+use crate::record::{AtomicFile, Precision, RecordError, Summary, TrajectoryWriter, junit, write_atomic};
+use crate::scenario::Scenario;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Files that wait for their content.
+pub struct Outputs {
+    trajectory: Option<TrajectoryWriter>,
+    json: Vec<AtomicFile>,
+    junit: Option<AtomicFile>,
+}
+
+impl Outputs {
+    /// Makes the folder and opens the files.
+    ///
+    /// # Errors
+    /// The first file that cannot be written, by name.
+    pub fn open(scenario: &Scenario, options: &RunOptions) -> Result<Self, RunError> {
+        let mut outputs = Self { trajectory: None, json: Vec::new(), junit: None };
+        if let Some(folder) = &options.out {
+            make_folder(folder)?;
+            let precision = match options.on {
+                Fidelity::Reference => Precision::Double,
+                Fidelity::Loopback | Fidelity::Emulator => Precision::Single,
+            };
+            let path = folder.join("trajectory.csv");
+            outputs.trajectory = Some(TrajectoryWriter::create(path, scenario.nodes.len(), precision)?);
+            outputs.json.push(AtomicFile::create(folder.join("summary.json"))?);
+        }
+        for path in &options.json {
+            outputs.json.push(AtomicFile::create(path)?);
+        }
+        outputs.junit = options.junit.as_ref().map(AtomicFile::create).transpose()?;
+        Ok(outputs)
+    }
+
+    /// Writes everything and gives the files their names.
+    ///
+    /// # Errors
+    /// The first file that cannot be written, by name.
+    pub fn write(
+        self,
+        scenario: &Scenario,
+        outcome: &Outcome,
+        summary: &Summary,
+        options: &RunOptions,
+    ) -> Result<(), RunError> {
+        if let Some(mut trajectory) = self.trajectory {
+            outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
+            trajectory.finish()?;
+        }
+        if let Some(folder) = &options.out {
+            write_folder(folder, scenario, outcome)?;
+        }
+        for file in self.json {
+            commit(file, &summary.to_json())?;
+        }
+        if let Some(file) = self.junit {
+            commit(file, &junit(summary, &options.repeat))?;
+        }
+        Ok(())
+    }
+}
+
+fn make_folder(folder: &Path) -> Result<(), RecordError> {
+    std::fs::create_dir_all(folder).map_err(|reason| RecordError { path: PathBuf::from(folder), reason })
+}
+
+fn commit(mut file: AtomicFile, text: &str) -> Result<(), RecordError> {
+    file.write(|out| out.write_all(text.as_bytes()))?;
+    file.commit()
+}
+
+fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RecordError> {
+    write_atomic(folder.join("events.txt"), events(&outcome.events).as_bytes())?;
+    for (id, log) in &outcome.logs {
+        write_atomic(folder.join(format!("node-{id}.log")), log.as_bytes())?;
+    }
+    let _ = scenario;
+    Ok(())
+}
+
+/// What nodes reported, a line each: time, node, event.
+fn events(events: &[NodeEvent]) -> String {
+    let mut text = String::new();
+    for NodeEvent { at, node, event } in events {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{:.6} s, node {}: {event:?}", *at as f64 * 1e-9, node + 1);
+    }
+    text
+}
