@@ -1,1 +1,3 @@
 //! Sim-host: runs a Funnelnet scenario.
+
+pub mod reference;
