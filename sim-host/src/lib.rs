@@ -1,3 +1,5 @@
 //! Sim-host: runs a Funnelnet scenario.
 
+pub mod progress;
+pub mod record;
 pub mod reference;

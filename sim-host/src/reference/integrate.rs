@@ -3,10 +3,11 @@
 use std::ops::ControlFlow;
 
 use diffsol::error::{DiffsolError, OdeSolverError};
-use diffsol::{FaerContext, FaerLU, FaerMat, FaerVec, OdeBuilder, OdeSolverMethod, Vector};
+use diffsol::{FaerContext, FaerMat, FaerVec, OdeBuilder, OdeSolverMethod, Vector};
 
-use super::coordinates::System;
+use super::coordinates::{Point, System};
 use super::error::ReferenceError;
+use super::lu::RowPivotingLu;
 use super::options::ReferenceOptions;
 use super::solution::ReferenceSolution;
 
@@ -45,7 +46,7 @@ impl Run<'_> {
         on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
     ) -> Result<ReferenceSolution, ReferenceError> {
         self.write_rows_at_start();
-        self.watch();
+        self.watch(&self.system.at(self.t, &self.y));
         while !self.ahead.is_empty() {
             match self.stretch(on_step) {
                 Ok(()) => {}
@@ -76,7 +77,7 @@ impl Run<'_> {
             .map_err(why)?;
         problem.ode_options.min_timestep = 4.0 * f64::EPSILON * t0.max(1e-6);
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
-        let mut solver = problem.bdf::<FaerLU<f64>>().map_err(why)?;
+        let mut solver = problem.bdf::<RowPivotingLu>().map_err(why)?;
         let narrow = if relative < self.options.tolerance * LOCAL_SHARE { widest(system, t0) / STRETCH } else { 0.0 };
         while !self.ahead.is_empty() && widest(system, self.t) > narrow {
             solver.step().map_err(why)?;
@@ -104,7 +105,7 @@ impl Run<'_> {
         }
         (self.t, self.y) = (t, y);
         self.solution.steps += 1;
-        self.watch();
+        self.watch(&point);
         if self.solution.steps >= self.options.max_steps {
             return Err(Stop::Solver(format!("{} steps were not enough", self.options.max_steps)));
         }
@@ -130,8 +131,7 @@ impl Run<'_> {
     }
 
     /// Notes the largest ratio and defect at the present state.
-    fn watch(&mut self) {
-        let point = self.system.at(self.t, &self.y);
+    fn watch(&mut self, point: &Point) {
         self.solution.max_defect = self.solution.max_defect.max(point.sigma.abs());
         self.solution.note_ratio(self.t, &point.ratio);
     }

@@ -9,6 +9,7 @@ mod error;
 #[cfg(test)]
 mod examples;
 mod integrate;
+mod lu;
 mod math;
 mod network;
 mod options;
@@ -53,6 +54,8 @@ pub fn solve_with(
     if !(1e-12..=1e-2).contains(&options.tolerance) {
         return Err(ReferenceError::Tolerance(options.tolerance));
     }
+    // Threads would cost more than they gain at these sizes, and make the last bits depend on their number.
+    faer::set_global_parallelism(faer::Par::Seq);
     let system = coordinates::System::new(problem);
     let y = system.start()?;
     let solution = ReferenceSolution::new(problem.x0.len());

@@ -78,11 +78,10 @@ fn many(nodes: usize, end: f64) -> ReferenceProblem {
 
 #[test]
 fn size() {
-    for (n, rows) in [(127usize, 20000usize), (400, 200), (1000, 200)] {
+    for (n, rows, end, tolerance) in [(127usize, 20000usize, 20.0, 1e-9), (127, 20000, 20.0, 1e-7), (1000, 50, 2.0, 1e-6)] {
         let start = std::time::Instant::now();
-        let end = if n > 500 { 2.0 } else {20.0};
-        match solve(&many(n, 2.0), &times(end, rows), &Default::default()) {
-            Ok(s) => println!("{n} steps {} ratio {} defect {:e} wall {:?}", s.steps, s.max_ratio, s.max_defect, start.elapsed()),
+        match solve(&many(n, 2.0), &times(end, rows), &ReferenceOptions { tolerance, ..Default::default() }) {
+            Ok(s) => println!("{n} {tolerance:e} steps {} ratio {} defect {:e} wall {:?}", s.steps, s.max_ratio, s.max_defect, start.elapsed()),
             Err(e) => println!("{n} {e} {:?}", start.elapsed()),
         }
     }
