@@ -168,6 +168,11 @@ pub fn exp_m1(x: f64) -> f64 {
     libm::expm1(x)
 }
 
+/// `ln(1 + x)`, exact near zero, for continuous-time references.
+pub fn ln_1p(x: f64) -> f64 {
+    libm::log1p(x)
+}
+
 /// Natural logarithm, for continuous-time references and random graphs.
 pub fn ln(x: f64) -> f64 {
     libm::log(x)

@@ -10,7 +10,10 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::check;
 use crate::exit::Exit;
-use crate::run::{self, Fidelity, RunOptions, Summary, Verbosity};
+use crate::figure::figure;
+use crate::interrupt::Interrupt;
+use crate::record::{Expectation, Summary};
+use crate::run::{self, Fidelity, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
 const AFTER_HELP: &str = "\
@@ -21,6 +24,9 @@ Examples:
 
 Exit codes: 0 all expectations hold, 1 one failed, 2 bad usage or configuration,
 3 no such hardware or emulator, 4 a defect of the program.";
+
+/// Where `./ci.sh firmware` leaves the image, seen from the root of the repository.
+const DEFAULT_IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_an386";
 
 const RUN_HELP: &str = "\
 Examples:
@@ -106,6 +112,9 @@ struct RunArgs {
     /// File for the expectations as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
+    /// Firmware image (ELF) for `--on emulator`
+    #[arg(long, value_name = "FILE", default_value = DEFAULT_IMAGE)]
+    image: PathBuf,
     /// Say nothing but errors
     #[arg(short, long, conflicts_with = "verbose")]
     quiet: bool,
@@ -190,13 +199,16 @@ fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> 
             (_, true) => Verbosity::Verbose,
             _ => Verbosity::Normal,
         },
+        image: args.image.clone(),
+        interrupt: Interrupt::on_signals()?,
+        repeat: repeat(arguments, scenario.seed),
     };
     let summary = run::execute(&scenario, &options)
         .map_err(|error| Failure { message: error.to_string(), exit: error.exit })?;
-    let exit = verdict(&summary, &scenario, arguments);
+    let exit = verdict(&summary, &options.repeat);
     if options.verbosity > Verbosity::Quiet {
         // The verdict stands even where nobody reads the summary.
-        if let Err(failure) = print(&summary.to_string()).map_err(Failure::from) {
+        if let Err(failure) = print(&text(&summary)).map_err(Failure::from) {
             complain(&failure.message);
             return Ok(if exit == Exit::Success { failure.exit } else { exit });
         }
@@ -216,16 +228,61 @@ fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
 }
 
 /// Says what failed, with the seed and the command that repeats it.
-fn verdict(summary: &Summary, scenario: &Scenario, arguments: &[OsString]) -> Exit {
-    let failed: Vec<_> = summary.expect.iter().filter(|verdict| !verdict.pass).collect();
+fn verdict(summary: &Summary, repeat: &str) -> Exit {
+    let failed: Vec<_> = summary.expect.iter().filter(|expectation| !expectation.pass).collect();
     if failed.is_empty() {
         return Exit::Success;
     }
-    for verdict in failed {
-        complain(&format!("failed: {} = {} must stay below {}", verdict.name, verdict.value, verdict.limit));
+    for Expectation { name, limit, value, .. } in failed {
+        let value = value.map_or("not measured".to_owned(), |value| value.to_string());
+        complain(&format!("failed: {name} = {value} must stay below {limit}"));
     }
-    complain(&format!("seed {}; repeat with: {}", scenario.seed, repeat(arguments, scenario.seed)));
+    complain(&format!("seed {}; repeat with: {repeat}", summary.seed));
     Exit::ExpectationFailed
+}
+
+/// The summary for people: a line per part that the run has, and one per expectation.
+fn text(summary: &Summary) -> String {
+    let mut lines = vec![format!(
+        "{}: {} nodes, {} ticks of {} s on {}, {} s of wall time",
+        summary.scenario,
+        summary.nodes,
+        summary.ticks,
+        figure(summary.tick_s, 4),
+        summary.on,
+        figure(summary.wall_s, 3)
+    )];
+    let mut line = |name: &str, text: String| lines.push(format!("  {name:<10} {text}"));
+    if let Some(funnel) = summary.funnel {
+        line(
+            "funnel",
+            format!("largest |nu|/psi {}, breaches {}", figure(funnel.max_ratio, 4), funnel.breaches),
+        );
+    }
+    if let Some(sync) = summary.sync {
+        line(
+            "sync",
+            format!("final spread {}, bound {}", figure(sync.final_spread, 4), figure(sync.bound, 4)),
+        );
+    }
+    if let Some(emergent) = summary.emergent {
+        let (error, xi) = (figure(emergent.final_error, 4), figure(emergent.xi_final, 6));
+        line("emergent", format!("final distance {error} to xi = {xi}"));
+    }
+    if let Some(reference) = summary.reference {
+        line("reference", format!("largest error {}", figure(reference.max_error, 4)));
+    }
+    if let Some(bus) = &summary.bus {
+        line("bus", format!("{} frames sent, {} deliveries lost", bus.sent, bus.lost));
+    }
+    if let Some(hash) = &summary.trace_hash {
+        line("trace", hash.clone());
+    }
+    for Expectation { name, limit, value, pass } in &summary.expect {
+        let value = value.map_or("not measured".to_owned(), |value| figure(value, 4));
+        line(if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"));
+    }
+    lines.join("\n")
 }
 
 /// The command as typed, quoted for a POSIX shell, with the seed made explicit.
@@ -306,11 +363,10 @@ mod tests {
 
     #[test]
     fn a_failed_expectation_is_code_1_and_none_is_code_0() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
-        let scenario = Scenario::load(&path, &[]).unwrap();
-        let verdict_of = |pass| run::Verdict { name: "funnel_ratio", limit: 1.0, value: 0.9, pass };
-        let summary = |pass| Summary { expect: vec![verdict_of(true), verdict_of(pass)] };
-        assert_eq!(verdict(&summary(true), &scenario, &[]), Exit::Success);
-        assert_eq!(verdict(&summary(false), &scenario, &[]), Exit::ExpectationFailed);
+        let judged = |value| Expectation::below("funnel_ratio", 1.0, value);
+        let summary = |value| Summary { expect: vec![judged(Some(0.9)), judged(value)], ..Summary::default() };
+        assert_eq!(verdict(&summary(Some(0.9)), ""), Exit::Success);
+        assert_eq!(verdict(&summary(Some(1.0)), ""), Exit::ExpectationFailed);
+        assert_eq!(verdict(&summary(None), ""), Exit::ExpectationFailed);
     }
 }

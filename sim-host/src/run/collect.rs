@@ -71,7 +71,10 @@ impl<'a> Collector<'a> {
     }
 
     fn compare(&mut self, k: u64, seen: &[Observation<f32>]) {
-        let Some(exact) = self.reference.and_then(|exact| exact.x.chunks_exact(exact.nodes).nth(k as usize)) else { return };
+        let Some(exact) = self.reference.and_then(|exact| exact.x.chunks_exact(exact.nodes).nth(k as usize))
+        else {
+            return;
+        };
         let error = seen.iter().zip(exact).map(|(o, x)| (f64::from(o.x) - x).abs()).fold(0.0, f64::max);
         self.reference_error.max_error = self.reference_error.max_error.max(error);
         self.reference_error.final_error = error;

@@ -23,8 +23,9 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
     let mut nodes = Vec::new();
     for config in node_configs(scenario, drive).map_err(RunError::bad_input)? {
-        let params = Params::new(&config)
-            .map_err(|error| RunError::bad_input(format!("node {} refused its configuration: {error}", config.id)))?;
+        let params = Params::new(&config).map_err(|error| {
+            RunError::bad_input(format!("node {} refused its configuration: {error}", config.id))
+        })?;
         nodes.push(Node::new(params));
     }
     let exact = reference::where_expected(scenario, options)?;
@@ -74,8 +75,8 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let events = emulator.events().to_vec();
     // The image was there when the nodes started; without it the logs stay undecoded.
     let image = std::fs::read(&options.image).unwrap_or_default();
-    let logs = emulator.into_logs().iter().map(|log| decode_log(&image, log));
-    let logs = configs.iter().map(|config| config.id).zip(logs).collect();
+    let decoded = emulator.into_logs().into_iter().map(|log| decode_log(&image, &log));
+    let logs = configs.iter().map(|config| config.id).zip(decoded).collect();
     Ok(Outcome { bus, events, logs, ..collector.finish() })
 }
 
@@ -94,7 +95,8 @@ fn check_interrupt(options: &RunOptions) -> Result<(), RunError> {
 }
 
 fn bus_record(traffic: Traffic, counters: impl Iterator<Item = Counters>) -> Bus {
-    let mut refused: BTreeMap<_, _> = Refusal::ALL.iter().map(|reason| (reason.name().to_owned(), 0)).collect();
+    let mut refused: BTreeMap<_, _> =
+        Refusal::ALL.iter().map(|reason| (reason.name().to_owned(), 0)).collect();
     for counters in counters {
         for &reason in Refusal::ALL {
             *refused.entry(reason.name().to_owned()).or_default() += u64::from(counters.refused(reason));

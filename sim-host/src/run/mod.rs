@@ -4,8 +4,8 @@ mod collect;
 mod error;
 mod fidelity;
 mod options;
-mod output;
 mod outcome;
+mod output;
 mod reference;
 
 pub use error::RunError;

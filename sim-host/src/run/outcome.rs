@@ -34,7 +34,8 @@ impl Outcome {
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
         let final_spread = spread(&self.last);
-        let emergent = self.xi_final.map(|xi_final| Emergent { final_error: distance(&self.last, xi_final), xi_final });
+        let emergent =
+            self.xi_final.map(|xi_final| Emergent { final_error: distance(&self.last, xi_final), xi_final });
         Summary {
             scenario: scenario.title.clone(),
             seed: scenario.seed,
@@ -57,7 +58,12 @@ impl Outcome {
         }
     }
 
-    fn expectations(&self, scenario: &Scenario, final_spread: f64, emergent: Option<Emergent>) -> Vec<Expectation> {
+    fn expectations(
+        &self,
+        scenario: &Scenario,
+        final_spread: f64,
+        emergent: Option<Emergent>,
+    ) -> Vec<Expectation> {
         let expect = &scenario.expect;
         let judged = [
             ("funnel_ratio", expect.funnel_ratio, Some(self.max_ratio)),

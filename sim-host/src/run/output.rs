@@ -33,7 +33,7 @@ impl Outputs {
             outputs.trajectory = Some(TrajectoryWriter::create(path, scenario.nodes.len(), precision)?);
             outputs.json.push(AtomicFile::create(folder.join("summary.json"))?);
         }
-        for path in &options.json {
+        if let Some(path) = &options.json {
             outputs.json.push(AtomicFile::create(path)?);
         }
         outputs.junit = options.junit.as_ref().map(AtomicFile::create).transpose()?;

@@ -54,14 +54,15 @@ fn solve(scenario: &Scenario, options: &RunOptions, ticks: &[u64]) -> Result<Ref
         progress.at(t);
         if options.interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    reference::solve_with(&problem(scenario)?, &times, &ReferenceOptions::default(), &mut on_step)
-        .map_err(|error| match error {
+    reference::solve_with(&problem(scenario)?, &times, &ReferenceOptions::default(), &mut on_step).map_err(
+        |error| match error {
             ReferenceError::Cancelled { .. } => RunError::interrupted(),
             ReferenceError::Unresolved { .. } => {
                 RunError { message: error.to_string(), exit: Exit::ExpectationFailed }
             }
             _ => RunError::bad_input(error),
-        })
+        },
+    )
 }
 
 fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {

@@ -106,6 +106,7 @@ mod tests {
 
     use super::super::topology::Topology;
     use super::*;
+    use funnel_core::math;
 
     fn graph(topology: Topology, nodes: usize) -> Graph {
         let links = topology.links(nodes, 1).unwrap();
@@ -117,9 +118,9 @@ mod tests {
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-10, "{a} is not {b}");
         for n in [3usize, 5, 12] {
             let nf = n as f64;
-            near(graph(Topology::Ring, n).lambda2(), 2.0 - 2.0 * (2.0 * PI / nf).cos());
-            near(graph(Topology::Path, n).lambda2(), 2.0 - 2.0 * (PI / nf).cos());
-            near(graph(Topology::Path, n).lambda_max(), 2.0 + 2.0 * (PI / nf).cos());
+            near(graph(Topology::Ring, n).lambda2(), 2.0 - 2.0 * math::cos(2.0 * PI / nf));
+            near(graph(Topology::Path, n).lambda2(), 2.0 - 2.0 * math::cos(PI / nf));
+            near(graph(Topology::Path, n).lambda_max(), 2.0 + 2.0 * math::cos(PI / nf));
             near(graph(Topology::Star, n).lambda2(), 1.0);
             near(graph(Topology::Star, n).lambda_max(), nf);
             near(graph(Topology::Complete, n).lambda2(), nf);

@@ -1,0 +1,55 @@
+//! The expectations of a run as a JUnit report, for CI servers.
+
+use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
+
+use super::summary::{Expectation, Summary};
+
+/// The text of a JUnit file: one suite, named after the scenario, with one test case per expectation. A failure
+/// carries `repeat`, the command that repeats the run.
+pub fn junit(summary: &Summary, repeat: &str) -> String {
+    let mut suite = TestSuite::new(summary.scenario.as_str());
+    suite.set_time(std::time::Duration::try_from_secs_f64(summary.wall_s).unwrap_or_default());
+    for expectation in &summary.expect {
+        let mut case = TestCase::new(expectation.name.as_str(), status(expectation, summary, repeat));
+        case.set_classname(format!("sim-host.{}", summary.on));
+        suite.add_test_case(case);
+    }
+    let mut report = Report::new("sim-host");
+    report.add_test_suite(suite);
+    // Writing into memory fails only on a time stamp that cannot be formatted, and the report has none.
+    report.to_string().unwrap_or_default()
+}
+
+fn status(expectation: &Expectation, summary: &Summary, repeat: &str) -> TestCaseStatus {
+    if expectation.pass {
+        return TestCaseStatus::success();
+    }
+    let Expectation { name, limit, value, .. } = expectation;
+    let message = match value {
+        Some(value) => format!("{name} is {value:?}, allowed is below {limit:?}"),
+        None => format!("{name} could not be measured, allowed is below {limit:?}"),
+    };
+    let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+    status.set_message(message.clone());
+    status.set_type("expectation");
+    status.set_description(format!("{message}\nseed {}, repeat with: {repeat}", summary.seed));
+    status
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::summary::tests::example;
+    use super::*;
+
+    #[test]
+    fn every_expectation_is_a_case_and_failures_say_how_to_repeat() {
+        let text = junit(&example(), "sim-host run a.toml --seed 1");
+        assert_eq!(text.matches("<testcase ").count(), 3, "{text}");
+        assert_eq!(text.matches("<failure ").count(), 2, "{text}");
+        assert!(text.contains(r#"tests="3""#) && text.contains(r#"failures="2""#), "{text}");
+        assert!(text.contains("final_spread is 0.5, allowed is below 0.1"), "{text}");
+        assert!(text.contains("reference_error could not be measured"), "{text}");
+        assert!(text.contains("repeat with: sim-host run a.toml --seed 1"), "{text}");
+        assert!(text.contains("Five &lt;heterogeneous"), "{text}");
+    }
+}

@@ -1,0 +1,17 @@
+//! What a run leaves behind: `trajectory.csv`, `summary.json`, a JUnit file, and the hash of all states.
+//!
+//! Every file appears whole or not at all (see [`AtomicFile`]).
+
+mod atomic;
+mod junit;
+mod number;
+mod summary;
+mod trace_hash;
+mod trajectory;
+
+pub use atomic::{AtomicFile, RecordError, write_atomic};
+pub use junit::junit;
+pub use number::{Precision, shortest};
+pub use summary::{Bus, Emergent, Expectation, Funnel, Reference, Summary, Sync};
+pub use trace_hash::TraceHash;
+pub use trajectory::{Row, TrajectoryWriter};

@@ -1,0 +1,183 @@
+//! `summary.json`, with the names and the order of the contract.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::atomic::{RecordError, write_atomic};
+
+/// What a run came to. A part that the run does not have is `null`, and so is a number that is not finite.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Summary {
+    /// The scenario's title.
+    pub scenario: String,
+    /// The root of every random stream.
+    pub seed: u64,
+    /// The fidelity: `loopback`, `reference`, `emulator` or `bench`.
+    pub on: String,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of network ticks.
+    pub ticks: u64,
+    /// Tick period, in seconds.
+    pub tick_s: f64,
+    /// See [`TraceHash`](super::TraceHash); `null` where no `f32` node ran.
+    pub trace_hash: Option<String>,
+    /// How the funnels held.
+    pub funnel: Option<Funnel>,
+    /// How far apart the nodes ended.
+    pub sync: Option<Sync>,
+    /// How far from the emergent dynamics.
+    pub emergent: Option<Emergent>,
+    /// How far from the continuous-time reference.
+    pub reference: Option<Reference>,
+    /// What the bus carried.
+    pub bus: Option<Bus>,
+    /// The scenario's expectations, in its order.
+    pub expect: Vec<Expectation>,
+    /// Wall time of the run, in seconds.
+    pub wall_s: f64,
+}
+
+/// How the funnels held.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Funnel {
+    /// The largest `|nu| / psi` over all nodes and ticks.
+    pub max_ratio: f64,
+    /// Node-ticks with `|nu| >= psi`.
+    pub breaches: u64,
+}
+
+/// How far apart the nodes ended.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Sync {
+    /// `max x - min x` at the end, in state units.
+    pub final_spread: f64,
+    /// `2 sqrt(N) / lambda2 * max psi` at the end, in state units.
+    pub bound: f64,
+    /// Algebraic connectivity of the graph.
+    pub lambda2: f64,
+}
+
+/// How far from the emergent dynamics.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Emergent {
+    /// `max |x_i - xi|` at the end, in state units.
+    pub final_error: f64,
+    /// `xi` at the end, in state units.
+    pub xi_final: f64,
+}
+
+/// How far from the continuous-time reference, in state units.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Reference {
+    /// Over all nodes and recorded times.
+    pub max_error: f64,
+    /// Over all nodes, at the end.
+    pub final_error: f64,
+}
+
+/// What the bus carried.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Bus {
+    /// Share of the time that the bus was busy, 0 to 1; 0 on a bus without a bit rate.
+    pub utilisation: f64,
+    /// Frames sent.
+    pub sent: u64,
+    /// Frames lost on the way, counted per receiver.
+    pub lost: u64,
+    /// Frames that a decoder refused, by reason.
+    pub refused: BTreeMap<String, u64>,
+}
+
+/// One line of `[expect]` and what the run made of it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Expectation {
+    /// The key in `[expect]`.
+    pub name: String,
+    /// The value in `[expect]`.
+    pub limit: f64,
+    /// What the run had; `null` if it could not be measured, which is a failure.
+    pub value: Option<f64>,
+    /// Whether it held.
+    pub pass: bool,
+}
+
+impl Expectation {
+    /// Holds if `value` is known and below `limit`.
+    pub fn below(name: impl Into<String>, limit: f64, value: Option<f64>) -> Self {
+        Self { name: name.into(), limit, value, pass: value.is_some_and(|v| v < limit) }
+    }
+}
+
+impl Summary {
+    /// Whether all expectations hold (exit code 0).
+    pub fn passed(&self) -> bool {
+        self.expect.iter().all(|e| e.pass)
+    }
+
+    /// The text of `summary.json`.
+    pub fn to_json(&self) -> String {
+        // Serialising plain structs with string keys into memory has no way to fail.
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+
+    /// Writes `summary.json`, whole or not at all.
+    ///
+    /// # Errors
+    /// [`RecordError`], naming `path` and the reason.
+    pub fn write(&self, path: impl Into<PathBuf>) -> Result<(), RecordError> {
+        write_atomic(path, self.to_json().as_bytes())
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(crate) fn example() -> Summary {
+        Summary {
+            scenario: "Five <heterogeneous> agents".into(),
+            seed: 1,
+            on: "loopback".into(),
+            nodes: 5,
+            ticks: 20000,
+            tick_s: 0.001,
+            trace_hash: Some("00000000deadbeef".into()),
+            funnel: Some(Funnel { max_ratio: 0.955, breaches: 0 }),
+            sync: Some(Sync { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
+            emergent: Some(Emergent { final_error: 0.25, xi_final: -3.0 }),
+            bus: Some(Bus { refused: [("crc".into(), 3)].into(), sent: 7, ..Bus::default() }),
+            expect: vec![
+                Expectation::below("funnel_ratio", 1.0, Some(0.955)),
+                Expectation::below("final_spread", 0.1, Some(0.5)),
+                Expectation::below("reference_error", 0.001, None),
+            ],
+            ..Summary::default()
+        }
+    }
+
+    #[test]
+    fn the_json_is_the_one_of_the_contract() {
+        let expected = r#"{"scenario":"Five <heterogeneous> agents","seed":1,"on":"loopback","nodes":5,
+            "ticks":20000,"tick_s":0.001,"trace_hash":"00000000deadbeef",
+            "funnel":{"max_ratio":0.955,"breaches":0},
+            "sync":{"final_spread":0.5,"bound":1.5,"lambda2":1.382},
+            "emergent":{"final_error":0.25,"xi_final":-3.0},"reference":null,
+            "bus":{"utilisation":0.0,"sent":7,"lost":0,"refused":{"crc":3}},
+            "expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
+            {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},
+            {"name":"reference_error","limit":0.001,"value":null,"pass":false}],"wall_s":0.0}"#;
+        let expected = expected.replace("\n            ", "");
+        assert_eq!(serde_json::to_string(&example()).unwrap(), expected);
+        assert!(!example().passed());
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_null_and_no_pass() {
+        assert!(!Expectation::below("funnel_ratio", 1.0, Some(f64::NAN)).pass);
+        let summary = Summary { wall_s: f64::INFINITY, ..Summary::default() };
+        assert!(summary.to_json().contains("\"wall_s\": null"));
+    }
+}

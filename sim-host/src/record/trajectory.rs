@@ -1,0 +1,129 @@
+//! `trajectory.csv`.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use super::atomic::{AtomicFile, RecordError};
+use super::number::Precision;
+
+/// One recorded instant; the vectors have one entry per node, by id.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Row {
+    /// Time, in seconds.
+    pub t: f64,
+    /// States, in state units.
+    pub x: Vec<f64>,
+    /// Diffusive terms, in state units.
+    pub nu: Vec<f64>,
+    /// Funnels, in state units.
+    pub psi: Vec<f64>,
+    /// Coupling inputs, in state units per second.
+    pub u: Vec<f64>,
+    /// The emergent trajectory, in state units, where it is known.
+    pub xi: Option<f64>,
+}
+
+/// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).
+///
+/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`. An unknown `xi` is an empty field.
+#[derive(Debug)]
+pub struct TrajectoryWriter {
+    file: AtomicFile,
+    nodes: usize,
+    precision: Precision,
+}
+
+impl TrajectoryWriter {
+    /// Opens the file and writes the header. `precision` is that of the rows; `t`, `psi` and `xi` too.
+    ///
+    /// # Errors
+    /// [`RecordError`], naming `path` and the reason.
+    pub fn create(path: impl Into<PathBuf>, nodes: usize, precision: Precision) -> Result<Self, RecordError> {
+        let mut file = AtomicFile::create(path)?;
+        file.write(|out| header(out, nodes))?;
+        Ok(Self { file, nodes, precision })
+    }
+
+    /// Appends a row.
+    ///
+    /// # Errors
+    /// [`RecordError`] if it cannot be written, or if one of its vectors does not have one entry per node.
+    pub fn write(&mut self, row: &Row) -> Result<(), RecordError> {
+        let (nodes, precision) = (self.nodes, self.precision);
+        self.file.write(|out| line(out, row, nodes, precision))
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// [`RecordError`], naming the file and the reason; no half file is left.
+    pub fn finish(self) -> Result<(), RecordError> {
+        self.file.commit()
+    }
+}
+
+fn header(out: &mut dyn Write, nodes: usize) -> io::Result<()> {
+    write!(out, "t")?;
+    for name in ["x", "nu", "psi", "u"] {
+        for id in 1..=nodes {
+            write!(out, ",{name}_{id}")?;
+        }
+    }
+    writeln!(out, ",xi")
+}
+
+fn line(out: &mut dyn Write, row: &Row, nodes: usize, precision: Precision) -> io::Result<()> {
+    // Time is counted in ticks and stays exact to f64 whatever the states are.
+    Precision::Double.write(out, row.t)?;
+    for table in [&row.x, &row.nu, &row.psi, &row.u] {
+        if table.len() != nodes {
+            let what = format!("a row has {} entries for {nodes} nodes at t = {} s", table.len(), row.t);
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+        }
+        for &value in table {
+            out.write_all(b",")?;
+            precision.write(out, value)?;
+        }
+    }
+    out.write_all(b",")?;
+    if let Some(xi) = row.xi {
+        Precision::Double.write(out, xi)?;
+    }
+    out.write_all(b"\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::atomic::tests::Folder;
+    use super::*;
+
+    fn row(t: f64, xi: Option<f64>) -> Row {
+        let single = |v: f32| f64::from(v);
+        let pair = |a, b| vec![single(a), single(b)];
+        Row { t, x: pair(0.1, -2.0), nu: pair(1e-9, 3.0), psi: pair(4.0, 40.0), u: pair(0.25, 1e20), xi }
+    }
+
+    #[test]
+    fn the_file_is_the_one_of_the_contract() {
+        let folder = Folder::new("trajectory");
+        let path = folder.0.join("trajectory.csv");
+        let mut writer = TrajectoryWriter::create(&path, 2, Precision::Single).unwrap();
+        writer.write(&row(0.0, None)).unwrap();
+        writer.write(&row(0.001, Some(0.3))).unwrap();
+        assert!(!path.exists());
+        writer.finish().unwrap();
+        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3\n";
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
+    }
+
+    #[test]
+    fn a_row_of_another_size_is_refused() {
+        let folder = Folder::new("size");
+        let path = folder.0.join("trajectory.csv");
+        let mut writer = TrajectoryWriter::create(&path, 3, Precision::Double).unwrap();
+        let error = writer.write(&row(0.5, None)).unwrap_err();
+        assert!(error.to_string().contains("2 entries for 3 nodes at t = 0.5 s"), "{error}");
+    }
+}

@@ -1,0 +1,180 @@
+//! Drives diffsol's BDF through the coordinates of [`System`], one stretch of the funnel after the other.
+
+use std::ops::ControlFlow;
+
+use diffsol::error::{DiffsolError, OdeSolverError};
+use diffsol::{FaerContext, FaerMat, FaerVec, OdeBuilder, OdeSolverMethod, Vector};
+
+use super::coordinates::{Point, System};
+use super::error::ReferenceError;
+use super::lu::RowPivotingLu;
+use super::options::ReferenceOptions;
+use super::solution::ReferenceSolution;
+
+/// A stretch of the run ends when the widest funnel is this many times narrower than at its beginning, as long
+/// as the tolerance on the inputs still depends on the width.
+const STRETCH: f64 = 10.0;
+/// Below this relative tolerance rounding errors in the right-hand side stall the step control.
+const FINEST: f64 = 2e-13;
+/// Local error per step over the error asked for: errors of many steps add up (measured: 10 to 170 times the
+/// local tolerance on Example 3 of the paper over 20 s).
+const LOCAL_SHARE: f64 = 1.0 / 30.0;
+/// The largest `|sum nu| / sum psi` that passes for a solution.
+const DEFECT: f64 = 1e-5;
+
+/// The state of a run between accepted steps.
+pub(super) struct Run<'a> {
+    pub(super) system: &'a System<'a>,
+    pub(super) options: &'a ReferenceOptions,
+    /// The output times that are still to come.
+    pub(super) ahead: &'a [f64],
+    pub(super) solution: ReferenceSolution,
+    pub(super) t: f64,
+    pub(super) y: Vec<f64>,
+}
+
+/// Why a stretch ended before the run did.
+enum Stop {
+    Solver(String),
+    Cancelled,
+}
+
+impl Run<'_> {
+    /// Integrates to the last output time.
+    pub(super) fn finish(
+        mut self,
+        on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
+    ) -> Result<ReferenceSolution, ReferenceError> {
+        self.write_rows_at_start();
+        self.watch(&self.system.at(self.t, &self.y));
+        while !self.ahead.is_empty() {
+            match self.stretch(on_step) {
+                Ok(()) => {}
+                Err(Stop::Cancelled) => return Err(ReferenceError::Cancelled { at: self.t }),
+                Err(Stop::Solver(reason)) => return Err(self.unresolved(reason)),
+            }
+        }
+        self.solution.resolved_until = self.solution.times.last().copied().unwrap_or(0.0);
+        Ok(self.solution)
+    }
+
+    /// Integrates until the funnel is much narrower, or to the end.
+    fn stretch(&mut self, on_step: &mut dyn FnMut(f64) -> ControlFlow<()>) -> Result<(), Stop> {
+        let system = self.system;
+        let (relative, absolute) = self.tolerances();
+        let (t0, y0) = (self.t, self.y.clone());
+        let mut problem = OdeBuilder::<FaerMat<f64>>::new()
+            .context(FaerContext::default())
+            .t0(t0)
+            .rtol(relative)
+            .atol(absolute)
+            .rhs_implicit(
+                |y, _, t, out| system.derivative(t, y, out),
+                |y, _, t, v, out| system.derivative_times(t, y, v, out),
+            )
+            .init(|_, _, y| y.copy_from_slice(&y0), system.size())
+            .build()
+            .map_err(why)?;
+        problem.ode_options.min_timestep = 4.0 * f64::EPSILON * t0.max(1e-6);
+        problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
+        let mut solver = problem.bdf::<RowPivotingLu>().map_err(why)?;
+        let narrow =
+            if relative < self.options.tolerance * LOCAL_SHARE { widest(system, t0) / STRETCH } else { 0.0 };
+        while !self.ahead.is_empty() && widest(system, self.t) > narrow {
+            solver.step().map_err(why)?;
+            self.accept(solver.state().t, solver.state().y.clone_as_vec())?;
+            self.write_rows(|t| solver.interpolate(t).map(|y: FaerVec<f64>| y.clone_as_vec()).map_err(why))?;
+            if on_step(self.t).is_break() {
+                return Err(Stop::Cancelled);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes a step over, unless it is not a solution.
+    fn accept(&mut self, t: f64, y: Vec<f64>) -> Result<(), Stop> {
+        if t <= self.t {
+            return Err(Stop::Solver("the step is too small to advance the time".into()));
+        }
+        let point = self.system.at(t, &y);
+        if !y.iter().chain(&point.x).all(|v| v.is_finite()) {
+            return Err(Stop::Solver("the solution is not finite".into()));
+        }
+        if point.sigma.abs() > DEFECT {
+            let defect = point.sigma;
+            return Err(Stop::Solver(format!("the diffusive terms add up to {defect:e} psi instead of 0")));
+        }
+        (self.t, self.y) = (t, y);
+        self.solution.steps += 1;
+        self.watch(&point);
+        if self.solution.steps >= self.options.max_steps {
+            return Err(Stop::Solver(format!("{} steps were not enough", self.options.max_steps)));
+        }
+        Ok(())
+    }
+
+    /// The relative tolerance, and the absolute ones per unknown, that keep the error of the states near the one
+    /// asked for: an error `du` of an input is one of `psi du / mu'(s)` in `nu`, and at most
+    /// `deviation_gain` times that in a state.
+    fn tolerances(&self) -> (f64, Vec<f64>) {
+        let tolerance = self.options.tolerance * LOCAL_SHARE;
+        let reach = self.system.network.deviation_gain().max(1e-3);
+        let point = self.system.at(self.t, &self.y);
+        let scale = 1.0 + point.x.iter().fold(0.0f64, |a, x| a.max(x.abs()));
+        let slack = |psi: f64| (scale / (psi * reach)).min(1.0);
+        let relative = (tolerance * slack(widest(self.system, self.t) / 4.0)).max(FINEST);
+        let input = |(gain, &psi): (&super::Gain, &f64)| {
+            let wanted = tolerance * slack(psi);
+            gain.scale() * wanted.max(FINEST)
+        };
+        let inputs = self.system.problem.gains.iter().zip(&point.psi).map(input);
+        (relative, std::iter::once(tolerance).chain(inputs).collect())
+    }
+
+    /// Notes the largest ratio and defect at the present state.
+    fn watch(&mut self, point: &Point) {
+        self.solution.max_defect = self.solution.max_defect.max(point.sigma.abs());
+        self.solution.note_ratio(self.t, &point.ratio);
+    }
+
+    fn write_rows_at_start(&mut self) {
+        while let Some((&t, rest)) = self.ahead.split_first().filter(|(t, _)| **t <= self.t) {
+            self.solution.push_row(t, &self.system.at(t, &self.y), &self.y[1..]);
+            self.ahead = rest;
+        }
+    }
+
+    fn write_rows(&mut self, interpolate: impl Fn(f64) -> Result<Vec<f64>, Stop>) -> Result<(), Stop> {
+        while let Some((&t, rest)) = self.ahead.split_first().filter(|(t, _)| **t <= self.t) {
+            let y = interpolate(t)?;
+            self.solution.push_row(t, &self.system.at(t, &y), &y[1..]);
+            self.ahead = rest;
+        }
+        Ok(())
+    }
+
+    fn unresolved(mut self, reason: String) -> ReferenceError {
+        let point = self.system.at(self.t, &self.y);
+        self.solution.resolved_until = self.t;
+        ReferenceError::Unresolved {
+            at: self.t,
+            psi: point.psi.iter().copied().fold(f64::INFINITY, f64::min),
+            ratio: point.ratio.iter().fold(0.0, |a, s| s.abs().max(a)),
+            reason,
+            partial: Box::new(self.solution),
+        }
+    }
+}
+
+fn widest(system: &System, t: f64) -> f64 {
+    system.problem.funnels.iter().map(|f| f.width(t)).fold(0.0, f64::max)
+}
+
+fn why(error: DiffsolError) -> Stop {
+    Stop::Solver(match error {
+        DiffsolError::OdeSolverError(OdeSolverError::StepSizeTooSmall { .. }) => {
+            "the step size collapsed".into()
+        }
+        other => other.to_string(),
+    })
+}

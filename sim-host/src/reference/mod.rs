@@ -1,0 +1,73 @@
+//! The continuous-time closed loop in `f64`, as exact as a stiff adaptive solver makes it: what every other
+//! fidelity is measured against.
+//!
+//! diffsol's BDF integrates, and the coordinates ([`coordinates`]) are chosen so that a state outside the funnel
+//! cannot be written down. The system is dense: time grows as `N^3`, memory as `N^2`.
+
+mod coordinates;
+mod error;
+#[cfg(test)]
+mod examples;
+mod integrate;
+mod lu;
+mod network;
+mod options;
+mod problem;
+mod solution;
+#[cfg(test)]
+mod tests;
+
+use std::ops::ControlFlow;
+
+pub use error::ReferenceError;
+pub use options::ReferenceOptions;
+pub use problem::{Affine, Funnel, Gain, ReferenceProblem, Sine};
+pub use solution::ReferenceSolution;
+
+/// Solves `problem` from `t = 0` and returns the states at `times` (seconds, ascending, at least 0).
+///
+/// # Errors
+/// A problem that is malformed or starts outside its funnel is refused; a run that cannot be resolved to the end
+/// is [`ReferenceError::Unresolved`], which carries the rows up to there.
+pub fn solve(
+    problem: &ReferenceProblem,
+    times: &[f64],
+    options: &ReferenceOptions,
+) -> Result<ReferenceSolution, ReferenceError> {
+    solve_with(problem, times, options, &mut |_| ControlFlow::Continue(()))
+}
+
+/// Like [`solve`], and calls `on_step` with the time in seconds after each accepted step, for progress bars and
+/// for giving up.
+///
+/// # Errors
+/// Those of [`solve`], and [`ReferenceError::Cancelled`] if `on_step` breaks.
+pub fn solve_with(
+    problem: &ReferenceProblem,
+    times: &[f64],
+    options: &ReferenceOptions,
+    on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<ReferenceSolution, ReferenceError> {
+    problem.validate()?;
+    check_times(times)?;
+    if !(1e-12..=1e-2).contains(&options.tolerance) {
+        return Err(ReferenceError::Tolerance(options.tolerance));
+    }
+    // Threads would cost more than they gain at these sizes, and make the last bits depend on their number.
+    faer::set_global_parallelism(faer::Par::Seq);
+    let system = coordinates::System::new(problem);
+    let y = system.start()?;
+    let solution = ReferenceSolution::new(problem.x0.len());
+    integrate::Run { system: &system, options, ahead: times, solution, t: 0.0, y }.finish(on_step)
+}
+
+fn check_times(times: &[f64]) -> Result<(), ReferenceError> {
+    let mut earlier = 0.0;
+    for (index, &at) in times.iter().enumerate() {
+        if !at.is_finite() || at < earlier {
+            return Err(ReferenceError::Times { index, at });
+        }
+        earlier = at;
+    }
+    Ok(())
+}
