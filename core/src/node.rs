@@ -285,7 +285,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     fn run_tick(&mut self) {
         let k = self.tick;
-        let sums = self.params.neighbours.sums(k, self.x, self.dx);
+        let mut sums = self.params.neighbours.sums(k, self.x, self.dx);
+        // The node knows its own state better than an f32 does: x - carry.
+        sums.nu += self.params.degree * self.carry;
         self.note_neighbours(&sums);
         let psi = self.floored_widths(k, sums.largest);
         let ratio = sums.nu.abs() / psi.now;
@@ -295,8 +297,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             Observation { tick: k, x: self.x, nu: sums.nu, psi: psi.now, ratio, u: solution.u };
 
         let before = self.x;
+        let before_carry = self.carry;
         midpoint_step(&self.params.field, self.params.tick, k, &mut self.x, &mut self.carry, solution.u);
-        self.dx = self.x - before;
+        self.dx = (self.x - self.carry) - (before - before_carry);
         self.tick = k.wrapping_add(1);
         count(&mut self.counters.ticks);
         if self.x.abs() <= self.params.state_limit {

@@ -22,8 +22,9 @@ pub const SMALLEST: f64 = 1e-9;
 pub const LARGEST_WEIGHT: f64 = 1e6;
 /// Shortest tick period, ns.
 pub const SHORTEST_TICK_NS: u32 = 10_000;
-/// Times the rounding error of a diffusive term below which a funnel is not resolved (LAW.md 4).
-pub const FLOOR_ULPS: f64 = 16.0;
+/// Width, in units of the last place of the largest state, below which a funnel is not resolved (LAW.md 4, and
+/// docs/notes/2026-11-23-first-light.md for why it does not depend on the degree).
+pub const FLOOR_ULPS: f64 = 256.0;
 
 /// What a node needs for a run, validated. `F` is the node's number type, `V` its vector field, `G` its gain.
 #[derive(Clone, Debug)]
@@ -46,8 +47,11 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     pub law: NodeWise<F, G>,
     /// Funnel.
     pub funnel: Funnel<F>,
-    /// Funnel floor per unit of the largest `|x|`: `FLOOR_ULPS * epsilon * degree`.
+    /// Funnel floor per unit of the largest `|x|`: `FLOOR_ULPS * epsilon * factor`, so that floored funnels
+    /// keep their ratios, and with them the emergent dynamics.
     pub floor_per_state: F,
+    /// Weighted degree `d`.
+    pub degree: F,
     /// Neighbour table, nobody heard yet.
     pub neighbours: Neighbours<F>,
 }
@@ -93,7 +97,8 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             field: field(tick),
             law: NodeWise::new(gain, tick, degree),
             funnel: Funnel::new(&config.funnel, tick, THETA),
-            floor_per_state: F::from_f64(FLOOR_ULPS * degree) * F::EPSILON,
+            floor_per_state: F::from_f64(FLOOR_ULPS * f64::from(config.funnel.factor)) * F::EPSILON,
+            degree: F::from_f64(degree),
             neighbours,
         })
     }

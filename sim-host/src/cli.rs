@@ -364,7 +364,8 @@ mod tests {
     #[test]
     fn a_failed_expectation_is_code_1_and_none_is_code_0() {
         let judged = |value| Expectation::below("funnel_ratio", 1.0, value);
-        let summary = |value| Summary { expect: vec![judged(Some(0.9)), judged(value)], ..Summary::default() };
+        let summary =
+            |value| Summary { expect: vec![judged(Some(0.9)), judged(value)], ..Summary::default() };
         assert_eq!(verdict(&summary(Some(0.9)), ""), Exit::Success);
         assert_eq!(verdict(&summary(Some(1.0)), ""), Exit::ExpectationFailed);
         assert_eq!(verdict(&summary(None), ""), Exit::ExpectationFailed);
