@@ -38,6 +38,7 @@ impl Process {
         let listener = UnixListener::bind(folder.path().join(SOCKET))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(EmulatorError::io("listen for the emulator's serial line"))?;
+        let log = File::create(folder.path().join(LOG)).map_err(EmulatorError::io("make the log file"))?;
         let errors = File::create(folder.path().join(ERRORS))
             .map_err(EmulatorError::io("make the emulator's error file"))?;
         let child = command(&options.qemu, &options.image, folder.path())
