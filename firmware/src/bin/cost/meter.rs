@@ -115,7 +115,10 @@ impl Table {
         match limit {
             Some(limit) if mean_tenths > limit * 10 => {
                 self.exceeded.set(self.exceeded.get() + 1);
-                println!("| {} | **{}.{}** | {} | {} EXCEEDED | {} |", name, whole, tenths, most, limit, what);
+                println!(
+                    "| {} | **{}.{}** | {} | {} EXCEEDED | {} |",
+                    name, whole, tenths, most, limit, what
+                );
             }
             Some(limit) => println!("| {} | {}.{} | {} | {} | {} |", name, whole, tenths, most, limit, what),
             None => println!("| {} | {}.{} | {} | | {} |", name, whole, tenths, most, what),

@@ -132,7 +132,8 @@ fn config(sines: usize) -> NodeConfig {
 
 /// Whole ticks over CAN and over the serial link.
 pub fn ticks(table: &Table) {
-    let (by_can, by_serial) = ([Bench::prepare_can, Bench::tick_can], [Bench::prepare_serial, Bench::tick_serial]);
+    let (by_can, by_serial) =
+        ([Bench::prepare_can, Bench::tick_can], [Bench::prepare_serial, Bench::tick_serial]);
     let what = "4 frames decoded and heard, law, field step, 1 frame encoded";
     for (name, sines, limit, calls) in [
         ("node tick, CAN, affine and 3 sines", 3, Some(TICK_LIMIT), by_can),
