@@ -28,6 +28,18 @@ struct Edge<F> {
     known: bool,
 }
 
+/// What enters the sums of the node itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Own<F> {
+    /// State, state units.
+    pub x: F,
+    /// What rounding has added to `x`: the node knows its state as `x - carry`, better than an f32 does, and a funnel near
+    /// its floor is kept the better for it.
+    pub carry: F,
+    /// Change of `x - carry` over the last tick, state units.
+    pub dx: F,
+}
+
 /// Sums over all known neighbours at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sums<F> {
@@ -110,9 +122,10 @@ impl<F: Real> Neighbours<F> {
         Ok(Heard::Newer)
     }
 
-    /// Sums at tick `k`, for the node's own state `x` and its change `dx` over the last tick.
+    /// Sums at tick `k`, for the node's own state.
     #[inline]
-    pub fn sums(&mut self, k: u32, x: F, dx: F) -> Sums<F> {
+    pub fn sums(&mut self, k: u32, own: Own<F>) -> Sums<F> {
+        let Own { x, carry, dx } = own;
         let mut sums = Sums { largest: x.abs(), ..Sums::default() };
         for edge in &mut self.edges {
             if !edge.known {
@@ -130,7 +143,7 @@ impl<F: Real> Neighbours<F> {
                 value += F::from_i32(age) * edge.increment;
                 sums.extrapolated += 1;
             }
-            sums.nu += edge.weight * (value - x);
+            sums.nu += edge.weight * ((value - x) + carry);
             sums.dnu += edge.weight * (edge.increment - dx);
             sums.largest = sums.largest.max(value.abs());
         }

@@ -8,7 +8,7 @@ use crate::funnel::Widths;
 use crate::gain::{BuiltinGain, Gain};
 use crate::law::node_wise::Memory;
 use crate::math::Real;
-use crate::neighbour::{Heard, Sums};
+use crate::neighbour::{Heard, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::Params;
 use funnel_protocol::config::TickSource;
@@ -285,9 +285,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     fn run_tick(&mut self) {
         let k = self.tick;
-        let mut sums = self.params.neighbours.sums(k, self.x, self.dx);
-        // The node knows its own state better than an f32 does: x - carry.
-        sums.nu += self.params.degree * self.carry;
+        let own = Own { x: self.x, carry: self.carry, dx: self.dx };
+        let sums = self.params.neighbours.sums(k, own);
         self.note_neighbours(&sums);
         let psi = self.floored_widths(k, sums.largest);
         let ratio = sums.nu.abs() / psi.now;
@@ -296,8 +295,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.observation =
             Observation { tick: k, x: self.x, nu: sums.nu, psi: psi.now, ratio, u: solution.u };
 
-        let before = self.x;
-        let before_carry = self.carry;
+        let (before, before_carry) = (self.x, self.carry);
         midpoint_step(&self.params.field, self.params.tick, k, &mut self.x, &mut self.carry, solution.u);
         self.dx = (self.x - self.carry) - (before - before_carry);
         self.tick = k.wrapping_add(1);

@@ -50,8 +50,6 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     /// Funnel floor per unit of the largest `|x|`: `FLOOR_ULPS * epsilon * factor`, so that floored funnels
     /// keep their ratios, and with them the emergent dynamics.
     pub floor_per_state: F,
-    /// Weighted degree `d`.
-    pub degree: F,
     /// Neighbour table, nobody heard yet.
     pub neighbours: Neighbours<F>,
 }
@@ -98,7 +96,6 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             law: NodeWise::new(gain, tick, degree),
             funnel: Funnel::new(&config.funnel, tick, THETA),
             floor_per_state: F::from_f64(FLOOR_ULPS * f64::from(config.funnel.factor)) * F::EPSILON,
-            degree: F::from_f64(degree),
             neighbours,
         })
     }

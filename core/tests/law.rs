@@ -37,7 +37,9 @@ proptest! {
         let gain = Reciprocal { scale: kappa };
         let exact = gain.solve(psi, b, r).u;
         let found = newton(&gain, psi, b, r).u;
-        prop_assert!((found - exact).abs() <= 1e-13 * exact, "{found:e} for {exact:e}");
+        // Where `mu^-1` is flat, rounding of the left side moves its root by far more than it is itself.
+        let rounding = 4.0 * f64::EPSILON * r / (psi * gain.inverse_slope(exact) + b);
+        prop_assert!((found - exact).abs() <= 1e-13 * exact + rounding, "{found:e} for {exact:e}");
     }
 
     #[test]

@@ -16,7 +16,7 @@ const MAX_REPLY: usize = MAX_RAW + 2;
 /// Runs a node on `link` until the link fails. `uid` is the chip's unique number, 0 where it has none.
 pub async fn run<L: Read + Write>(mut link: L, uid: u64) -> L::Error {
     defmt::info!("ready, wire version {=u8}", WIRE_VERSION);
-    let mut session = Session::new(Identity { wire_version: WIRE_VERSION, firmware: version(), id: 0, uid });
+    let mut session = Session::new(Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid });
     let mut deframer: Deframer = Deframer::new();
     loop {
         if let Err(error) = step(&mut session, &mut deframer, &mut link).await {
@@ -35,12 +35,10 @@ async fn step<L: Read + Write>(
     let count = match session.poll_at() {
         None => link.read(&mut bytes).await?,
         // Dropping a pending read loses nothing (see the links).
-        Some(at) => {
-            match select(link.read(&mut bytes), Timer::at(Instant::from_micros(at.div_ceil(1000)))).await {
-                Either::First(count) => count?,
-                Either::Second(()) => 0,
-            }
-        }
+        Some(at) => match select(link.read(&mut bytes), Timer::at(instant(at))).await {
+            Either::First(count) => count?,
+            Either::Second(()) => 0,
+        },
     };
     for &byte in bytes.iter().take(count) {
         if let Some(frame) = deframer.push(byte) {
@@ -79,9 +77,27 @@ fn now() -> u64 {
     Instant::now().as_micros() * 1000
 }
 
+/// The clock's first instant at or after `at` (ns), or an earlier one where that is more than four seconds away: a
+/// node that is polled early does nothing. So the division is one of 32 bits, which is an instruction.
+fn instant(at: u64) -> Instant {
+    let now = Instant::now();
+    let wait_ns = at.saturating_sub(now.as_micros() * 1000);
+    let wait_us = u32::try_from(wait_ns).unwrap_or(u32::MAX).div_ceil(1000);
+    Instant::from_micros(now.as_micros() + u64::from(wait_us))
+}
+
 /// The version of this package: major, minor, patch.
-fn version() -> [u8; 3] {
-    let part = |text: &str| text.parse().unwrap_or(0);
-    [env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR"), env!("CARGO_PKG_VERSION_PATCH")]
-        .map(part)
+const VERSION: [u8; 3] = [
+    number(env!("CARGO_PKG_VERSION_MAJOR")),
+    number(env!("CARGO_PKG_VERSION_MINOR")),
+    number(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+/// A decimal number, read at compile time.
+#[allow(clippy::panic)]
+const fn number(text: &str) -> u8 {
+    match u8::from_str_radix(text, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("a version has parts of 0 to 255"),
+    }
 }

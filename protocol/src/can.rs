@@ -44,6 +44,7 @@ impl CanFrame {
 }
 
 /// Encodes `message` in its plain form.
+#[inline]
 pub fn encode(message: &Message) -> CanFrame {
     match *message {
         Message::Ctrl { target, command, arg, at_tick } => {
@@ -72,6 +73,7 @@ pub fn encode(message: &Message) -> CanFrame {
 ///
 /// # Errors
 /// `Kind`, `Length`, `Value` (a field that this version does not define) or `NotFinite`.
+#[inline]
 pub fn decode(id: u16, data: &[u8]) -> Result<Message, Refusal> {
     let function = ((id >> 7) & 0xF) as u8;
     let node = (id & 0x7F) as u8;

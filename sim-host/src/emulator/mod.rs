@@ -6,7 +6,7 @@
 
 mod error;
 mod link;
-mod log;
+pub mod log;
 mod process;
 
 pub use error::EmulatorError;
