@@ -3,3 +3,4 @@
 pub mod progress;
 pub mod record;
 pub mod reference;
+pub mod report;

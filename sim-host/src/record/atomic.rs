@@ -64,10 +64,7 @@ impl AtomicFile {
     ///
     /// # Errors
     /// [`RecordError`], for example on a full disk.
-    pub fn write(
-        &mut self,
-        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-    ) -> Result<(), RecordError> {
+    pub fn write(&mut self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), RecordError> {
         let result = match &mut self.file {
             Some(file) => write(file),
             None => Ok(()),

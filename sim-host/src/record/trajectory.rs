@@ -38,11 +38,7 @@ impl TrajectoryWriter {
     ///
     /// # Errors
     /// [`RecordError`], naming `path` and the reason.
-    pub fn create(
-        path: impl Into<PathBuf>,
-        nodes: usize,
-        precision: Precision,
-    ) -> Result<Self, RecordError> {
+    pub fn create(path: impl Into<PathBuf>, nodes: usize, precision: Precision) -> Result<Self, RecordError> {
         let mut file = AtomicFile::create(path)?;
         file.write(|out| header(out, nodes))?;
         Ok(Self { file, nodes, precision })

@@ -78,7 +78,8 @@ impl Run<'_> {
         problem.ode_options.min_timestep = 4.0 * f64::EPSILON * t0.max(1e-6);
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
         let mut solver = problem.bdf::<RowPivotingLu>().map_err(why)?;
-        let narrow = if relative < self.options.tolerance * LOCAL_SHARE { widest(system, t0) / STRETCH } else { 0.0 };
+        let narrow =
+            if relative < self.options.tolerance * LOCAL_SHARE { widest(system, t0) / STRETCH } else { 0.0 };
         while !self.ahead.is_empty() && widest(system, self.t) > narrow {
             solver.step().map_err(why)?;
             self.accept(solver.state().t, solver.state().y.clone_as_vec())?;
@@ -171,7 +172,9 @@ fn widest(system: &System, t: f64) -> f64 {
 
 fn why(error: DiffsolError) -> Stop {
     Stop::Solver(match error {
-        DiffsolError::OdeSolverError(OdeSolverError::StepSizeTooSmall { .. }) => "the step size collapsed".into(),
+        DiffsolError::OdeSolverError(OdeSolverError::StepSizeTooSmall { .. }) => {
+            "the step size collapsed".into()
+        }
         other => other.to_string(),
     })
 }

@@ -7,7 +7,7 @@
 mod coordinates;
 mod error;
 #[cfg(test)]
-mod examples;
+pub(crate) mod examples;
 mod integrate;
 mod lu;
 mod math;

@@ -60,7 +60,8 @@ fn pseudo_inverse(nodes: usize, edges: &[(usize, usize, f64)], degrees: &[f64]) 
     let count = nodes as f64;
     let mean_degree = degrees.iter().sum::<f64>() / count;
     let shift = if mean_degree > 0.0 { mean_degree } else { 1.0 };
-    let mut matrix = Mat::<f64>::from_fn(nodes, nodes, |i, j| shift / count + if i == j { degrees[i] } else { 0.0 });
+    let mut matrix =
+        Mat::<f64>::from_fn(nodes, nodes, |i, j| shift / count + if i == j { degrees[i] } else { 0.0 });
     for &(i, j, weight) in edges {
         matrix[(i, j)] -= weight;
         matrix[(j, i)] -= weight;

@@ -182,8 +182,12 @@ impl ReferenceProblem {
     }
 
     fn check_shapes(&self, nodes: usize) -> Result<(), ReferenceError> {
-        let lengths =
-            [("x0", nodes), ("fields", self.fields.len()), ("gains", self.gains.len()), ("funnels", self.funnels.len())];
+        let lengths = [
+            ("x0", nodes),
+            ("fields", self.fields.len()),
+            ("gains", self.gains.len()),
+            ("funnels", self.funnels.len()),
+        ];
         match lengths.into_iter().find(|&(_, n)| n != nodes || n == 0) {
             Some((what, found)) => Err(ReferenceError::Shape { what, found, expected: nodes.max(1) }),
             None => Ok(()),
@@ -265,7 +269,10 @@ mod tests {
                 assert!((gain.inverse(u) - s).abs() < 1e-15, "{gain:?} at {s}");
                 let h = 1e-6 * (1.0 + u.abs());
                 let slope = (gain.inverse(u + h) - gain.inverse(u - h)) / (2.0 * h);
-                assert!((slope - gain.inverse_slope(u)).abs() < 1e-5 * gain.inverse_slope(u), "{gain:?} at {s}");
+                assert!(
+                    (slope - gain.inverse_slope(u)).abs() < 1e-5 * gain.inverse_slope(u),
+                    "{gain:?} at {s}"
+                );
             }
             assert!(gain.inverse(1e300) < 1.0);
         }
