@@ -1,9 +1,9 @@
 //! Every node inside its funnel: small multiples.
 //!
-//! Each node gets its diffusive term against its funnel, and the ratio of the two below, which shows how near the
-//! boundary the node is however narrow the funnel has become. A funnel that stays within a factor of
-//! [`LINEAR`] is drawn as a band `+-psi`; one that shrinks further is drawn as `psi` and `|nu|` on a logarithmic
-//! axis, where the band would be a line along 0.
+//! Each node gets its diffusive term against its funnel, and the ratio of the two below, which shows how
+//! near the boundary the node is however narrow the funnel has become. A funnel that stays within a factor
+//! of [`LINEAR`] is drawn as a band `+-psi`; one that shrinks further is drawn as `psi` and `|nu|` on a
+//! logarithmic axis, where the band would be a line along 0.
 
 use std::ops::Range;
 
@@ -26,15 +26,15 @@ const HEAD: u32 = 62;
 /// Height of the ratio panel, in pixels.
 const RATIO: u32 = 130;
 
-/// `nu_i` inside its funnel for each node, as SVG text; of more than twelve nodes the twelve that came nearest to
-/// the boundary.
+/// `nu_i` inside its funnel for each node, as SVG text; of more than twelve nodes the twelve that came
+/// nearest to the boundary.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
 pub fn funnels_svg(trace: &Trace) -> Result<String, PlotError> {
     let (first, last) = trace.span()?;
     let shown = shown(&trace.nodes);
-    let columns = shown.len().min(3).max(1);
+    let columns = shown.len().clamp(1, 3);
     let rows = shown.len().div_ceil(columns);
     let size = (CELL.0 * columns as u32, HEAD + CELL.1 * rows as u32);
     let mut svg = String::new();

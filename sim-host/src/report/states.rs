@@ -13,8 +13,8 @@ const SIZE: (u32, u32) = (1000, 520);
 /// Width of the legend, in pixels.
 const LEGEND: u32 = 130;
 
-/// The states `x_i` with the emergent trajectory `xi` dashed in black on top, as SVG text. Up to twelve nodes get
-/// a colour each; more are drawn alike.
+/// The states `x_i` with the emergent trajectory `xi` dashed in black on top, as SVG text. Up to twelve
+/// nodes get a colour each; more are drawn alike.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.

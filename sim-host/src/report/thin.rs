@@ -3,8 +3,8 @@
 /// At most this many points a curve.
 pub(super) const POINTS: usize = 2000;
 
-/// The finite points of a curve, thinned to at most [`POINTS`]: of each stretch the first lowest and highest, in
-/// order, so that a single spike survives. Both ends stay.
+/// The finite points of a curve, thinned to at most [`POINTS`]: of each stretch the first lowest and
+/// highest, in order, so that a single spike survives. Both ends stay.
 pub(super) fn thin(t: &[f64], y: impl Fn(usize) -> f64) -> Vec<(f64, f64)> {
     let finite: Vec<(f64, f64)> =
         t.iter().enumerate().map(|(k, &t)| (t, y(k))).filter(|p| p.1.is_finite()).collect();

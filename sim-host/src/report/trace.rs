@@ -30,7 +30,8 @@ impl Trace {
         Self { title: title.into(), ..Self::default() }
     }
 
-    /// Appends a row. All rows of a trace have the same number of nodes; what a shorter row lacks is not drawn.
+    /// Appends a row. All rows of a trace have the same number of nodes; what a shorter row lacks is not
+    /// drawn.
     pub fn push(&mut self, row: &Row) {
         if self.nodes.is_empty() {
             self.nodes = (1..=row.x.len()).map(|id| Node { id, ..Node::default() }).collect();
