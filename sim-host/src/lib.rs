@@ -18,5 +18,6 @@ pub mod progress;
 pub mod random;
 pub mod record;
 pub mod reference;
+pub mod report;
 pub mod run;
 pub mod scenario;

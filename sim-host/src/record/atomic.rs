@@ -20,8 +20,8 @@ pub struct RecordError {
 /// Distinguishes the temporary files of one process.
 static COUNT: AtomicU64 = AtomicU64::new(0);
 
-/// A buffered file under a temporary name beside `path`. [`commit`](Self::commit) gives it its name; dropping it
-/// before that removes it. A file that had the name before stays until then.
+/// A buffered file under a temporary name beside `path`. [`commit`](Self::commit) gives it its name;
+/// dropping it before that removes it. A file that had the name before stays until then.
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,

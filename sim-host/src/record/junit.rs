@@ -4,8 +4,8 @@ use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::summary::{Expectation, Summary};
 
-/// The text of a JUnit file: one suite, named after the scenario, with one test case per expectation. A failure
-/// carries `repeat`, the command that repeats the run.
+/// The text of a JUnit file: one suite, named after the scenario, with one test case per expectation. A
+/// failure carries `repeat`, the command that repeats the run.
 pub fn junit(summary: &Summary, repeat: &str) -> String {
     let mut suite = TestSuite::new(summary.scenario.as_str());
     suite.set_time(std::time::Duration::try_from_secs_f64(summary.wall_s).unwrap_or_default());

@@ -12,6 +12,8 @@ mod trajectory;
 pub use atomic::{AtomicFile, RecordError, write_atomic};
 pub use junit::junit;
 pub use number::{Precision, shortest};
-pub use summary::{Bus, Emergent, Expectation, Funnel, Reference, Summary, Sync};
+pub use summary::{
+    BusSummary, EmergentSummary, Expectation, FunnelSummary, ReferenceSummary, Summary, SyncSummary,
+};
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, TrajectoryWriter};

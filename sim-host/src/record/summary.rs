@@ -25,15 +25,15 @@ pub struct Summary {
     /// See [`TraceHash`](super::TraceHash); `null` where no `f32` node ran.
     pub trace_hash: Option<String>,
     /// How the funnels held.
-    pub funnel: Option<Funnel>,
+    pub funnel: Option<FunnelSummary>,
     /// How far apart the nodes ended.
-    pub sync: Option<Sync>,
+    pub sync: Option<SyncSummary>,
     /// How far from the emergent dynamics.
-    pub emergent: Option<Emergent>,
+    pub emergent: Option<EmergentSummary>,
     /// How far from the continuous-time reference.
-    pub reference: Option<Reference>,
+    pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
-    pub bus: Option<Bus>,
+    pub bus: Option<BusSummary>,
     /// The scenario's expectations, in its order.
     pub expect: Vec<Expectation>,
     /// Wall time of the run, in seconds.
@@ -42,7 +42,7 @@ pub struct Summary {
 
 /// How the funnels held.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Funnel {
+pub struct FunnelSummary {
     /// The largest `|nu| / psi` over all nodes and ticks.
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
@@ -51,7 +51,7 @@ pub struct Funnel {
 
 /// How far apart the nodes ended.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Sync {
+pub struct SyncSummary {
     /// `max x - min x` at the end, in state units.
     pub final_spread: f64,
     /// `2 sqrt(N) / lambda2 * max psi` at the end, in state units.
@@ -62,7 +62,7 @@ pub struct Sync {
 
 /// How far from the emergent dynamics.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Emergent {
+pub struct EmergentSummary {
     /// `max |x_i - xi|` at the end, in state units.
     pub final_error: f64,
     /// `xi` at the end, in state units.
@@ -71,7 +71,7 @@ pub struct Emergent {
 
 /// How far from the continuous-time reference, in state units.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Reference {
+pub struct ReferenceSummary {
     /// Over all nodes and recorded times.
     pub max_error: f64,
     /// Over all nodes, at the end.
@@ -80,7 +80,7 @@ pub struct Reference {
 
 /// What the bus carried.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct Bus {
+pub struct BusSummary {
     /// Share of the time that the bus was busy, 0 to 1; 0 on a bus without a bit rate.
     pub utilisation: f64,
     /// Frames sent.
@@ -145,10 +145,10 @@ pub(super) mod tests {
             ticks: 20000,
             tick_s: 0.001,
             trace_hash: Some("00000000deadbeef".into()),
-            funnel: Some(Funnel { max_ratio: 0.955, breaches: 0 }),
-            sync: Some(Sync { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
-            emergent: Some(Emergent { final_error: 0.25, xi_final: -3.0 }),
-            bus: Some(Bus { refused: [("crc".into(), 3)].into(), sent: 7, ..Bus::default() }),
+            funnel: Some(FunnelSummary { max_ratio: 0.955, breaches: 0 }),
+            sync: Some(SyncSummary { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
+            emergent: Some(EmergentSummary { final_error: 0.25, xi_final: -3.0 }),
+            bus: Some(BusSummary { refused: [("crc".into(), 3)].into(), sent: 7, ..BusSummary::default() }),
             expect: vec![
                 Expectation::below("funnel_ratio", 1.0, Some(0.955)),
                 Expectation::below("final_spread", 0.1, Some(0.5)),

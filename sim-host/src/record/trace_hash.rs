@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// FNV-1a (64 bit) over the little-endian `f32` bytes of every state, by tick, then id, then component, tick 0
-/// included: equal hashes mean equal runs, on any machine. Prints as 16 hex digits.
+/// FNV-1a (64 bit) over the little-endian `f32` bytes of every state, by tick, then id, then component, tick
+/// 0 included: equal hashes mean equal runs, on any machine. Prints as 16 hex digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TraceHash(u64);
 
@@ -48,8 +48,8 @@ impl fmt::Display for TraceHash {
 mod tests {
     use super::*;
 
-    /// The value for the bytes "foob" is from an independent implementation that gives the published 0x85944171f73967e8
-    /// for "foobar".
+    /// The value for the bytes "foob" is from an independent implementation that gives the published
+    /// 0x85944171f73967e8 for "foobar".
     #[test]
     fn the_hash_is_fnv_1a() {
         let mut hash = TraceHash::new();

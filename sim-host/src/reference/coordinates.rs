@@ -1,17 +1,21 @@
 //! The closed loop in the coordinates (mean of the states, coupling inputs).
 //!
-//! In the states themselves the problem loses its digits as the funnel narrows: `nu / psi` is a small difference
-//! of large numbers over a small one, and a Newton iterate or a rounding error can leave the funnel, where the
-//! law is not defined. Here the unknowns are `m = mean(x)` and `u_i = mu_i(nu_i / psi_i)`, and
+//! In the states themselves the problem loses its digits as the funnel narrows: `nu / psi` is a small
+//! difference of large numbers over a small one, and a Newton iterate or a rounding error can leave the
+//! funnel, where the law is not defined. Here the unknowns are `m = mean(x)` and `u_i = mu_i(nu_i / psi_i)`,
+//! and
 //!
-//!     nu_i = psi_i mu_i^-1(u_i),        x = m - L^+ nu,        w_i = f_i(t, x_i) + u_i,
-//!     m'   = mean(w),
-//!     (mu_i^-1)'(u_i) u_i' = (1/psi_i) sum_j alpha_ij (w_j - w_i) - (psi_i'/psi_i) mu_i^-1(u_i) - beta sigma.
+//! ```text
+//! nu_i = psi_i mu_i^-1(u_i),        x = m - L^+ nu,        w_i = f_i(t, x_i) + u_i,
+//! m'   = mean(w),
+//! (mu_i^-1)'(u_i) u_i' = (1/psi_i) sum_j alpha_ij (w_j - w_i)
+//!                        - (psi_i'/psi_i) mu_i^-1(u_i) - beta sigma.
+//! ```
 //!
-//! Any real `u` is inside the funnel, so every iterate and every accepted state is; and `psi -> 0` is an ordinary
-//! singular perturbation, the limit being the emergent dynamics. The last term is 0 in the exact solution, where
-//! `sigma = sum_j nu_j / sum_j psi_j = 0`; it damps the rounding and truncation errors that would otherwise stay
-//! in `sum_j nu_j` while `psi` shrinks below them.
+//! Any real `u` is inside the funnel, so every iterate and every accepted state is; and `psi -> 0` is an
+//! ordinary singular perturbation, the limit being the emergent dynamics. The last term is 0 in the exact
+//! solution, where `sigma = sum_j nu_j / sum_j psi_j = 0`; it damps the rounding and truncation errors that
+//! would otherwise stay in `sum_j nu_j` while `psi` shrinks below them.
 
 use std::cell::RefCell;
 

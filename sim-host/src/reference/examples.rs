@@ -2,26 +2,26 @@
 
 use super::{Affine, Funnel, Gain, ReferenceProblem, Sine};
 
-pub(super) type Edges = Vec<(usize, usize, f64)>;
+pub(crate) type Edges = Vec<(usize, usize, f64)>;
 
-pub(super) fn path(nodes: usize) -> Edges {
+pub(crate) fn path(nodes: usize) -> Edges {
     (1..nodes).map(|i| (i - 1, i, 1.0)).collect()
 }
 
-pub(super) fn ring(nodes: usize) -> Edges {
+pub(crate) fn ring(nodes: usize) -> Edges {
     (0..nodes).map(|i| (i, (i + 1) % nodes, 1.0)).collect()
 }
 
-pub(super) fn star(nodes: usize) -> Edges {
+pub(crate) fn star(nodes: usize) -> Edges {
     (1..nodes).map(|i| (0, i, 1.0)).collect()
 }
 
-pub(super) fn complete(nodes: usize) -> Edges {
+pub(crate) fn complete(nodes: usize) -> Edges {
     (0..nodes).flat_map(|i| (i + 1..nodes).map(move |j| (i, j, 1.0))).collect()
 }
 
 /// Example 3 of the paper with constants that look random, `psi = 38 e^-t + end`.
-pub(super) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
+pub(crate) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
     let delta = [0.12, -0.31, 0.45, -0.08, 0.27];
     let slow = [(0.62, 1.31), (-0.85, 4.02), (0.33, 0.55), (1.10, 2.77), (-0.47, 5.60)];
     let fast = [(0.71, 3.90), (0.28, 0.84), (-0.96, 2.15), (0.54, 5.03), (-0.39, 1.48)];
@@ -45,7 +45,7 @@ pub(super) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
 }
 
 /// `x_i' = f_i* - x_i + u_i` on a path of 11, `f_i*` over three decades, `psi = 1200 e^-t`.
-pub(super) fn narrow_path() -> ReferenceProblem {
+pub(crate) fn narrow_path() -> ReferenceProblem {
     let targets = [0.56, -3.1, 560.0, 12.0, -44.0, 1.9, 230.0, -8.7, 75.0, 0.9, -310.0];
     let field = |offset: &f64| Affine { slope: -1.0, offset: *offset, sines: Vec::new() };
     ReferenceProblem {

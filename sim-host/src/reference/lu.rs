@@ -1,7 +1,8 @@
 //! LU factors with row exchanges only, for diffsol.
 //!
-//! diffsol's own `FaerLU` exchanges columns too, which costs more than all the rest of a run (60 % of the time at
-//! 127 nodes) and buys nothing here: the Newton matrices of steps that converge are well conditioned.
+//! diffsol's own `FaerLU` exchanges columns too, which costs more than all the rest of a run (60 % of the
+//! time at 127 nodes) and buys nothing here: the Newton matrices of steps that converge are well
+//! conditioned.
 
 use diffsol_la::error::{LaError, LinearSolverError};
 use diffsol_la::{FaerContext, FaerMat, FaerVec, LinearOp, LinearSolver, Matrix, MatrixCommon, Vector};

@@ -1,13 +1,13 @@
 //! The continuous-time closed loop in `f64`, as exact as a stiff adaptive solver makes it: what every other
 //! fidelity is measured against.
 //!
-//! diffsol's BDF integrates, and the coordinates ([`coordinates`]) are chosen so that a state outside the funnel
-//! cannot be written down. The system is dense: time grows as `N^3`, memory as `N^2`.
+//! diffsol's BDF integrates, and the coordinates (`coordinates.rs`) are chosen so that a state outside the
+//! funnel cannot be written down. The system is dense: time grows as `N^3`, memory as `N^2`.
 
 mod coordinates;
 mod error;
 #[cfg(test)]
-mod examples;
+pub(crate) mod examples;
 mod integrate;
 mod lu;
 mod network;
@@ -27,8 +27,8 @@ pub use solution::ReferenceSolution;
 /// Solves `problem` from `t = 0` and returns the states at `times` (seconds, ascending, at least 0).
 ///
 /// # Errors
-/// A problem that is malformed or starts outside its funnel is refused; a run that cannot be resolved to the end
-/// is [`ReferenceError::Unresolved`], which carries the rows up to there.
+/// A problem that is malformed or starts outside its funnel is refused; a run that cannot be resolved to the
+/// end is [`ReferenceError::Unresolved`], which carries the rows up to there.
 pub fn solve(
     problem: &ReferenceProblem,
     times: &[f64],
@@ -37,8 +37,8 @@ pub fn solve(
     solve_with(problem, times, options, &mut |_| ControlFlow::Continue(()))
 }
 
-/// Like [`solve`], and calls `on_step` with the time in seconds after each accepted step, for progress bars and
-/// for giving up.
+/// Like [`solve`], and calls `on_step` with the time in seconds after each accepted step, for progress bars
+/// and for giving up.
 ///
 /// # Errors
 /// Those of [`solve`], and [`ReferenceError::Cancelled`] if `on_step` breaks.

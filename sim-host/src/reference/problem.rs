@@ -21,7 +21,8 @@ pub struct ReferenceProblem {
     pub funnels: Vec<Funnel>,
 }
 
-/// The vector field `slope * x + offset + sum amplitude * sin(frequency * t + phase)`, state units per second.
+/// The vector field `slope * x + offset + sum amplitude * sin(frequency * t + phase)`, state units per
+/// second.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Affine {
     /// `df/dx`, in 1/s.

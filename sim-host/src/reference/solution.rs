@@ -25,8 +25,8 @@ pub struct ReferenceSolution {
     pub max_ratio: f64,
     /// When that was, in seconds.
     pub max_ratio_at: f64,
-    /// The largest `|sum_i nu_i| / sum_i psi_i` at an accepted step. It is 0 in the exact solution and a measure
-    /// of the error relative to the funnel that no tolerance on `x` sees.
+    /// The largest `|sum_i nu_i| / sum_i psi_i` at an accepted step. It is 0 in the exact solution and a
+    /// measure of the error relative to the funnel that no tolerance on `x` sees.
     pub max_defect: f64,
     /// Accepted steps.
     pub steps: usize,

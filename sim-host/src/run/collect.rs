@@ -2,7 +2,7 @@
 
 use super::outcome::Outcome;
 use crate::emergent::EmergentTrajectory;
-use crate::record::{Reference, Row, TraceHash, shortest};
+use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
 use crate::scenario::Scenario;
 use funnel_core::Observation;
@@ -17,7 +17,7 @@ pub struct Collector<'a> {
     hash: TraceHash,
     max_ratio: f32,
     breaches: u64,
-    reference_error: Reference,
+    reference_error: ReferenceSummary,
     outcome: Outcome,
 }
 
@@ -32,7 +32,7 @@ impl<'a> Collector<'a> {
             hash: TraceHash::new(),
             max_ratio: 0.0,
             breaches: 0,
-            reference_error: Reference::default(),
+            reference_error: ReferenceSummary::default(),
             outcome: Outcome::default(),
         }
     }

@@ -10,7 +10,7 @@ use crate::configure::{Drive, listeners, node_configs};
 use crate::emulator::{Emulator, EmulatorOptions, decode_log};
 use crate::engine::Engine;
 use crate::progress::Progress;
-use crate::record::Bus;
+use crate::record::BusSummary;
 use crate::scenario::Scenario;
 use funnel_core::{Node, Params};
 use funnel_protocol::Refusal;
@@ -94,7 +94,7 @@ fn check_interrupt(options: &RunOptions) -> Result<(), RunError> {
     if options.interrupt.is_set() { Err(RunError::interrupted()) } else { Ok(()) }
 }
 
-fn bus_record(traffic: Traffic, counters: impl Iterator<Item = Counters>) -> Bus {
+fn bus_record(traffic: Traffic, counters: impl Iterator<Item = Counters>) -> BusSummary {
     let mut refused: BTreeMap<_, _> =
         Refusal::ALL.iter().map(|reason| (reason.name().to_owned(), 0)).collect();
     for counters in counters {
@@ -102,5 +102,5 @@ fn bus_record(traffic: Traffic, counters: impl Iterator<Item = Counters>) -> Bus
             *refused.entry(reason.name().to_owned()).or_default() += u64::from(counters.refused(reason));
         }
     }
-    Bus { utilisation: 0.0, sent: traffic.sent, lost: traffic.lost, refused }
+    BusSummary { utilisation: 0.0, sent: traffic.sent, lost: traffic.lost, refused }
 }

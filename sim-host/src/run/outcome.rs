@@ -2,7 +2,10 @@
 
 use super::options::Fidelity;
 use crate::engine::NodeEvent;
-use crate::record::{Bus, Emergent, Expectation, Funnel, Reference, Row, Summary, Sync, TraceHash};
+use crate::record::{
+    BusSummary, EmergentSummary, Expectation, FunnelSummary, ReferenceSummary, Row, Summary, SyncSummary,
+    TraceHash,
+};
 use crate::scenario::Scenario;
 
 /// What a run came to.
@@ -21,9 +24,9 @@ pub struct Outcome {
     /// Hash of all states, where f32 nodes ran.
     pub hash: Option<TraceHash>,
     /// Distance to the reference, where there is a whole one.
-    pub reference: Option<Reference>,
+    pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
-    pub bus: Option<Bus>,
+    pub bus: Option<BusSummary>,
     /// What nodes reported.
     pub events: Vec<NodeEvent>,
     /// Logs of emulated nodes: id and text.
@@ -34,8 +37,9 @@ impl Outcome {
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
         let final_spread = spread(&self.last);
-        let emergent =
-            self.xi_final.map(|xi_final| Emergent { final_error: distance(&self.last, xi_final), xi_final });
+        let emergent = self
+            .xi_final
+            .map(|xi_final| EmergentSummary { final_error: distance(&self.last, xi_final), xi_final });
         Summary {
             scenario: scenario.title.clone(),
             seed: scenario.seed,
@@ -44,8 +48,8 @@ impl Outcome {
             ticks: scenario.time.ticks,
             tick_s: scenario.time.tick_s(),
             trace_hash: self.hash.map(|hash| hash.to_string()),
-            funnel: Some(Funnel { max_ratio: self.max_ratio, breaches: self.breaches }),
-            sync: Some(Sync {
+            funnel: Some(FunnelSummary { max_ratio: self.max_ratio, breaches: self.breaches }),
+            sync: Some(SyncSummary {
                 final_spread,
                 bound: scenario.sync_bound(scenario.time.end_s()),
                 lambda2: scenario.graph.lambda2(),
@@ -62,7 +66,7 @@ impl Outcome {
         &self,
         scenario: &Scenario,
         final_spread: f64,
-        emergent: Option<Emergent>,
+        emergent: Option<EmergentSummary>,
     ) -> Vec<Expectation> {
         let expect = &scenario.expect;
         let judged = [

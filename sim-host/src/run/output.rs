@@ -4,7 +4,9 @@ use super::error::RunError;
 use super::options::{Fidelity, RunOptions};
 use super::outcome::Outcome;
 use crate::engine::NodeEvent;
+use crate::exit::Exit;
 use crate::record::{AtomicFile, Precision, RecordError, Summary, TrajectoryWriter, junit, write_atomic};
+use crate::report::{PlotError, Trace, funnels_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -77,13 +79,25 @@ fn commit(mut file: AtomicFile, text: &str) -> Result<(), RecordError> {
     file.commit()
 }
 
-fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RecordError> {
+fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
     write_atomic(folder.join("events.txt"), events(&outcome.events).as_bytes())?;
     for (id, log) in &outcome.logs {
         write_atomic(folder.join(format!("node-{id}.log")), log.as_bytes())?;
     }
-    let _ = scenario;
+    write_plots(folder, scenario, outcome)
+}
+
+fn write_plots(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
+    let mut trace = Trace::new(scenario.title.as_str());
+    outcome.rows.iter().for_each(|row| trace.push(row));
+    write_atomic(folder.join("states.svg"), plot(states_svg(&trace))?.as_bytes())?;
+    write_atomic(folder.join("funnels.svg"), plot(funnels_svg(&trace))?.as_bytes())?;
     Ok(())
+}
+
+/// A plot that cannot be drawn from whole rows is a defect of the program.
+fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
+    svg.map_err(|error| RunError { message: error.to_string(), exit: Exit::Defect })
 }
 
 /// What nodes reported, a line each: time, node, event.

@@ -6,7 +6,7 @@ use super::outcome::Outcome;
 use crate::emergent::EmergentTrajectory;
 use crate::exit::Exit;
 use crate::progress::Progress;
-use crate::record::{Reference, Row};
+use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
 use crate::scenario::{FunnelSpec, GainSpec, Scenario};
 use std::ops::ControlFlow;
@@ -20,7 +20,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let mut xi = EmergentTrajectory::new(scenario);
     let mut outcome = Outcome { max_ratio: solution.max_ratio, ..Outcome::default() };
     // The reference is its own reference.
-    outcome.reference = Some(Reference::default());
+    outcome.reference = Some(ReferenceSummary::default());
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
         row.xi = xi.as_mut().map(|xi| xi.advance(row.t));
         (outcome.last, outcome.xi_final) = (row.x.clone(), row.xi);

@@ -1,0 +1,29 @@
+//! Plots of a run as SVG text.
+//!
+//! [`states_svg`] shows the states and the emergent trajectory, [`funnels_svg`] each node inside its funnel.
+
+mod axis;
+mod funnels;
+mod legend;
+mod states;
+mod style;
+mod thin;
+mod trace;
+
+pub use funnels::funnels_svg;
+pub use states::states_svg;
+pub use trace::Trace;
+
+/// A plot could not be drawn: there is nothing to show, or the plotting library refused.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot draw the plot: {0}")]
+pub struct PlotError(String);
+
+impl PlotError {
+    fn new(reason: impl std::fmt::Display) -> Self {
+        Self(reason.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+//! All states over time, and the emergent trajectory.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use super::legend::{self, Entry};
+use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
+use super::thin::thin;
+use super::trace::Trace;
+use super::{PlotError, axis};
+
+const SIZE: (u32, u32) = (1000, 520);
+/// Width of the legend, in pixels.
+const LEGEND: u32 = 130;
+
+/// The states `x_i` with the emergent trajectory `xi` dashed in black on top, as SVG text. Up to twelve
+/// nodes get a colour each; more are drawn alike.
+///
+/// # Errors
+/// [`PlotError`] if the trace has rows at fewer than two times.
+pub fn states_svg(trace: &Trace) -> Result<String, PlotError> {
+    let (first, last) = trace.span()?;
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (px(SIZE.0), px(SIZE.1))).into_drawing_area();
+        root.fill(&WHITE).map_err(PlotError::new)?;
+        let (left, right) = root.split_horizontally(px(SIZE.0 - LEGEND));
+        let title = Text::new(trace.title.clone(), at(76, 14), font(20).color(&INK));
+        left.draw(&title).map_err(PlotError::new)?;
+        curves(&left, trace, first..last)?;
+        legend::draw(&right.margin(px(42), 0, 0, 0), &entries(trace))?;
+        root.present().map_err(PlotError::new)?;
+    }
+    Ok(shrink(&svg, SIZE))
+}
+
+fn curves<DB: DrawingBackend>(
+    area: &DrawingArea<DB, Shift>,
+    trace: &Trace,
+    span: std::ops::Range<f64>,
+) -> Result<(), PlotError> {
+    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).copied();
+    let mut chart = ChartBuilder::on(area)
+        .margin_left(px(6))
+        .margin_top(px(44))
+        .margin_right(px(16))
+        .margin_bottom(px(8))
+        .x_label_area_size(px(46))
+        .y_label_area_size(px(70))
+        .build_cartesian_2d(span, axis::padded(values))
+        .map_err(PlotError::new)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(line(FAINT, 1))
+        .axis_style(line(INK, 1))
+        .set_all_tick_mark_size(px(5))
+        .label_style(font(15).color(&INK))
+        .axis_desc_style(font(17).color(&INK))
+        .x_desc("time t in s")
+        .y_desc("state x in state units")
+        .x_label_formatter(&axis::label)
+        .y_label_formatter(&axis::label)
+        .draw()
+        .map_err(PlotError::new)?;
+    for (k, node) in trace.nodes.iter().enumerate() {
+        let style = if trace.nodes.len() <= NODES { line(colour(k), 2) } else { line(CROWD, 1) };
+        let points = thin(&trace.t, |k| node.x[k]);
+        chart.draw_series(LineSeries::new(points, style)).map_err(PlotError::new)?;
+    }
+    let points = thin(&trace.t, |k| trace.xi[k]);
+    chart.draw_series(DashedLineSeries::new(points, px(7), px(4), line(BLACK, 2))).map_err(PlotError::new)?;
+    Ok(())
+}
+
+fn entries(trace: &Trace) -> Vec<Entry> {
+    let count = trace.nodes.len();
+    let mut entries: Vec<Entry> = if count <= NODES {
+        let entry = |(k, id): (usize, usize)| Entry {
+            label: format!("node {id}"),
+            style: line(colour(k), 2),
+            dashed: false,
+        };
+        trace.nodes.iter().map(|n| n.id).enumerate().map(entry).collect()
+    } else {
+        vec![Entry { label: format!("{count} nodes"), style: line(CROWD, 1), dashed: false }]
+    };
+    if trace.has_xi() {
+        entries.push(Entry { label: "emergent \u{3BE}".into(), style: line(BLACK, 2), dashed: true });
+    }
+    entries
+}
