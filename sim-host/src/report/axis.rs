@@ -32,7 +32,7 @@ pub(super) fn decade(value: &f64) -> String {
     if (1e-3..1e4).contains(value) {
         return label(value);
     }
-    format!("1e{}", math::log10(value).round()).replace('-', "\u{2212}")
+    format!("1e{}", math::log10(*value).round()).replace('-', "\u{2212}")
 }
 
 #[cfg(test)]
