@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::emergent::EmergentTrajectory;
-use crate::scenario::{BusModel, FunnelSpec, GainSpec, Scenario, format_duration, initial_ratios};
+use crate::scenario::{BusModel, FunnelSpec, GainSpec, NodeSpec, Scenario, format_duration, initial_ratios};
 use forecast::Forecast;
 use funnel_core::params::FLOOR_ULPS;
 
@@ -85,7 +85,7 @@ pub fn check(scenario: &Scenario) -> Report {
         gains(scenario),
         emergent(scenario),
         start(scenario),
-        sync_bound(scenario),
+        sync_bound(scenario, &forecast),
         narrowest(scenario, &forecast),
         resolution(scenario, &forecast),
     ];
@@ -242,8 +242,12 @@ fn start(scenario: &Scenario) -> Finding {
 }
 
 /// The paper's bound on the distance between any two states.
-fn sync_bound(scenario: &Scenario) -> Finding {
-    let (first, last) = (scenario.sync_bound(0.0), scenario.sync_bound(scenario.time.end_s()));
+fn sync_bound(scenario: &Scenario, forecast: &Forecast) -> Finding {
+    let widest = |t: f64| {
+        let kept = |(index, node): (usize, &NodeSpec)| node.funnel.width(t).max(forecast.resolution(index));
+        scenario.nodes.iter().enumerate().map(kept).fold(0.0, f64::max)
+    };
+    let [first, last] = [0.0, scenario.time.end_s()].map(|t| scenario.sync_bound(widest(t)));
     let text = format!(
         "Bound: |x_i - x_j| < 2 sqrt(N) / lambda2 max psi = {} at the start, {} at the end",
         figure(first),

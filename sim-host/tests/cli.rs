@@ -52,6 +52,15 @@ fn every_scenario_that_is_shipped_passes_its_check() {
 }
 
 #[test]
+fn the_bound_holds_where_the_funnel_is_floored() {
+    let json = Path::new(env!("CARGO_TARGET_TMPDIR")).join("floored.json");
+    run(&["run", "scenarios/asymptotic-path-11.toml", "--json", json.to_str().unwrap()]);
+    let summary: serde_json::Value = serde_json::from_slice(&std::fs::read(json).unwrap()).unwrap();
+    let sync = |key: &str| summary["sync"][key].as_f64().unwrap();
+    assert!(sync("final_spread") < sync("bound"), "{summary}");
+}
+
+#[test]
 fn rows_farther_apart_than_the_run_is_long_are_refused() {
     let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("far-rows");
     let arguments = ["run", FIVE, "--every", "30s", "--out", out.to_str().unwrap()];

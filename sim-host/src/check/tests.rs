@@ -49,6 +49,13 @@ fn the_resolution_is_the_floor_of_the_node() {
 }
 
 #[test]
+fn the_bound_is_that_of_the_floored_funnel() {
+    let report = load("asymptotic-path-11.toml", &[]);
+    // The run ends 4e-4 apart; the funnel of the scenario, 1e-10, is not the one that the nodes keep.
+    assert!(find(&report, "sync-bound").values["end"].as_f64().unwrap() > 4e-4, "{report}");
+}
+
+#[test]
 fn a_margin_below_the_rounding_is_warned_about() {
     let margin = |sets: &[&str]| load("asymptotic-path-11.toml", sets).findings;
     let found = |sets: &[&str]| margin(sets).into_iter().find(|finding| finding.name == "margin");

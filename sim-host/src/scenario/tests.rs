@@ -323,7 +323,7 @@ fn one_node_and_the_whole_id_space_work() {
     assert_eq!(read(FILE, &["graph.nodes=127"]).unwrap().nodes.last().unwrap().id, 127);
     let text = FILE.split("[[node]]").next().unwrap();
     let scenario = read(text, &["graph.nodes=1"]).unwrap();
-    assert_eq!((scenario.nodes.len(), scenario.graph.lambda2(), scenario.sync_bound(0.0)), (1, 0.0, 0.0));
+    assert_eq!((scenario.nodes.len(), scenario.graph.lambda2(), scenario.sync_bound(1.0)), (1, 0.0, 0.0));
 }
 
 #[test]
