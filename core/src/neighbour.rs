@@ -36,7 +36,7 @@ pub struct Own<F> {
     /// What rounding has added to `x`: the node knows its state as `x - carry`, better than an f32 does, and a funnel near
     /// its floor is kept the better for it.
     pub carry: F,
-    /// Change of `x - carry` over the last tick, state units.
+    /// Change of `x` over the last tick, state units.
     pub dx: F,
 }
 
@@ -49,7 +49,7 @@ pub struct Sums<F> {
     pub dnu: F,
     /// Largest `|x|` among the neighbours and the node itself, state units.
     pub largest: F,
-    /// Neighbours that had to be extrapolated.
+    /// Neighbours that had to be extrapolated, since no value of this tick has come.
     pub extrapolated: u32,
     /// A neighbour whose edge was dropped at this tick (the last one, where there were several), and how many.
     pub lost: Option<NodeId>,
@@ -108,6 +108,11 @@ impl<F: Real> Neighbours<F> {
         let edge = self.edges.get_mut(usize::from(slot)).ok_or(Refusal::UnknownSource)?;
         let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
         if !edge.known {
+            // Older than what is extrapolated, it would be dropped again at the next tick.
+            let age = own.wrapping_sub(tick) as i32;
+            if age > self.extrapolate_ticks as i32 {
+                return Err(Refusal::Stale);
+            }
             (edge.value, edge.increment, edge.tick, edge.known) = (x, F::ZERO, tick, true);
             return Ok(Heard::First);
         }
@@ -141,7 +146,8 @@ impl<F: Real> Neighbours<F> {
                     continue;
                 }
                 value += F::from_i32(age) * edge.increment;
-                sums.extrapolated += 1;
+                // A value that came early is taken back to `k`, which is not for want of a fresh one.
+                sums.extrapolated += u32::from(age > 0);
             }
             sums.nu += edge.weight * ((value - x) + carry);
             sums.dnu += edge.weight * (edge.increment - dx);

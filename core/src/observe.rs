@@ -1,5 +1,6 @@
 //! What a node lets others see: its phase, its events, the last tick.
 
+use core::fmt;
 use funnel_protocol::message::{FaultCode, NodeId};
 
 /// Phase of a node's life.
@@ -18,7 +19,6 @@ pub enum Phase {
 
 /// Something that happened. Events are queued for the app, never acted on inside the node.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event {
     /// Started; the initial state is announced.
     Started,
@@ -56,6 +56,40 @@ pub enum Event {
     Fault(FaultCode),
 }
 
+/// What an event says, for `core::write` and `defmt::write` alike: host and node log the same words.
+macro_rules! say {
+    ($($write:ident)::+, $f:expr, $event:expr) => {
+        match *$event {
+            Event::Started => $($write)::+!($f, "started"),
+            Event::Stopped => $($write)::+!($f, "stopped by command"),
+            Event::NeighbourFound(id) => $($write)::+!($f, "hears node {}", id.get()),
+            Event::NeighbourLost(id) => $($write)::+!($f, "has lost node {} and drops the edge", id.get()),
+            Event::BreachBegan { tick, ratio } => {
+                $($write)::+!($f, "left its funnel at tick {}: |nu| / psi = {}", tick, ratio)
+            }
+            Event::BreachEnded { tick } => $($write)::+!($f, "is inside its funnel again at tick {}", tick),
+            Event::FunnelFloored { tick, width } => {
+                $($write)::+!($f, "keeps its funnel at {} from tick {} on, the resolution of nu", width, tick)
+            }
+            Event::SyncGap { missed } => $($write)::+!($f, "skips {} ticks that SYNC has skipped", missed),
+            Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
+        }
+    };
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        say!(core::write, f, self)
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Event {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        say!(defmt::write, f, self);
+    }
+}
+
 /// What the law did at the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observation<F> {
@@ -71,4 +105,24 @@ pub struct Observation<F> {
     pub ratio: F,
     /// Input held over the tick that begins at `k`, state units / s.
     pub u: F,
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn events_read_as_sentences_about_their_node() {
+        let id = NodeId::new(7).unwrap();
+        for (event, text) in [
+            (Event::NeighbourFound(id), "hears node 7"),
+            (Event::BreachBegan { tick: 40, ratio: 1.5 }, "left its funnel at tick 40: |nu| / psi = 1.5"),
+            (Event::Fault(FaultCode::STATE_LIMIT), "stopped by itself: its state is beyond its limit"),
+            (Event::Fault(FaultCode(99)), "stopped by itself: fault 99"),
+        ] {
+            assert_eq!(event.to_string(), text);
+        }
+    }
 }

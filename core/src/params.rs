@@ -20,6 +20,10 @@ pub const LARGEST: f64 = 1e9;
 pub const SMALLEST: f64 = 1e-9;
 /// Largest edge weight and weighted degree.
 pub const LARGEST_WEIGHT: f64 = 1e6;
+/// Largest slope of a field (1/s), frequency (rad/s) and rate of a funnel (1/s).
+pub const LARGEST_RATE: f64 = 1e6;
+/// Largest phase of a sinusoid, rad.
+pub const LARGEST_PHASE: f64 = 1e6;
 /// Shortest tick period, ns.
 pub const SHORTEST_TICK_NS: u32 = 10_000;
 /// Width, in units of the last place of the largest state, below which a funnel is not resolved (LAW.md 4, and
@@ -102,8 +106,8 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
 }
 
 fn check(field: ConfigField, index: usize, found: f64, low: f64, high: f64) -> Result<(), ConfigError> {
-    // Written so that NaN is outside.
-    if found >= low && found <= high {
+    // Most values travel as f32, where 1e-9 is a little less. Written so that NaN is outside.
+    if found >= f64::from(low as f32) && found <= high {
         Ok(())
     } else {
         Err(ConfigError::OutOfRange { field, index: index as u8, found, low, high })
@@ -122,12 +126,12 @@ fn check_id(field: ConfigField, index: usize, id: u8) -> Result<NodeId, ConfigEr
 }
 
 fn check_field(field: &FieldConfig) -> Result<&FieldConfig, ConfigError> {
-    check(ConfigField::Slope, 0, f64::from(field.slope), -1e6, 1e6)?;
+    check(ConfigField::Slope, 0, f64::from(field.slope), -LARGEST_RATE, LARGEST_RATE)?;
     check(ConfigField::Offset, 0, f64::from(field.offset), -LARGEST, LARGEST)?;
     for (index, sine) in field.sines.iter().enumerate() {
         check(ConfigField::SineAmplitude, index, f64::from(sine.amplitude), -LARGEST, LARGEST)?;
-        check(ConfigField::SineFrequency, index, sine.frequency, -1e6, 1e6)?;
-        check(ConfigField::SinePhase, index, sine.phase, -1e6, 1e6)?;
+        check(ConfigField::SineFrequency, index, sine.frequency, -LARGEST_RATE, LARGEST_RATE)?;
+        check(ConfigField::SinePhase, index, sine.phase, -LARGEST_PHASE, LARGEST_PHASE)?;
     }
     Ok(field)
 }
@@ -148,7 +152,7 @@ fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
         FunnelShape::Exponential { start, end, rate } => {
             check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
             check(ConfigField::FunnelEnd, 0, f64::from(end), 0.0, LARGEST)?;
-            check(ConfigField::FunnelRate, 0, f64::from(rate), 0.0, 1e6)
+            check(ConfigField::FunnelRate, 0, f64::from(rate), 0.0, LARGEST_RATE)
         }
         FunnelShape::Constant { width } => {
             check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST)

@@ -109,6 +109,58 @@ fn a_silent_neighbour_is_extrapolated_then_dropped_then_found_again() {
 }
 
 #[test]
+fn a_state_too_old_to_be_extrapolated_does_not_revive_an_edge() {
+    let mut node = started(&NodeConfig { extrapolate_ticks: 1, ..config() });
+    for k in 1..=5 {
+        actions(&mut node, k * MS);
+    }
+    assert_eq!(node.on_message(&state(2, 3, 2.0), 5 * MS), Err(Refusal::Stale));
+    assert_eq!(actions(&mut node, 6 * MS).len(), 1);
+    assert_eq!(node.counters().neighbours_lost, 0);
+    node.on_message(&state(2, 5, 2.0), 6 * MS).unwrap();
+}
+
+#[test]
+fn a_state_ahead_of_its_tick_is_taken_back_and_is_no_extrapolation() {
+    let mut node = started(&config());
+    for (tick, x) in [(0, 2.0), (1, 2.5)] {
+        node.on_message(&state(2, tick, x), 0).unwrap();
+    }
+    actions(&mut node, MS);
+    assert_eq!((node.observation().nu, node.counters().extrapolated), (1.0, 0));
+}
+
+#[test]
+fn ticks_wrap_without_a_word() {
+    let mut node = started(&NodeConfig { tick_source: TickSource::Sync, ..config() });
+    // The master's count leaps ahead, a thousand ticks at most at a time: stamps of 24 bits wrap on the way.
+    let sync = |previous: u32| Message::Sync {
+        source: None,
+        previous_tick: TickStamp::low(previous, 24),
+        phase_us: 0,
+    };
+    let mut at = 0u32;
+    while at < (1 << 24) + 5000 {
+        node.on_message(&sync(at.wrapping_add(999)), 0).unwrap();
+        actions(&mut node, 0);
+        at += 1000;
+        assert_eq!(node.tick(), at + 1);
+        node.on_message(&state(2, at, 2.0), 0).unwrap();
+    }
+    assert_eq!(node.counters().refused(Refusal::TickWindow), 0);
+}
+
+#[test]
+fn the_smallest_and_the_largest_allowed_values_are_allowed() {
+    for scale in [1e-9, 1e9] {
+        let mut edge = config();
+        edge.gain = GainConfig::Reciprocal { scale };
+        edge.funnel.shape = FunnelShape::Constant { width: scale };
+        Params::<f32>::new(&edge).unwrap();
+    }
+}
+
+#[test]
 fn every_bad_state_is_refused_counted_and_changes_nothing() {
     let mut node = started(&config());
     node.on_message(&state(2, 0, 2.0), 0).unwrap();

@@ -1,5 +1,7 @@
 //! The real-time plane: what travels every tick, and the typed fields that it is made of.
 
+use core::fmt;
+
 /// Identifier of a node, 1 to 127 (seven bits; 0 is the host or "all").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -131,7 +133,6 @@ pub enum Severity {
 
 /// What went wrong. Unknown codes are passed on, so that a newer node can be heard by an older host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FaultCode(pub u8);
 
 impl FaultCode {
@@ -141,6 +142,31 @@ impl FaultCode {
     pub const STATE_LIMIT: Self = Self(2);
     /// The firmware panicked.
     pub const PANIC: Self = Self(3);
+}
+
+/// What a code says, for `core::write` and `defmt::write` alike.
+macro_rules! say {
+    ($($write:ident)::+, $f:expr, $code:expr) => {
+        match *$code {
+            FaultCode::DUPLICATE_ID => $($write)::+!($f, "another node has its id"),
+            FaultCode::STATE_LIMIT => $($write)::+!($f, "its state is beyond its limit"),
+            FaultCode::PANIC => $($write)::+!($f, "its firmware panicked"),
+            FaultCode(code) => $($write)::+!($f, "fault {}", code),
+        }
+    };
+}
+
+impl fmt::Display for FaultCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        say!(core::write, f, self)
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for FaultCode {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        say!(defmt::write, f, self);
+    }
 }
 
 /// One frame of the real-time plane.

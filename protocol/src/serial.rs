@@ -115,6 +115,9 @@ fn decode_real_time(function: u8, from: u8, body: &[u8]) -> Result<Message, Refu
     match function {
         function::CTRL => {
             let &[to, number, arg, low, high] = exactly(body)?;
+            if from != HOST {
+                return Err(Refusal::Value);
+            }
             let at_tick = u16::from_le_bytes([low, high]);
             let target = if to == 0 { Target::All } else { Target::Node(source(to)?) };
             Ok(Message::Ctrl { target, command: command(number)?, arg, at_tick })
@@ -122,7 +125,7 @@ fn decode_real_time(function: u8, from: u8, body: &[u8]) -> Result<Message, Refu
         function::SYNC => {
             let &[t0, t1, t2, p0, p1] = exactly(body)?;
             Ok(Message::Sync {
-                source: NodeId::new(from),
+                source: if from == HOST { None } else { Some(source(from)?) },
                 previous_tick: TickStamp::low(u32::from_le_bytes([t0, t1, t2, 0]), 24),
                 phase_us: u16::from_le_bytes([p0, p1]),
             })

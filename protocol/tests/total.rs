@@ -143,6 +143,22 @@ proptest! {
     }
 
     #[test]
+    fn any_serial_frame_gives_a_message_or_a_reason(
+        function in 0u8..=3, from: u8, body in proptest::collection::vec(0u8..4, 4..=6)
+    ) {
+        let raw = [&[serial::REAL_TIME | function, from], body.as_slice()].concat();
+        let crc = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740).checksum(&raw);
+        let whole = [raw.as_slice(), &crc.to_be_bytes()].concat();
+        let mut frame = vec![0; 32];
+        let length = cobs::encode(&whole, &mut frame);
+        frame.truncate(length + 1);
+        if let [Ok(Owned::RealTime(message))] = &deframe(&frame)[..] {
+            // A message has one form only.
+            prop_assert_eq!(serial::encode(message).to_vec(), frame);
+        }
+    }
+
+    #[test]
     fn a_flipped_bit_never_passes(node in 1u8..=127, tick: u32, x in -1e6f32..1e6, bit in 0usize..80) {
         let message = Message::State {
             source: NodeId::new(node).unwrap(), component: Component::FIRST, tick: TickStamp::full(tick), x,

@@ -11,8 +11,10 @@ use std::fmt;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::scenario::{BusModel, FunnelSpec, GainSpec, Scenario, format_duration, initial_ratios};
+use crate::emergent::EmergentTrajectory;
+use crate::scenario::{BusModel, FunnelSpec, GainSpec, NodeSpec, Scenario, format_duration, initial_ratios};
 use forecast::Forecast;
+use funnel_core::params::FLOOR_ULPS;
 
 /// Share of the funnel that the floor of the tick may take up before it is warned about: the floor is known
 /// only to "about" (LAW.md 4, where a share of 1 meant leaving the funnel by a factor of two).
@@ -83,10 +85,11 @@ pub fn check(scenario: &Scenario) -> Report {
         gains(scenario),
         emergent(scenario),
         start(scenario),
-        sync_bound(scenario),
+        sync_bound(scenario, &forecast),
         narrowest(scenario, &forecast),
         resolution(scenario, &forecast),
     ];
+    findings.extend(margin(scenario, &forecast));
     findings.extend(bus(scenario));
     findings.push(capacity::finding(scenario));
     Report {
@@ -239,8 +242,12 @@ fn start(scenario: &Scenario) -> Finding {
 }
 
 /// The paper's bound on the distance between any two states.
-fn sync_bound(scenario: &Scenario) -> Finding {
-    let (first, last) = (scenario.sync_bound(0.0), scenario.sync_bound(scenario.time.end_s()));
+fn sync_bound(scenario: &Scenario, forecast: &Forecast) -> Finding {
+    let widest = |t: f64| {
+        let kept = |(index, node): (usize, &NodeSpec)| node.funnel.width(t).max(forecast.resolution(index));
+        scenario.nodes.iter().enumerate().map(kept).fold(0.0, f64::max)
+    };
+    let [first, last] = [0.0, scenario.time.end_s()].map(|t| scenario.sync_bound(widest(t)));
     let text = format!(
         "Bound: |x_i - x_j| < 2 sqrt(N) / lambda2 max psi = {} at the start, {} at the end",
         figure(first),
@@ -298,7 +305,7 @@ fn resolution(scenario: &Scenario, forecast: &Forecast) -> Finding {
     let worst = (0..scenario.nodes.len()).max_by(|a, b| relative(a).total_cmp(&relative(b))).unwrap_or(0);
     let (step, width) = (forecast.resolution(worst), scenario.nodes[worst].funnel.width(end));
     let text = format!(
-        "f32: |x| up to about {} resolves nu to {} at node {}, where psi ends at {}",
+        "f32: |x| up to about {} floors the funnel at {} at node {}, where psi ends at {}",
         figure(forecast.largest_state),
         figure(step),
         worst + 1,
@@ -310,12 +317,62 @@ fn resolution(scenario: &Scenario, forecast: &Forecast) -> Finding {
     if step >= width {
         found.status = Status::Warn;
         found.advice = Some(format!(
-            "the node floors its funnel at its resolution and reports it; end the run earlier, or \
-             let psi end at {}",
+            "below that nu has no digits left, so the node keeps its funnel there and reports it; end the \
+             run earlier, or let psi end at {}",
             figure(2.0 * step)
         ));
     }
     found
+}
+
+/// How far the rounding of `nu` was seen to move it, in units of the last place of the largest state.
+const ROUNDING_ULPS: f64 = 5.0;
+/// Points in time at which the margin is looked at.
+const MARGIN_SAMPLES: u64 = 500;
+
+/// The margin `1 - |s_i|` that the emergent dynamics leave while the funnel is at its floor, against the rounding of `nu`
+/// there. `None` where no funnel reaches its floor.
+fn margin(scenario: &Scenario, forecast: &Forecast) -> Option<Finding> {
+    let mut xi = EmergentTrajectory::new(scenario)?;
+    let (end, steps) = (scenario.time.end_s(), scenario.time.ticks.min(MARGIN_SAMPLES));
+    let floored = |index: usize, t: f64| scenario.nodes[index].funnel.width(t) <= forecast.resolution(index);
+    let mut tightest: Option<(f64, usize, f64, f64)> = None;
+    for t in (0..=steps).map(|step| end * step as f64 / steps as f64) {
+        let at_floor: Vec<_> = (0..scenario.nodes.len()).map(|index| floored(index, t)).collect();
+        if !at_floor.contains(&true) {
+            continue;
+        }
+        xi.advance(t);
+        for (index, ratio) in xi.steady_ratios().enumerate().filter(|(index, _)| at_floor[*index]) {
+            let needed = ROUNDING_ULPS / FLOOR_ULPS / scenario.nodes[index].funnel.factor();
+            let margin = 1.0 - ratio.abs();
+            if tightest.is_none_or(|(before, _, wanted, _)| margin / needed < before / wanted) {
+                tightest = Some((margin, index, needed, t));
+            }
+        }
+    }
+    let (margin, index, needed, t) = tightest?;
+    let text = format!(
+        "Margin: at the floor of its funnel node {} settles {} inside it (t = {} s); rounding takes up to about {}",
+        index + 1,
+        share(margin),
+        figure(t),
+        share(needed)
+    );
+    let values = json!({ "node": index + 1, "margin": margin, "rounding": needed, "t": t });
+    let mut found = finding("margin", Status::Ok, text, values);
+    if margin < needed {
+        found.status = Status::Warn;
+        found.advice = Some(
+            "|nu| may leave the floored funnel; raise the gain's scale, or let psi end above its floor"
+                .to_owned(),
+        );
+    }
+    Some(found)
+}
+
+fn share(part: f64) -> String {
+    format!("{} %", figure(100.0 * part))
 }
 
 /// Delay of the bus against the tick.

@@ -23,7 +23,7 @@ Examples:
   sim-host run scenarios/five-agents.toml --set graph.kind=star --set time.tick=2ms
 
 Exit codes: 0 all expectations hold, 1 one failed, 2 bad usage or configuration,
-3 no such hardware or emulator, 4 a defect of the program.";
+3 no such hardware or emulator, 4 a defect of the program, 130 stopped by the user.";
 
 /// Where `./ci.sh firmware` leaves the image, seen from the root of the repository.
 const DEFAULT_IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_an386";
@@ -218,10 +218,11 @@ fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> 
 
 fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
     let tick = scenario.time.tick_ns;
-    if every_ns == 0 || !every_ns.is_multiple_of(tick) {
-        let (every, tick) = (format_duration(every_ns), format_duration(tick));
+    let duration = scenario.time.ticks.saturating_mul(tick);
+    if every_ns == 0 || !every_ns.is_multiple_of(tick) || every_ns > duration {
+        let [every, tick, duration] = [every_ns, tick, duration].map(format_duration);
         return Err(Failure::bad_input(format!(
-            "--every {every}: must be one or more whole ticks of {tick}"
+            "--every {every}: must be whole ticks of {tick}, from one to the whole run of {duration}"
         )));
     }
     Ok(every_ns / tick)

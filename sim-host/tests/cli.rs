@@ -52,6 +52,22 @@ fn every_scenario_that_is_shipped_passes_its_check() {
 }
 
 #[test]
+fn the_bound_holds_where_the_funnel_is_floored() {
+    let json = Path::new(env!("CARGO_TARGET_TMPDIR")).join("floored.json");
+    run(&["run", "scenarios/asymptotic-path-11.toml", "--json", json.to_str().unwrap()]);
+    let summary: serde_json::Value = serde_json::from_slice(&std::fs::read(json).unwrap()).unwrap();
+    let sync = |key: &str| summary["sync"][key].as_f64().unwrap();
+    assert!(sync("final_spread") < sync("bound"), "{summary}");
+}
+
+#[test]
+fn rows_farther_apart_than_the_run_is_long_are_refused() {
+    let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("far-rows");
+    let arguments = ["run", FIVE, "--every", "30s", "--out", out.to_str().unwrap()];
+    refused(&arguments, "--every 30s: must be whole ticks of 1ms, from one to the whole run of 20s");
+}
+
+#[test]
 fn help_names_commands_examples_and_exit_codes() {
     let (code, out, err) = run(&["--help"]);
     assert_eq!((code, err.as_str()), (Some(0), ""));
@@ -101,7 +117,10 @@ fn bad_usage_is_code_2() {
     assert!(err.contains("must be section.key=value"), "{err}");
     let (_, _, err) = run(&["run", FIVE, "--every", "5"]);
     assert!(err.contains("units: ns, us, ms, s, min, h"), "{err}");
-    refused(&["run", FIVE, "--every", "1.5ms"], "--every 1.5ms: must be one or more whole ticks of 1ms");
+    refused(
+        &["run", FIVE, "--every", "1.5ms"],
+        "--every 1.5ms: must be whole ticks of 1ms, from one to the whole run of 20s",
+    );
 }
 
 #[test]

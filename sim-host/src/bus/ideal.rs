@@ -69,7 +69,7 @@ impl<P> IdealBus<P> {
             (0, _) | (_, None) => 0,
             (bound, Some(stream)) => random::below(stream, bound) as u64,
         };
-        let at = now + self.params.latency_ns + extra;
+        let at = now.saturating_add(self.params.latency_ns).saturating_add(extra);
         self.traffic.sent += 1;
         let later = self.flights.iter().rev().take_while(|flight| flight.at > at).count();
         let flight = Flight { at, sender, payload };

@@ -1,16 +1,11 @@
 //! Rough figures of the motion to come, from the mean of the fields (the paper's blended dynamics).
 
-use funnel_core::math;
+use funnel_core::{math, params};
 
 use crate::scenario::{Affine, NodeSpec, Scenario};
 
 /// Points in time that are looked at.
 const SAMPLES: u64 = 5_000;
-
-/// Units in the last place of the largest state that one unit of degree is taken to blur `nu` by. LAW.md 4
-/// found a floor of about 50 ulp of x good, and the path of eleven agents in `scenarios/` needs 32 (a floor
-/// of 16 was left by a factor of 1.008 in a prototype in f32). The node's own constant decides in a run.
-const BLUR_ULPS: f64 = 32.0;
 
 /// What is expected of a run, without running it.
 pub(super) struct Forecast {
@@ -19,6 +14,7 @@ pub(super) struct Forecast {
     /// Per node: the largest `|d/dt (f_i - f_j)|` over its neighbours j (state units / s^2).
     divergence: Vec<f64>,
     degree: Vec<f64>,
+    factor: Vec<f64>,
     tick_s: f64,
 }
 
@@ -50,7 +46,8 @@ impl Forecast {
             }
         }
         let degree = (0..graph.nodes).map(|i| graph.degree(i)).collect();
-        Self { largest_state, divergence, degree, tick_s: scenario.time.tick_s() }
+        let factor = scenario.nodes.iter().map(|node| node.funnel.factor()).collect();
+        Self { largest_state, divergence, degree, factor, tick_s: scenario.time.tick_s() }
     }
 
     /// The narrowest funnel that one exchange per tick can hold: `T^2 d max|d/dt (f_i - f_j)|` (state units).
@@ -58,10 +55,9 @@ impl Forecast {
         self.tick_s * self.tick_s * self.degree[index] * self.divergence[index]
     }
 
-    /// The f32 resolution of `nu` (state units).
+    /// The width at which a node floors its funnel, as `funnel_core::params` has it (state units).
     pub fn resolution(&self, index: usize) -> f64 {
-        let ulp = self.largest_state * f64::from(f32::EPSILON);
-        BLUR_ULPS * self.degree[index] * ulp
+        params::FLOOR_ULPS * f64::from(f32::EPSILON) * self.factor[index] * self.largest_state
     }
 }
 

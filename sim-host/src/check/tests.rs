@@ -42,6 +42,32 @@ fn a_funnel_below_the_resolution_is_warned_about() {
 }
 
 #[test]
+fn the_resolution_is_the_floor_of_the_node() {
+    let report = load("five-agents.toml", &["node.1.state=1e5", "coupling.funnel.start=1e6"]);
+    let step = find(&report, "resolution").values["resolution"].as_f64().unwrap();
+    assert!((step - FLOOR_ULPS * f64::from(f32::EPSILON) * 1e5).abs() < 1e-9, "{step}");
+}
+
+#[test]
+fn the_bound_is_that_of_the_floored_funnel() {
+    let report = load("asymptotic-path-11.toml", &[]);
+    // The run ends 4e-4 apart; the funnel of the scenario, 1e-10, is not the one that the nodes keep.
+    assert!(find(&report, "sync-bound").values["end"].as_f64().unwrap() > 4e-4, "{report}");
+}
+
+#[test]
+fn a_margin_below_the_rounding_is_warned_about() {
+    let margin = |sets: &[&str]| load("asymptotic-path-11.toml", sets).findings;
+    let found = |sets: &[&str]| margin(sets).into_iter().find(|finding| finding.name == "margin");
+    assert_eq!(found(&[]).unwrap().status, Status::Ok);
+    let tight = found(&["coupling.gain.scale=1"]).unwrap();
+    assert_eq!((tight.status, &tight.values["node"]), (Status::Warn, &json!(5)));
+    // f_em - f_5 is about 6.6 - 100.
+    assert!((tight.values["margin"].as_f64().unwrap() - 1.0 / 94.0).abs() < 1e-3, "{tight:?}");
+    assert!(found(&["coupling.funnel.end=1"]).is_none());
+}
+
+#[test]
 fn capacity_is_that_of_the_wire() {
     assert_eq!(capacity::classic_bits(8), 135);
     for (nodes, fast, slow) in [(5, 1037.0, 518.0), (20, 259.0, 129.0), (64, 81.0, 40.0), (127, 40.0, 20.0)] {

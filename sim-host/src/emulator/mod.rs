@@ -17,7 +17,7 @@ use crate::engine::NodeEvent;
 use crate::interrupt::Interrupt;
 use funnel_core::{Event, Observation};
 use funnel_protocol::config::NodeConfig;
-use funnel_protocol::message::{Command, Message, Severity, Target, TickStamp};
+use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
 use funnel_protocol::report::{Report, Telemetry};
 use funnel_protocol::service::{Reply, Request};
 use funnel_protocol::{WIRE_VERSION, serial};
@@ -90,7 +90,8 @@ impl Emulator {
             nodes.push(EmulatedNode { process, link, next_state: config.initial_state, stopped: false });
         }
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
-        let observations = vec![Observation::default(); nodes.len()];
+        let initial = |config: &NodeConfig| Observation { x: config.initial_state, ..Observation::default() };
+        let observations = configs.iter().map(initial).collect();
         let mut network = Self { nodes, bus, tick_ns, tick: 0, observations, events: Vec::new() };
         network.identify()?;
         network.configure(configs)?;
@@ -205,15 +206,16 @@ impl Emulator {
         }
     }
 
-    /// Waits for a node's state (the tick after the one that ran) and puts it on the bus.
-    fn take_state(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
-        let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
+    /// Waits for a node's state (the tick after the one that ran) and puts it on the bus; the same for the fault that it
+    /// may say instead, which it gives.
+    fn take_state(&mut self, index: usize, now: u64) -> Result<Option<FaultCode>, EmulatorError> {
+        let Some(node) = self.nodes.get_mut(index) else { return Ok(None) };
         let message = node.link.wait_for(ANSWER, "state", |received| match received {
             Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
             _ => None,
         })?;
         self.take_message(index, message, now);
-        Ok(())
+        Ok(if let Message::Fault { code, .. } = message { Some(code) } else { None })
     }
 
     fn take_tick(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
@@ -221,8 +223,9 @@ impl Emulator {
         else {
             return Ok(());
         };
-        self.take_state(index, now)?;
-        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
+        // A state beyond its limit comes of a tick, which the node tells about; other faults come instead of one.
+        let ran = matches!(self.take_state(index, now)?, None | Some(FaultCode::STATE_LIMIT));
+        let Some(node) = self.nodes.get_mut(index).filter(|_| ran) else { return Ok(()) };
         let telemetry = node.link.wait_for(ANSWER, "telemetry", |received| match received {
             Received::Reply(Reply::Telemetry(telemetry)) => Some(telemetry),
             _ => None,

@@ -51,6 +51,7 @@ impl<'a> Collector<'a> {
             let xi = self.xi.as_mut().map(|xi| xi.advance(t));
             if last {
                 self.outcome.last = seen.iter().map(|o| f64::from(o.x)).collect();
+                self.outcome.widest = seen.iter().map(|o| f64::from(o.psi)).fold(0.0, f64::max);
                 self.outcome.xi_final = xi;
             }
             if k.is_multiple_of(self.stride) {

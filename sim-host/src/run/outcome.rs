@@ -15,6 +15,8 @@ pub struct Outcome {
     pub rows: Vec<Row>,
     /// States at the end, by index.
     pub last: Vec<f64>,
+    /// Widest funnel at the end, as the nodes had it: floored at the resolution of `nu`, where it is.
+    pub widest: f64,
     /// `xi` at the end.
     pub xi_final: Option<f64>,
     /// Largest `|nu| / psi` over all nodes and ticks.
@@ -51,7 +53,7 @@ impl Outcome {
             funnel: Some(FunnelSummary { max_ratio: self.max_ratio, breaches: self.breaches }),
             sync: Some(SyncSummary {
                 final_spread,
-                bound: scenario.sync_bound(scenario.time.end_s()),
+                bound: scenario.sync_bound(self.widest),
                 lambda2: scenario.graph.lambda2(),
             }),
             emergent,

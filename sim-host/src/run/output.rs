@@ -80,7 +80,7 @@ fn commit(mut file: AtomicFile, text: &str) -> Result<(), RecordError> {
 }
 
 fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
-    write_atomic(folder.join("events.txt"), events(&outcome.events).as_bytes())?;
+    write_atomic(folder.join("events.txt"), events(&outcome.events, scenario.time.tick_ns).as_bytes())?;
     for (id, log) in &outcome.logs {
         write_atomic(folder.join(format!("node-{id}.log")), log.as_bytes())?;
     }
@@ -100,12 +100,29 @@ fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
     svg.map_err(|error| RunError { message: error.to_string(), exit: Exit::Defect })
 }
 
-/// What nodes reported, a line each: time, node, event.
-fn events(events: &[NodeEvent]) -> String {
+/// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one
+/// tick after the start, when the announced states have arrived.
+fn events(events: &[NodeEvent], tick_ns: u64) -> String {
     let mut text = String::new();
     for NodeEvent { at, node, event } in events {
         // Writing to a string does not fail.
-        let _ = writeln!(text, "{:.6} s, node {}: {event:?}", *at as f64 * 1e-9, node + 1);
+        let t = at.saturating_sub(tick_ns) as f64 * 1e-9;
+        let _ = writeln!(text, "{t:.6} s, node {} {event}", node + 1);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use funnel_core::Event;
+
+    #[test]
+    fn events_have_the_time_of_the_trajectory_and_read_as_sentences() {
+        let event = |at, event| NodeEvent { at, node: 2, event };
+        let list = [event(0, Event::Started), event(41_000_000, Event::BreachEnded { tick: 40 })];
+        let expected =
+            "0.000000 s, node 3 started\n0.040000 s, node 3 is inside its funnel again at tick 40\n";
+        assert_eq!(events(&list, 1_000_000), expected);
+    }
 }

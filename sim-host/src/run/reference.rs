@@ -24,6 +24,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
         row.xi = xi.as_mut().map(|xi| xi.advance(row.t));
         (outcome.last, outcome.xi_final) = (row.x.clone(), row.xi);
+        outcome.widest = row.psi.iter().copied().fold(0.0, f64::max);
         if k.is_multiple_of(stride) {
             outcome.rows.push(row);
         }

@@ -5,6 +5,9 @@
 
 use std::collections::BTreeMap;
 
+use funnel_core::params;
+use funnel_protocol::config::MAX_SINES;
+
 use super::coupling::{Coupling, read_funnel, read_gain};
 use super::diagnostic::Problem;
 use super::model::{Affine, NodeSpec, Sine};
@@ -127,10 +130,14 @@ fn read_dynamics(item: &Item, log: &Log) -> Option<Affine> {
     let mut section = Section::open(item, log)?;
     section.choice("kind", &[ready("affine", ()), later("expression", ())], None)?;
     let affine = Affine {
-        slope: section.number("slope", Some(0.0), Range::any("1/s").or_vector()),
+        slope: section.number("slope", Some(0.0), Range::any("1/s").up_to(params::LARGEST_RATE).or_vector()),
         offset: section.number("offset", Some(0.0), Range::any("state units per second").or_vector()),
         sines: section.array("sines").iter().filter_map(|item| read_sine(item, log)).collect(),
     };
+    if let Some(surplus) = section.array("sines").get(MAX_SINES) {
+        let allowed = format!("must not be there: a node takes at most {MAX_SINES} sines");
+        log.report(surplus.diagnostic(Problem::Value, allowed));
+    }
     section.finish();
     Some(affine)
 }
@@ -139,8 +146,12 @@ fn read_sine(item: &Item, log: &Log) -> Option<Sine> {
     let mut section = Section::open(item, log)?;
     let sine = Sine {
         amplitude: section.number("amplitude", None, Range::any("state units per second").or_vector()),
-        frequency: section.number("frequency", None, Range::non_negative("rad/s")),
-        phase: section.number("phase", Some(0.0), Range::any("rad").or_vector()),
+        frequency: section.number(
+            "frequency",
+            None,
+            Range::non_negative("rad/s").up_to(params::LARGEST_RATE),
+        ),
+        phase: section.number("phase", Some(0.0), Range::any("rad").up_to(params::LARGEST_PHASE).or_vector()),
     };
     section.finish();
     Some(sine)

@@ -3,6 +3,7 @@
 use super::model::{CouplingKind, FunnelSpec, GainSpec};
 use super::reader::{Choice, Log, Range, Section, later, ready};
 use super::tree::Item;
+use funnel_core::params;
 
 const COUPLINGS: [Choice<CouplingKind>; 8] = [
     ready("node-wise", CouplingKind::NodeWise),
@@ -103,7 +104,7 @@ pub(super) fn read_funnel(item: &Item, log: &Log) -> Option<FunnelSpec> {
         Funnel::Exponential => FunnelSpec::Exponential {
             start: section.number("start", None, Range::positive(STATE)),
             end: section.number("end", None, Range::non_negative(STATE)),
-            rate: section.number("rate", None, Range::positive("1/s")),
+            rate: section.number("rate", None, Range::positive("1/s").up_to(params::LARGEST_RATE)),
             factor,
         },
         Funnel::Constant => {

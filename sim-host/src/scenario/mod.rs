@@ -16,6 +16,8 @@ mod reader;
 mod topology;
 mod tree;
 
+use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
+use funnel_core::params;
 use std::path::Path;
 
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
@@ -95,6 +97,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     };
     let time = whole_ticks(&time, network.nodes, &log);
     let graph = network::build(&network, seed, &log);
+    fresh(&bus, &time, root, &log);
     log.checkpoint()?;
     let path = path.to_owned();
     let scenario = Scenario { title, seed, time, graph, coupling: coupling.kind, nodes, bus, expect, path };
@@ -120,8 +123,9 @@ struct Time<'a> {
 }
 
 fn read_time(mut section: Section<'_>) -> Time<'_> {
+    let ticks = (u64::from(params::SHORTEST_TICK_NS), u64::from(u32::MAX));
     let time = Time {
-        tick_ns: section.duration("tick", None),
+        tick_ns: section.duration_within("tick", ticks),
         duration_ns: section.duration("duration", None),
         duration: section.take("duration"),
         place: section.place(),
@@ -150,8 +154,25 @@ fn whole_ticks(time: &Time<'_>, nodes: u64, log: &Log) -> TimeSpec {
         let allowed =
             format!("{ticks} ticks of {nodes} nodes are more than 2^40 node-ticks, which would take days");
         report(allowed, "shorten it, or lengthen the tick".to_owned());
+    } else if ticks > u64::from(u32::MAX) {
+        let allowed = format!("{ticks} ticks are more than a node counts, which is 2^32 - 1");
+        report(allowed, "shorten it, or lengthen the tick".to_owned());
     }
     TimeSpec { tick_ns: time.tick_ns, ticks }
+}
+
+/// Frames carry eight bits of their tick: one that is late by nearly 256 ticks would pass for a new one.
+fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
+    let most = time.tick_ns.saturating_mul(256 - u64::from(WINDOW_BACK + WINDOW_AHEAD));
+    let section = root.get("bus");
+    let key = section.and_then(|section| section.get("latency").or_else(|| section.get("jitter")));
+    if let Some(key) = key.filter(|_| bus.latency_ns.saturating_add(bus.jitter_ns) > most) {
+        let (most, tick) = (format_duration(most), format_duration(time.tick_ns));
+        let allowed = format!(
+            "latency and jitter must not exceed {most} with a tick of {tick}: later frames would pass for new ones"
+        );
+        log.report(key.diagnostic(Problem::Value, allowed));
+    }
 }
 
 fn read_bus(file: &mut Section<'_>) -> BusSpec {

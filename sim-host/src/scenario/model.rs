@@ -41,13 +41,13 @@ impl Scenario {
         self.nodes.iter().map(|node| node.funnel.width(t)).fold(0.0, f64::max)
     }
 
-    /// The paper's bound on `|x_i - x_j|` at time `t` (s) while every `|nu_i| < psi_i`:
-    /// `2 sqrt(N) / lambda2 * max psi` (state units); 0 for a single node.
+    /// The paper's bound on `|x_i - x_j|` while every `|nu_i| < psi_i <= widest` (state units):
+    /// `2 sqrt(N) / lambda2 * widest`; 0 for a single node.
     #[must_use]
-    pub fn sync_bound(&self, t: f64) -> f64 {
+    pub fn sync_bound(&self, widest: f64) -> f64 {
         match self.nodes.len() {
             0 | 1 => 0.0,
-            n => 2.0 * (n as f64).sqrt() / self.graph.lambda2() * self.widest_funnel(t),
+            n => 2.0 * (n as f64).sqrt() / self.graph.lambda2() * widest,
         }
     }
 }

@@ -7,9 +7,12 @@ use super::graph::{Edge, Graph};
 use super::reader::{Choice, Log, Range, Section, integer, number, ready};
 use super::topology::Topology;
 use super::tree::{Item, Place, Value};
+use funnel_core::params;
 
 /// The largest network: ids are 7 bits, and 0 means all nodes (WIRE.md).
 pub(super) const MAX_NODES: u64 = 127;
+
+const EDGE_WEIGHT: Range = Range::positive("edge weight").up_to(params::LARGEST_WEIGHT);
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
@@ -51,7 +54,7 @@ pub(super) struct Network<'a> {
 pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Network<'a>> {
     let kind = section.choice("kind", &KINDS, None)?;
     let nodes = section.integer("nodes", None, (1, MAX_NODES), "ids are 7 bits on the wire, and 0 means all");
-    let weight = section.number("weight", Some(1.0), Range::positive("edge weight"));
+    let weight = section.number("weight", Some(1.0), EDGE_WEIGHT);
     let mut network =
         Network { nodes, weight, shape: None, parameter: None, edges: &[], place: section.place().clone() };
     network.shape = match kind {
@@ -104,6 +107,7 @@ pub(super) fn build(network: &Network<'_>, seed: u64, log: &Log) -> Graph {
     let graph = Graph { nodes, edges };
     if log.checkpoint().is_ok() {
         connected(&graph, network, log);
+        light(&graph, network, log);
     }
     graph
 }
@@ -113,6 +117,17 @@ fn complain(network: &Network<'_>, allowed: String, log: &Log) {
         Some(item) => item.diagnostic(Problem::Value, allowed),
         None => network.place.diagnostic(Problem::Whole, "graph", allowed),
     });
+}
+
+/// The weights of a node's edges do not add up to more than it takes.
+fn light(graph: &Graph, network: &Network<'_>, log: &Log) {
+    let degrees = (0..graph.nodes).map(|index| graph.degree(index));
+    let heavy = degrees.enumerate().find(|(_, degree)| *degree > params::LARGEST_WEIGHT);
+    if let Some((index, degree)) = heavy {
+        let (id, most) = (index + 1, params::LARGEST_WEIGHT);
+        let allowed = format!("the weights of node {id} add up to {degree:e}; a node takes {most:e} at most");
+        log.report(network.place.diagnostic(Problem::Whole, "graph", allowed));
+    }
 }
 
 fn connected(graph: &Graph, network: &Network<'_>, log: &Log) {
@@ -175,6 +190,6 @@ fn listed_edge(item: &Item, network: &Network<'_>, log: &Log) -> Option<(usize, 
         report(item.diagnostic(Problem::Value, "must join two different nodes (no self loops)"));
         return None;
     }
-    let weight = weight.map_or(Ok(network.weight), |item| number(item, Range::positive("edge weight")));
+    let weight = weight.map_or(Ok(network.weight), |item| number(item, EDGE_WEIGHT));
     Some((a as usize, b as usize, weight.map_err(report).ok()?))
 }

@@ -5,6 +5,8 @@
 
 use std::cell::RefCell;
 
+use funnel_core::params;
+
 use super::diagnostic::{Diagnostic, Diagnostics, Problem};
 use super::duration::{self, parse_duration};
 use super::tree::{Item, Place, Table, Value};
@@ -37,8 +39,8 @@ pub(super) struct Range {
     low_open: bool,
     high: f64,
     unit: &'static str,
-    /// The value goes to a node, which computes in f32.
-    on_node: bool,
+    /// Smallest and largest size that a node takes (zero apart), where the value goes to one.
+    on_node: Option<(f64, f64)>,
     /// A later version takes an array here.
     vector: bool,
 }
@@ -51,14 +53,19 @@ impl Range {
             low_open: false,
             high: f64::INFINITY,
             unit,
-            on_node: true,
+            on_node: Some((0.0, params::LARGEST)),
             vector: false,
         }
     }
 
     /// More than zero.
     pub const fn positive(unit: &'static str) -> Self {
-        Self { low: 0.0, low_open: true, ..Self::any(unit) }
+        Self {
+            low: 0.0,
+            low_open: true,
+            on_node: Some((params::SMALLEST, params::LARGEST)),
+            ..Self::any(unit)
+        }
     }
 
     /// Zero or more.
@@ -68,7 +75,7 @@ impl Range {
 
     /// From 0 to 1.
     pub const fn probability() -> Self {
-        Self { high: 1.0, on_node: false, ..Self::non_negative("probability") }
+        Self { high: 1.0, on_node: None, ..Self::non_negative("probability") }
     }
 
     /// More than 0, up to 1.
@@ -78,7 +85,16 @@ impl Range {
 
     /// The value stays on the host, in f64.
     pub const fn on_host(self) -> Self {
-        Self { on_node: false, ..self }
+        Self { on_node: None, ..self }
+    }
+
+    /// A node takes values up to this size.
+    pub const fn up_to(self, largest: f64) -> Self {
+        let smallest = match self.on_node {
+            Some((smallest, _)) => smallest,
+            None => 0.0,
+        };
+        Self { on_node: Some((smallest, largest)), ..self }
     }
 
     /// An array is known here, but not supported yet.
@@ -107,11 +123,14 @@ impl Range {
         if below || value > self.high {
             return Err(self.text());
         }
-        let size = value.abs();
-        if self.on_node && size != 0.0 && !(1e-30..=1e30).contains(&size) {
-            return Err("must be within 1e-30 to 1e30 in size: nodes compute in f32".to_owned());
+        match self.on_node {
+            Some((smallest, largest)) if value != 0.0 && !(smallest..=largest).contains(&value.abs()) => {
+                let least =
+                    if smallest > 0.0 { format!("at least {smallest:e} and ") } else { String::new() };
+                Err(format!("must be {least}at most {largest:e} in size, to suit a node ({})", self.unit))
+            }
+            _ => Ok(value),
         }
-        Ok(value)
     }
 }
 
@@ -233,6 +252,23 @@ impl<'a> Section<'a> {
                 1
             }
         }
+    }
+
+    /// A required duration within `limits`, both included, in nanoseconds.
+    pub fn duration_within(&mut self, key: &'static str, limits: (u64, u64)) -> u64 {
+        let Some(item) = self.take(key) else {
+            self.missing(key, duration::ALLOWED);
+            return limits.0;
+        };
+        let inside = |ns: u64| match (limits.0..=limits.1).contains(&ns) {
+            true => Ok(ns),
+            false => {
+                let [low, high] = [limits.0, limits.1].map(duration::format_duration);
+                let allowed = format!("must be from {low} to {high}, to suit a node");
+                Err(item.diagnostic(Problem::Value, allowed))
+            }
+        };
+        self.read(duration_ns(item, false).and_then(inside), limits.0)
     }
 
     /// A string that may be absent.

@@ -1,6 +1,9 @@
 //! Reading of whole files.
 
 use super::*;
+use crate::configure::{Drive, node_configs};
+use funnel_core::Params;
+use funnel_protocol::config::TickSource;
 
 const FILE: &str = r#"version = 1
 seed = 7
@@ -102,7 +105,7 @@ fn a_wrong_value_names_place_key_value_and_range() {
     );
     assert_eq!(
         errors("state = -3", "state = 1e300"),
-        "dir/a.toml:23:9: node.2.state = 1e300: must be within 1e-30 to 1e30 in size: nodes compute in f32"
+        "dir/a.toml:23:9: node.2.state = 1e300: must be at most 1e9 in size, to suit a node (state units)"
     );
 }
 
@@ -320,7 +323,7 @@ fn one_node_and_the_whole_id_space_work() {
     assert_eq!(read(FILE, &["graph.nodes=127"]).unwrap().nodes.last().unwrap().id, 127);
     let text = FILE.split("[[node]]").next().unwrap();
     let scenario = read(text, &["graph.nodes=1"]).unwrap();
-    assert_eq!((scenario.nodes.len(), scenario.graph.lambda2(), scenario.sync_bound(0.0)), (1, 0.0, 0.0));
+    assert_eq!((scenario.nodes.len(), scenario.graph.lambda2(), scenario.sync_bound(1.0)), (1, 0.0, 0.0));
 }
 
 #[test]
@@ -375,6 +378,60 @@ fn damaged_files_never_panic_and_errors_always_say_something() {
         let text: String = text.into_iter().collect();
         if let Err(errors) = read(&text, &[]) {
             assert!(!errors.0.is_empty() && errors.0.iter().all(|error| !error.allowed.is_empty()), "{text}");
+        }
+    }
+}
+
+#[test]
+fn what_no_node_takes_is_refused_with_its_place() {
+    let set = |key: &str, value: &str| set_error(&format!("{key}={value}"));
+    for (key, value, text) in [
+        ("agent.state", "1e12", "must be at most 1e9 in size, to suit a node (state units)"),
+        (
+            "graph.weight",
+            "1e-12",
+            "must be at least 1e-9 and at most 1e6 in size, to suit a node (edge weight)",
+        ),
+        (
+            "coupling.funnel.rate",
+            "1e7",
+            "must be at least 1e-9 and at most 1e6 in size, to suit a node (1/s)",
+        ),
+        ("time.tick", "1us", "must be from 10us to 4.294967295s, to suit a node"),
+        ("time.tick", "5s", "must be from 10us to 4.294967295s, to suit a node"),
+        ("bus.latency", "255ms", "later frames would pass for new ones"),
+        ("bus.jitter", "500000h", "later frames would pass for new ones"),
+        ("graph.weight", "9e5", "the weights of node 2 add up to 1.8e6; a node takes 1e6 at most"),
+    ] {
+        let error = set(key, value);
+        assert!(error.starts_with(&format!("--set {key}={value}: ")) || error.contains("graph: "), "{error}");
+        assert!(error.contains(text), "{error}");
+    }
+    let sines = ["{ amplitude = 1, frequency = 1 }"; 9].join(",");
+    assert!(set("agent.dynamics.sines", &format!("[{sines}]")).contains("at most 8 sines"));
+    assert!(read(FILE, &["bus.latency=240ms"]).is_ok());
+}
+
+#[test]
+fn what_the_reader_takes_a_node_takes() {
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+    for sets in [
+        &["time.tick=10us"][..],
+        &["time.tick=4s", "time.duration=8s"],
+        &["graph.weight=1e-9", "coupling.gain.scale=1e-9", "coupling.funnel.rate=1e-9"],
+        &[
+            "coupling.funnel.start=1e9",
+            "node.2.funnel.factor=1e9",
+            "node.1.state=1e9",
+            "coupling.funnel.factor=1e3",
+        ],
+        &["coupling.funnel.end=1e-20", "agent.dynamics.slope=-1e6", "agent.dynamics.offset=1e-20"],
+        &["graph.weight=5e5", "coupling.funnel.start=1e9", "coupling.gain.scale=1e9"],
+    ] {
+        let scenario = read(FILE, sets).unwrap();
+        for config in node_configs(&scenario, drive).unwrap() {
+            let params = Params::<f32>::new(&config);
+            assert!(params.is_ok(), "{sets:?}: {}", params.unwrap_err());
         }
     }
 }
