@@ -27,9 +27,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// How long a node may take to boot and say who it is.
-const BOOT: Duration = Duration::from_secs(20);
+const BOOT: Duration = Duration::from_secs(10);
 /// How long a node may take for an answer or for a tick.
-const ANSWER: Duration = Duration::from_secs(10);
+const ANSWER: Duration = Duration::from_secs(5);
+/// How much later than the end of its serial line a dead emulator's exit status may come.
+const EXIT: Duration = Duration::from_secs(1);
+/// Lines of a node's log that an error quotes.
+const LAST_LINES: usize = 5;
 
 /// Bytes of a real-time frame on the wire.
 pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
@@ -58,6 +62,7 @@ struct EmulatedNode {
 /// A network of emulated nodes.
 pub struct Emulator {
     nodes: Vec<EmulatedNode>,
+    image: PathBuf,
     bus: IdealBus<FrameBytes>,
     tick_ns: u64,
     /// Tick that comes next.
@@ -91,9 +96,10 @@ impl Emulator {
         }
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
         let observations = vec![Observation::default(); nodes.len()];
-        let mut network = Self { nodes, bus, tick_ns, tick: 0, observations, events: Vec::new() };
-        network.identify()?;
-        network.configure(configs)?;
+        let (image, events) = (options.image.clone(), Vec::new());
+        let mut network = Self { nodes, image, bus, tick_ns, tick: 0, observations, events };
+        let ready = network.identify().and_then(|()| network.configure(configs));
+        ready.map_err(|error| network.explain(error))?;
         Ok(network)
     }
 
@@ -102,6 +108,10 @@ impl Emulator {
     /// # Errors
     /// A node that does not answer or dies.
     pub fn start(&mut self) -> Result<(), EmulatorError> {
+        self.announce().map_err(|error| self.explain(error))
+    }
+
+    fn announce(&mut self) -> Result<(), EmulatorError> {
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         for node in &mut self.nodes {
             node.link.write(&serial::encode(&start))?;
@@ -117,6 +127,11 @@ impl Emulator {
     /// # Errors
     /// A node that does not answer or dies, or an interrupt.
     pub fn advance(&mut self) -> Result<&[Observation<f32>], EmulatorError> {
+        self.run_tick().map_err(|error| self.explain(error))?;
+        Ok(&self.observations)
+    }
+
+    fn run_tick(&mut self) -> Result<(), EmulatorError> {
         let now = (u64::from(self.tick) + 1) * self.tick_ns;
         self.deliver_before(now);
         let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
@@ -129,7 +144,7 @@ impl Emulator {
             self.take_tick(index, now)?;
         }
         self.tick += 1;
-        Ok(&self.observations)
+        Ok(())
     }
 
     /// Stops all nodes and takes their reports, by index.
@@ -137,6 +152,10 @@ impl Emulator {
     /// # Errors
     /// A node that does not answer or dies.
     pub fn finish(&mut self) -> Result<Vec<Report>, EmulatorError> {
+        self.stop().map_err(|error| self.explain(error))
+    }
+
+    fn stop(&mut self) -> Result<Vec<Report>, EmulatorError> {
         let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
         let mut reports = Vec::new();
         for node in &mut self.nodes {
@@ -163,6 +182,20 @@ impl Emulator {
     /// Ends all emulators and gives each node's raw defmt log, by index.
     pub fn into_logs(self) -> Vec<Vec<u8>> {
         self.nodes.into_iter().map(|node| node.process.into_log()).collect()
+    }
+
+    /// Adds to an error what the node that it names had to say.
+    fn explain(&mut self, error: EmulatorError) -> EmulatorError {
+        let node = error.node().and_then(|id| self.nodes.iter_mut().find(|node| node.link.id() == id));
+        let Some(node) = node else { return error };
+        let ended = matches!(error, EmulatorError::Died { .. });
+        let mut words = node.process.last_words(if ended { EXIT } else { Duration::ZERO });
+        // Without the image the log cannot be read, and the error stands alone.
+        let image = std::fs::read(&self.image).unwrap_or_default();
+        let log = decode_log(&image, &node.process.log());
+        let lines: Vec<_> = log.lines().collect();
+        words.extend(lines.iter().rev().take(LAST_LINES).rev().map(|line| format!("its log: {line}")));
+        error.with_words(words.join("\n"))
     }
 
     fn identify(&mut self) -> Result<(), EmulatorError> {
