@@ -42,7 +42,10 @@ impl From<RecordError> for RunError {
 
 impl From<EmulatorError> for RunError {
     fn from(error: EmulatorError) -> Self {
-        Self { message: error.to_string(), exit: exit(&error) }
+        match error {
+            EmulatorError::Interrupted => Self::interrupted(),
+            error => Self { message: error.to_string(), exit: exit(&error) },
+        }
     }
 }
 
