@@ -62,8 +62,11 @@ pub fn assert_same_rows(left: &[Row], right: &[Row]) {
             ("u", &left.u, &right.u),
         ];
         for (name, left, right) in columns {
-            let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-            assert_eq!(bits(left), bits(right), "{name} at tick {k}: {left:?} and {right:?}");
+            assert_eq!(left.len(), right.len());
+            for (node, (left, right)) in left.iter().zip(right).enumerate() {
+                let same = left.to_bits() == right.to_bits();
+                assert!(same, "{name} of node {} at tick {k}: {left} and {right}", node + 1);
+            }
         }
     }
     assert_eq!(left.len(), right.len(), "rows");

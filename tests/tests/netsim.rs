@@ -2,6 +2,7 @@
 //! is deterministic, so nothing is allowed to change unnoticed.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
+use sim_host::figure::figure;
 use sim_host::record::Summary;
 use sim_host::run::{Fidelity, Outcome};
 use sim_host::scenario::{Expect, Scenario};
@@ -35,7 +36,7 @@ const CONFIGURATIONS: &[(&str, (&str, f64), f64, u32, u32)] = &[
 #[test]
 fn the_table_of_figures_is_the_recorded_one() {
     let mut table = String::from(
-        "graph    funnel  loss latency jitter |  max ratio breaches    spread    error frames  lost extrapol. trace\n\
+        "graph    funnel  loss latency jitter | max ratio breaches    spread    error frames  lost extrapol. trace\n\
          \x20                     us      us     |\n",
     );
     for &(graph, funnel, loss, latency, jitter) in CONFIGURATIONS {
@@ -70,10 +71,10 @@ fn figures(summary: &Summary, outcome: &Outcome) -> String {
     let (funnel, sync, bus) = (summary.funnel.unwrap(), summary.sync.unwrap(), summary.bus.as_ref().unwrap());
     let extrapolated: u32 = outcome.counters.iter().map(|counters| counters.extrapolated).sum();
     format!(
-        "{:>10.4e} {:>8} {:>9.3e} {:>8.1e} {:>6} {:>5} {:>9} {}",
-        funnel.max_ratio,
+        "{:>9} {:>8} {:>9} {:>8.1e} {:>6} {:>5} {:>9} {}",
+        figure(funnel.max_ratio, 4),
         funnel.breaches,
-        sync.final_spread,
+        figure(sync.final_spread, 4),
         // Two digits: the reference is f64 arithmetic of a solver, which need not be the same to the last bit.
         summary.reference.unwrap().max_error,
         bus.sent,
