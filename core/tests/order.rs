@@ -12,7 +12,7 @@ const DURATION: f64 = 8.0;
 const SAMPLE: f64 = 0.004;
 
 fn field(i: usize, tick: f64) -> AffineSines<f64> {
-    let part = |seed: f64| (seed * (i as f64 + 1.0)).sin();
+    let part = |seed: f64| funnel_core::math::sin(seed * (i as f64 + 1.0));
     let sine =
         |amplitude: f64, frequency, phase| SineConfig { amplitude: amplitude as f32, frequency, phase };
     let sines = [

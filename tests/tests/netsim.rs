@@ -10,11 +10,14 @@ use std::fmt::Write;
 use std::path::Path;
 use system_tests::{run, scenario};
 
-const WIDE: (&str, f64) = ("wide", 2.0);
-const NARROW: (&str, f64) = ("narrow", 0.02);
+/// A funnel's name and its end.
+type End = (&'static str, f64);
 
-/// Graph, end of the funnel, loss, latency and jitter in microseconds.
-const CONFIGURATIONS: &[(&str, (&str, f64), f64, u32, u32)] = &[
+const WIDE: End = ("wide", 2.0);
+const NARROW: End = ("narrow", 0.02);
+
+/// Graph, funnel, loss, latency and jitter in microseconds.
+const CONFIGURATIONS: &[(&str, End, f64, u32, u32)] = &[
     ("ring", WIDE, 0.0, 0, 0),
     ("ring", WIDE, 0.1, 0, 0),
     ("ring", WIDE, 0.0, 1500, 0),
