@@ -54,3 +54,17 @@ fn also_where_frames_are_lost_late_and_out_of_order() {
 fn also_for_nodes_that_differ() {
     assert_logs(&assert_parity(&heterogeneous("300ms")));
 }
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_where_nodes_stop_at_their_state_limit() {
+    // Unstable agents whose frames come late: the states grow until one node after the other stops.
+    let slopes = [30.0, 30.0, 30.0, 25.0, 20.0];
+    let slopes = slopes.iter().zip(1..).map(|(slope, id)| format!("node.{id}.dynamics.slope={slope:?}"));
+    let settings: Vec<_> = slopes.collect();
+    let settings = settings.iter().map(String::as_str);
+    let unstable: Vec<_> = ["time.duration=1s", "bus.latency=1500us"].into_iter().chain(settings).collect();
+    let emulator = assert_parity(&scenario("five-agents.toml", &unstable));
+    assert!(emulator.counters.iter().all(|counters| counters.ticks < 1000), "{:?}", emulator.counters);
+    assert_eq!(emulator.events.len(), 5, "{:?}", emulator.events);
+}

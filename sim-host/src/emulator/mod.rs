@@ -17,7 +17,7 @@ use crate::engine::NodeEvent;
 use crate::interrupt::Interrupt;
 use funnel_core::{Event, Observation};
 use funnel_protocol::config::NodeConfig;
-use funnel_protocol::message::{Command, Message, Severity, Target, TickStamp};
+use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
 use funnel_protocol::report::{Report, Telemetry};
 use funnel_protocol::service::{Reply, Request};
 use funnel_protocol::{WIRE_VERSION, serial};
@@ -57,6 +57,8 @@ struct EmulatedNode {
     next_state: f32,
     /// It has said that it stopped, and is not waited for any more.
     stopped: bool,
+    /// What it said last is the outcome of a tick, so that its telemetry follows.
+    ticked: bool,
 }
 
 /// A network of emulated nodes.
@@ -92,7 +94,8 @@ impl Emulator {
         for (mut process, config) in processes.into_iter().zip(configs) {
             let stream = process.connect(BOOT, &options.interrupt)?;
             let link = Link::new(config.id, stream, options.interrupt.clone())?;
-            nodes.push(EmulatedNode { process, link, next_state: config.initial_state, stopped: false });
+            let next_state = config.initial_state;
+            nodes.push(EmulatedNode { process, link, next_state, stopped: false, ticked: false });
         }
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
         let observations = vec![Observation::default(); nodes.len()];
@@ -132,18 +135,29 @@ impl Emulator {
     }
 
     fn run_tick(&mut self) -> Result<(), EmulatorError> {
-        let now = (u64::from(self.tick) + 1) * self.tick_ns;
-        self.deliver_before(now);
-        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
-        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
-        for node in self.nodes.iter_mut().filter(|node| !node.stopped) {
-            node.link.queue(&sync);
-            node.link.flush()?;
-        }
-        for index in 0..self.nodes.len() {
-            self.take_tick(index, now)?;
+        // As in loopback, nothing is delivered any more once all nodes have stopped by themselves.
+        if self.nodes.iter().any(|node| !node.stopped) {
+            let now = (u64::from(self.tick) + 1) * self.tick_ns;
+            self.deliver_before(now);
+            self.send_sync()?;
+            for index in 0..self.nodes.len() {
+                self.take_tick(index, now)?;
+            }
         }
         self.tick += 1;
+        Ok(())
+    }
+
+    /// Writes what is queued, and a SYNC to the nodes that run.
+    fn send_sync(&mut self) -> Result<(), EmulatorError> {
+        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
+        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        for node in &mut self.nodes {
+            if !node.stopped {
+                node.link.queue(&sync);
+            }
+            node.link.flush()?;
+        }
         Ok(())
     }
 
@@ -159,7 +173,9 @@ impl Emulator {
         let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
         let mut reports = Vec::new();
         for node in &mut self.nodes {
-            node.link.write(&serial::encode(&stop))?;
+            if !node.stopped {
+                node.link.write(&serial::encode(&stop))?;
+            }
             node.link.request(&Request::Report)?;
             reports.push(node.link.wait_for(ANSWER, "report", |received| match received {
                 Received::Reply(Reply::Report(report)) => Some(report),
@@ -231,7 +247,7 @@ impl Emulator {
         while self.bus.next_arrival().is_some_and(|at| at < now) {
             let nodes = &mut self.nodes;
             self.bus.deliver(|receiver, frame| {
-                if let Some(node) = nodes.get_mut(receiver).filter(|node| !node.stopped) {
+                if let Some(node) = nodes.get_mut(receiver) {
                     node.link.queue(frame);
                 }
             });
@@ -255,7 +271,7 @@ impl Emulator {
             return Ok(());
         };
         self.take_state(index, now)?;
-        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
+        let Some(node) = self.nodes.get_mut(index).filter(|node| node.ticked) else { return Ok(()) };
         let telemetry = node.link.wait_for(ANSWER, "telemetry", |received| match received {
             Received::Reply(Reply::Telemetry(telemetry)) => Some(telemetry),
             _ => None,
@@ -276,9 +292,14 @@ impl Emulator {
     fn take_message(&mut self, index: usize, message: Message, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         match message {
-            Message::State { x, .. } => node.next_state = x,
+            Message::State { x, .. } => {
+                node.next_state = x;
+                node.ticked = true;
+            }
             Message::Fault { code, severity, .. } => {
                 node.stopped = severity == Severity::Stopped;
+                // Only this fault is the outcome of a tick, which the node has seen as any other.
+                node.ticked = code == FaultCode::STATE_LIMIT;
                 self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
             }
             Message::Ctrl { .. } | Message::Sync { .. } => return,
