@@ -152,6 +152,12 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
     python3 firmware/selftest.py qemu-system-arm target/debug/examples/defmt_log "$IMAGES/selftest"
 }
 
+# The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
+cmd_parity() { #: the simulator against emulated nodes, bit for bit, and what can go wrong with emulators
+    firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin selftest
+    cargo test --locked --workspace --test parity --test emulator_faults -- --include-ignored
+}
+
 cmd_cost() { #: count instructions on the emulated Cortex-M4F and on the host; Markdown, fails above a limit
     local over=0
     firmware_cargo build --release --locked --quiet --features cost --bin cost
@@ -234,7 +240,7 @@ cmd_addresses() { #: check where the image is linked to: a root memory.x would s
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware size addresses selftest cost; do
+    for name in setup fmt clippy unit thumb firmware size addresses selftest parity cost; do
         say "--- $name"
         "cmd_$name"
     done

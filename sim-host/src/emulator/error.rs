@@ -59,6 +59,13 @@ pub enum EmulatorError {
     },
     /// The user stopped the run.
     Interrupted,
+    /// Any of the others, with what the node had to say.
+    WithWords {
+        /// What went wrong.
+        cause: Box<Self>,
+        /// How its emulator ended, what that complained of, and the end of the node's log; a line each.
+        words: String,
+    },
     /// The operating system refused something.
     Io {
         /// What was tried.
@@ -72,6 +79,21 @@ impl EmulatorError {
     /// Wraps an error of the operating system.
     pub fn io(what: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { what, source }
+    }
+
+    /// The node whose log may tell more.
+    pub(super) fn node(&self) -> Option<u8> {
+        match *self {
+            Self::NoAnswer { node, .. } | Self::Died { node, .. } | Self::OutOfStep { node, .. } => {
+                Some(node)
+            }
+            _ => None,
+        }
+    }
+
+    /// Adds what the node had to say.
+    pub(super) fn with_words(self, words: String) -> Self {
+        if words.is_empty() { self } else { Self::WithWords { cause: Box::new(self), words } }
     }
 }
 
@@ -100,6 +122,7 @@ impl fmt::Display for EmulatorError {
             Self::OutOfStep { node, tick, found } => {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")
             }
+            Self::WithWords { cause, words } => write!(f, "{cause}\n{words}"),
             Self::Interrupted => write!(f, "interrupted; all emulators are ended"),
             Self::Io { what, source } => write!(f, "cannot {what}: {source}"),
         }

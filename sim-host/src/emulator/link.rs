@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 
 /// How often a blocked read looks at the clock and at the user's wish to stop.
 const SLICE: Duration = Duration::from_millis(50);
+/// How long a node may leave its serial line unread, once the operating system's buffers are full.
+const WRITE: Duration = Duration::from_secs(5);
 
 /// What a node said.
 pub enum Received {
@@ -39,9 +41,7 @@ impl Link {
     /// The operating system's.
     pub fn new(id: u8, stream: UnixStream, interrupt: Interrupt) -> Result<Self, EmulatorError> {
         stream.set_read_timeout(Some(SLICE)).map_err(EmulatorError::io("set a read timeout"))?;
-        stream
-            .set_write_timeout(Some(Duration::from_secs(10)))
-            .map_err(EmulatorError::io("set a write timeout"))?;
+        stream.set_write_timeout(Some(WRITE)).map_err(EmulatorError::io("set a write timeout"))?;
         let received = VecDeque::new();
         Ok(Self { id, stream, interrupt, deframer: Deframer::new(), received, queued: Vec::new() })
     }
@@ -70,7 +70,14 @@ impl Link {
     /// # Errors
     /// The emulator is gone.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), EmulatorError> {
-        self.stream.write_all(bytes).map_err(|error| self.died(&error.to_string()))
+        self.stream.write_all(bytes).map_err(|error| match error.kind() {
+            ErrorKind::WouldBlock | ErrorKind::TimedOut => EmulatorError::NoAnswer {
+                node: self.id,
+                awaited: "reading of its serial line",
+                waited: WRITE,
+            },
+            _ => self.died(&error.to_string()),
+        })
     }
 
     /// Sends a request.

@@ -27,9 +27,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// How long a node may take to boot and say who it is.
-const BOOT: Duration = Duration::from_secs(20);
+const BOOT: Duration = Duration::from_secs(10);
 /// How long a node may take for an answer or for a tick.
-const ANSWER: Duration = Duration::from_secs(10);
+const ANSWER: Duration = Duration::from_secs(5);
+/// How much later than the end of its serial line a dead emulator's exit status may come.
+const EXIT: Duration = Duration::from_secs(1);
+/// Lines of a node's log that an error quotes.
+const LAST_LINES: usize = 5;
 
 /// Bytes of a real-time frame on the wire.
 pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
@@ -53,11 +57,14 @@ struct EmulatedNode {
     next_state: f32,
     /// It has said that it stopped, and is not waited for any more.
     stopped: bool,
+    /// What it said last is the outcome of a tick, so that its telemetry follows.
+    ticked: bool,
 }
 
 /// A network of emulated nodes.
 pub struct Emulator {
     nodes: Vec<EmulatedNode>,
+    image: PathBuf,
     bus: IdealBus<FrameBytes>,
     tick_ns: u64,
     /// Tick that comes next.
@@ -87,14 +94,16 @@ impl Emulator {
         for (mut process, config) in processes.into_iter().zip(configs) {
             let stream = process.connect(BOOT, &options.interrupt)?;
             let link = Link::new(config.id, stream, options.interrupt.clone())?;
-            nodes.push(EmulatedNode { process, link, next_state: config.initial_state, stopped: false });
+            let next_state = config.initial_state;
+            nodes.push(EmulatedNode { process, link, next_state, stopped: false, ticked: false });
         }
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
         let initial = |config: &NodeConfig| Observation { x: config.initial_state, ..Observation::default() };
         let observations = configs.iter().map(initial).collect();
-        let mut network = Self { nodes, bus, tick_ns, tick: 0, observations, events: Vec::new() };
-        network.identify()?;
-        network.configure(configs)?;
+        let (image, events) = (options.image.clone(), Vec::new());
+        let mut network = Self { nodes, image, bus, tick_ns, tick: 0, observations, events };
+        let ready = network.identify().and_then(|()| network.configure(configs));
+        ready.map_err(|error| network.explain(error))?;
         Ok(network)
     }
 
@@ -103,6 +112,10 @@ impl Emulator {
     /// # Errors
     /// A node that does not answer or dies.
     pub fn start(&mut self) -> Result<(), EmulatorError> {
+        self.announce().map_err(|error| self.explain(error))
+    }
+
+    fn announce(&mut self) -> Result<(), EmulatorError> {
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         for node in &mut self.nodes {
             node.link.write(&serial::encode(&start))?;
@@ -118,19 +131,35 @@ impl Emulator {
     /// # Errors
     /// A node that does not answer or dies, or an interrupt.
     pub fn advance(&mut self) -> Result<&[Observation<f32>], EmulatorError> {
-        let now = (u64::from(self.tick) + 1) * self.tick_ns;
-        self.deliver_before(now);
-        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
-        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
-        for node in self.nodes.iter_mut().filter(|node| !node.stopped) {
-            node.link.queue(&sync);
-            node.link.flush()?;
-        }
-        for index in 0..self.nodes.len() {
-            self.take_tick(index, now)?;
+        self.run_tick().map_err(|error| self.explain(error))?;
+        Ok(&self.observations)
+    }
+
+    fn run_tick(&mut self) -> Result<(), EmulatorError> {
+        // As in loopback, nothing is delivered any more once all nodes have stopped by themselves.
+        if self.nodes.iter().any(|node| !node.stopped) {
+            let now = (u64::from(self.tick) + 1) * self.tick_ns;
+            self.deliver_before(now);
+            self.send_sync()?;
+            for index in 0..self.nodes.len() {
+                self.take_tick(index, now)?;
+            }
         }
         self.tick += 1;
-        Ok(&self.observations)
+        Ok(())
+    }
+
+    /// Writes what is queued, and a SYNC to the nodes that run.
+    fn send_sync(&mut self) -> Result<(), EmulatorError> {
+        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
+        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        for node in &mut self.nodes {
+            if !node.stopped {
+                node.link.queue(&sync);
+            }
+            node.link.flush()?;
+        }
+        Ok(())
     }
 
     /// Stops all nodes and takes their reports, by index.
@@ -138,10 +167,16 @@ impl Emulator {
     /// # Errors
     /// A node that does not answer or dies.
     pub fn finish(&mut self) -> Result<Vec<Report>, EmulatorError> {
+        self.stop().map_err(|error| self.explain(error))
+    }
+
+    fn stop(&mut self) -> Result<Vec<Report>, EmulatorError> {
         let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
         let mut reports = Vec::new();
         for node in &mut self.nodes {
-            node.link.write(&serial::encode(&stop))?;
+            if !node.stopped {
+                node.link.write(&serial::encode(&stop))?;
+            }
             node.link.request(&Request::Report)?;
             reports.push(node.link.wait_for(ANSWER, "report", |received| match received {
                 Received::Reply(Reply::Report(report)) => Some(report),
@@ -164,6 +199,20 @@ impl Emulator {
     /// Ends all emulators and gives each node's raw defmt log, by index.
     pub fn into_logs(self) -> Vec<Vec<u8>> {
         self.nodes.into_iter().map(|node| node.process.into_log()).collect()
+    }
+
+    /// Adds to an error what the node that it names had to say.
+    fn explain(&mut self, error: EmulatorError) -> EmulatorError {
+        let node = error.node().and_then(|id| self.nodes.iter_mut().find(|node| node.link.id() == id));
+        let Some(node) = node else { return error };
+        let ended = matches!(error, EmulatorError::Died { .. });
+        let mut words = node.process.last_words(if ended { EXIT } else { Duration::ZERO });
+        // Without the image the log cannot be read, and the error stands alone.
+        let image = std::fs::read(&self.image).unwrap_or_default();
+        let log = decode_log(&image, &node.process.log());
+        let lines: Vec<_> = log.lines().collect();
+        words.extend(lines.iter().rev().take(LAST_LINES).rev().map(|line| format!("its log: {line}")));
+        error.with_words(words.join("\n"))
     }
 
     fn identify(&mut self) -> Result<(), EmulatorError> {
@@ -199,23 +248,23 @@ impl Emulator {
         while self.bus.next_arrival().is_some_and(|at| at < now) {
             let nodes = &mut self.nodes;
             self.bus.deliver(|receiver, frame| {
-                if let Some(node) = nodes.get_mut(receiver).filter(|node| !node.stopped) {
+                if let Some(node) = nodes.get_mut(receiver) {
                     node.link.queue(frame);
                 }
             });
         }
     }
 
-    /// Waits for a node's state (the tick after the one that ran) and puts it on the bus; the same for the fault that it
-    /// may say instead, which it gives.
-    fn take_state(&mut self, index: usize, now: u64) -> Result<Option<FaultCode>, EmulatorError> {
-        let Some(node) = self.nodes.get_mut(index) else { return Ok(None) };
+    /// Waits for a node's state (the tick after the one that ran), or for the fault that it may say instead, and puts it on
+    /// the bus.
+    fn take_state(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
+        let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         let message = node.link.wait_for(ANSWER, "state", |received| match received {
             Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
             _ => None,
         })?;
         self.take_message(index, message, now);
-        Ok(if let Message::Fault { code, .. } = message { Some(code) } else { None })
+        Ok(())
     }
 
     fn take_tick(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
@@ -223,9 +272,8 @@ impl Emulator {
         else {
             return Ok(());
         };
-        // A state beyond its limit comes of a tick, which the node tells about; other faults come instead of one.
-        let ran = matches!(self.take_state(index, now)?, None | Some(FaultCode::STATE_LIMIT));
-        let Some(node) = self.nodes.get_mut(index).filter(|_| ran) else { return Ok(()) };
+        self.take_state(index, now)?;
+        let Some(node) = self.nodes.get_mut(index).filter(|node| node.ticked) else { return Ok(()) };
         let telemetry = node.link.wait_for(ANSWER, "telemetry", |received| match received {
             Received::Reply(Reply::Telemetry(telemetry)) => Some(telemetry),
             _ => None,
@@ -246,9 +294,14 @@ impl Emulator {
     fn take_message(&mut self, index: usize, message: Message, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         match message {
-            Message::State { x, .. } => node.next_state = x,
+            Message::State { x, .. } => {
+                node.next_state = x;
+                node.ticked = true;
+            }
             Message::Fault { code, severity, .. } => {
                 node.stopped = severity == Severity::Stopped;
+                // Only this fault is the outcome of a tick, which the node has seen as any other.
+                node.ticked = code == FaultCode::STATE_LIMIT;
                 self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
             }
             Message::Ctrl { .. } | Message::Sync { .. } => return,

@@ -4,25 +4,30 @@ use super::{EmulatorError, EmulatorOptions};
 use crate::interrupt::Interrupt;
 use std::fs::File;
 use std::io::ErrorKind;
+use std::os::unix::fs::FileExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// The emulator's files, in a temporary folder of its own: serial line, defmt log, its own complaints.
+/// The serial line's socket, in a temporary folder of its own.
 const SOCKET: &str = "uart";
-const LOG: &str = "log";
-const ERRORS: &str = "stderr";
+/// Bytes of the emulator's complaints that are kept.
+const MAX_ERRORS: usize = 2000;
 
 /// A running emulator; dropping it ends it.
 pub struct Process {
     id: u8,
     child: Child,
     listener: UnixListener,
-    /// Socket, log and error output live here, and go with it.
-    folder: TempDir,
+    /// Of the socket, until it is connected.
+    folder: Option<TempDir>,
+    /// The defmt log and the emulator's complaints: files without a name, so that nothing is left behind even if
+    /// this program is killed.
+    log: File,
+    errors: File,
 }
 
 impl Process {
@@ -32,27 +37,27 @@ impl Process {
     /// No such emulator, or the operating system's.
     pub fn start(id: u8, options: &EmulatorOptions) -> Result<Self, EmulatorError> {
         let folder = tempfile::Builder::new()
-            .prefix("funnelnet-")
+            .prefix(&format!("funnelnet-{id}-"))
             .tempdir()
             .map_err(EmulatorError::io("make a temporary folder"))?;
         let listener = UnixListener::bind(folder.path().join(SOCKET))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(EmulatorError::io("listen for the emulator's serial line"))?;
-        let file = |name| {
-            File::create(folder.path().join(name)).map_err(EmulatorError::io("make the emulator's log file"))
-        };
-        let (log, errors) = (file(LOG)?, file(ERRORS)?);
+        let file = || tempfile::tempfile().map_err(EmulatorError::io("make the emulator's log file"));
+        let (log, errors) = (file()?, file()?);
+        let shared =
+            |file: &File| file.try_clone().map_err(EmulatorError::io("share the emulator's log file"));
         let child = command(&options.qemu, &options.image, folder.path())
             .stdin(Stdio::null())
-            .stdout(log)
-            .stderr(errors)
+            .stdout(shared(&log)?)
+            .stderr(shared(&errors)?)
             .process_group(0)
             .spawn()
             .map_err(|source| match source.kind() {
                 ErrorKind::NotFound => EmulatorError::NoQemu { command: options.qemu.clone() },
                 _ => EmulatorError::Io { what: "start the emulator", source },
             })?;
-        Ok(Self { id, child, listener, folder })
+        Ok(Self { id, child, listener, folder: Some(folder), log, errors })
     }
 
     /// Waits until the emulator connects its serial line.
@@ -64,6 +69,7 @@ impl Process {
         loop {
             match self.listener.accept() {
                 Ok((stream, _)) => {
+                    self.folder = None;
                     stream.set_nonblocking(false).map_err(EmulatorError::io("use the serial line"))?;
                     return Ok(stream);
                 }
@@ -78,7 +84,7 @@ impl Process {
             if let Ok(Some(status)) = self.child.try_wait() {
                 return Err(EmulatorError::Died {
                     node: self.id,
-                    detail: format!("{status}{}", self.errors()),
+                    detail: [vec![status.to_string()], self.complaints()].concat().join("; "),
                 });
             }
             if begin.elapsed() > limit {
@@ -91,15 +97,39 @@ impl Process {
     /// Ends the emulator and gives the raw log that the node wrote.
     pub fn into_log(mut self) -> Vec<u8> {
         self.end();
-        // No log is an empty log: the node may have had nothing to say.
-        std::fs::read(self.folder.path().join(LOG)).unwrap_or_default()
+        self.log()
     }
 
-    fn errors(&self) -> String {
-        match std::fs::read_to_string(self.folder.path().join(ERRORS)) {
-            Ok(text) if !text.trim().is_empty() => format!(": {}", text.trim()),
-            _ => String::new(),
+    /// The raw log so far.
+    pub fn log(&self) -> Vec<u8> {
+        content(&self.log)
+    }
+
+    /// How the emulator ended, if it does within `patience`, and what it complained of; a line each.
+    pub fn last_words(&mut self, patience: Duration) -> Vec<String> {
+        let ended = self.status(patience).map(|status| format!("its emulator: {status}"));
+        let complaints = self.complaints().into_iter().map(|line| format!("its emulator: {line}"));
+        ended.into_iter().chain(complaints).collect()
+    }
+
+    fn status(&mut self, patience: Duration) -> Option<ExitStatus> {
+        let begin = Instant::now();
+        loop {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                return Some(status);
+            }
+            if begin.elapsed() >= patience {
+                return None;
+            }
+            std::thread::sleep(Duration::from_millis(5));
         }
+    }
+
+    fn complaints(&self) -> Vec<String> {
+        let mut bytes = content(&self.errors);
+        bytes.truncate(MAX_ERRORS);
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        text.lines().filter(|line| !line.trim().is_empty()).map(str::to_owned).collect()
     }
 
     fn end(&mut self) {
@@ -107,6 +137,15 @@ impl Process {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Everything in a file, without moving the position at which the emulator writes.
+fn content(file: &File) -> Vec<u8> {
+    let mut bytes = vec![0; file.metadata().map_or(0, |metadata| metadata.len() as usize)];
+    // What cannot be read is as good as not written: a log is never why a run fails.
+    let length = file.read_at(&mut bytes, 0).unwrap_or(0);
+    bytes.truncate(length);
+    bytes
 }
 
 impl Drop for Process {

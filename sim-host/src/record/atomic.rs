@@ -21,11 +21,13 @@ pub struct RecordError {
 static COUNT: AtomicU64 = AtomicU64::new(0);
 
 /// A buffered file under a temporary name beside `path`. [`commit`](Self::commit) gives it its name;
-/// dropping it before that removes it. A file that had the name before stays until then.
+/// dropping it before that removes it. A file that had the name before stays until then. A device or a pipe (`/dev/null`,
+/// `/dev/stdout`) is written to as it is: a file must not take its place.
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    temporary: PathBuf,
+    /// `None` for a device.
+    temporary: Option<PathBuf>,
     file: Option<BufWriter<File>>,
 }
 
@@ -42,9 +44,12 @@ impl AtomicFile {
         }
     }
 
-    fn open(path: &Path) -> io::Result<(PathBuf, File)> {
+    fn open(path: &Path) -> io::Result<(Option<PathBuf>, File)> {
         if path.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into());
+        }
+        if is_device(path) {
+            return Ok((None, OpenOptions::new().write(true).open(path)?));
         }
         let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?;
         let mut hidden = OsString::from(".");
@@ -52,7 +57,7 @@ impl AtomicFile {
         hidden.push(format!(".{}-{}.tmp", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
         let temporary = path.with_file_name(hidden);
         let file = OpenOptions::new().write(true).create_new(true).open(&temporary)?;
-        Ok((temporary, file))
+        Ok((Some(temporary), file))
     }
 
     /// The name that the file will have.
@@ -86,8 +91,10 @@ impl AtomicFile {
 
     fn settle(&mut self) -> io::Result<()> {
         if let Some(mut file) = self.file.take() {
-            let settled = file.flush().and_then(|()| file.get_ref().sync_all());
-            let settled = settled.and_then(|()| fs::rename(&self.temporary, &self.path));
+            let settled = file.flush().and_then(|()| match &self.temporary {
+                Some(temporary) => file.get_ref().sync_all().and_then(|()| fs::rename(temporary, &self.path)),
+                None => Ok(()),
+            });
             if settled.is_err() {
                 self.file = Some(file);
             }
@@ -107,9 +114,16 @@ impl Drop for AtomicFile {
             // Not flushed: the content is being thrown away, and on a full disk flushing fails again.
             drop(file.into_parts());
             // Nobody is left to tell if this fails too.
-            let _ = fs::remove_file(&self.temporary);
+            let _ = self.temporary.as_ref().map(fs::remove_file);
         }
     }
+}
+
+/// Whether `path` is something other than a file or a folder, or a name that the system gives to an open file.
+fn is_device(path: &Path) -> bool {
+    let system = path.starts_with("/dev") || path.starts_with("/proc");
+    let special = fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir());
+    special || (system && fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_symlink()))
 }
 
 /// Writes `content` to `path`, whole or not at all.

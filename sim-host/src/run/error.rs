@@ -42,17 +42,25 @@ impl From<RecordError> for RunError {
 
 impl From<EmulatorError> for RunError {
     fn from(error: EmulatorError) -> Self {
-        let exit = match error {
-            EmulatorError::Refused { .. } => Exit::BadInput,
-            EmulatorError::OutOfStep { .. } => Exit::Defect,
-            EmulatorError::Interrupted => Exit::Interrupted,
-            EmulatorError::NoQemu { .. }
-            | EmulatorError::NoImage { .. }
-            | EmulatorError::NoAnswer { .. }
-            | EmulatorError::Died { .. }
-            | EmulatorError::WireVersion { .. }
-            | EmulatorError::Io { .. } => Exit::NoHardware,
-        };
-        Self { message: error.to_string(), exit }
+        match error {
+            EmulatorError::Interrupted => Self::interrupted(),
+            error => Self { message: error.to_string(), exit: exit(&error) },
+        }
+    }
+}
+
+/// How the program ends for an error of the emulators.
+fn exit(error: &EmulatorError) -> Exit {
+    match error {
+        EmulatorError::WithWords { cause, .. } => exit(cause),
+        EmulatorError::Refused { .. } => Exit::BadInput,
+        EmulatorError::OutOfStep { .. } => Exit::Defect,
+        EmulatorError::Interrupted => Exit::Interrupted,
+        EmulatorError::NoQemu { .. }
+        | EmulatorError::NoImage { .. }
+        | EmulatorError::NoAnswer { .. }
+        | EmulatorError::Died { .. }
+        | EmulatorError::WireVersion { .. }
+        | EmulatorError::Io { .. } => Exit::NoHardware,
     }
 }

@@ -43,9 +43,10 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         }
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    let counters = engine.nodes().iter().map(|node| node.counters().clone());
+    let counters: Vec<_> = engine.nodes().iter().map(|node| node.counters().clone()).collect();
     Ok(Outcome {
-        bus: Some(bus_record(engine.traffic(), counters)),
+        bus: Some(bus_record(engine.traffic(), &counters)),
+        counters,
         events: engine.events().to_vec(),
         ..collector.finish()
     })
@@ -70,14 +71,14 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         collector.tick(k, emulator.advance()?);
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    let counters = emulator.finish()?.into_iter().map(|report| report.counters);
-    let bus = Some(bus_record(emulator.traffic(), counters));
+    let counters: Vec<_> = emulator.finish()?.into_iter().map(|report| report.counters).collect();
+    let bus = Some(bus_record(emulator.traffic(), &counters));
     let events = emulator.events().to_vec();
     // The image was there when the nodes started; without it the logs stay undecoded.
     let image = std::fs::read(&options.image).unwrap_or_default();
     let decoded = emulator.into_logs().into_iter().map(|log| decode_log(&image, &log));
     let logs = configs.iter().map(|config| config.id).zip(decoded).collect();
-    Ok(Outcome { bus, events, logs, ..collector.finish() })
+    Ok(Outcome { bus, counters, events, logs, ..collector.finish() })
 }
 
 fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
@@ -94,7 +95,7 @@ fn check_interrupt(options: &RunOptions) -> Result<(), RunError> {
     if options.interrupt.is_set() { Err(RunError::interrupted()) } else { Ok(()) }
 }
 
-fn bus_record(traffic: Traffic, counters: impl Iterator<Item = Counters>) -> BusSummary {
+fn bus_record(traffic: Traffic, counters: &[Counters]) -> BusSummary {
     let mut refused: BTreeMap<_, _> =
         Refusal::ALL.iter().map(|reason| (reason.name().to_owned(), 0)).collect();
     for counters in counters {

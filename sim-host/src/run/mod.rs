@@ -10,6 +10,7 @@ mod reference;
 
 pub use error::RunError;
 pub use options::{Fidelity, RunOptions, Verbosity};
+pub use outcome::Outcome;
 
 use crate::record::Summary;
 use crate::scenario::Scenario;
@@ -23,13 +24,21 @@ use std::time::Instant;
 pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
     let begin = Instant::now();
     let outputs = Outputs::open(scenario, options)?;
-    let outcome = match options.on {
-        Fidelity::Loopback => fidelity::loopback(scenario, options)?,
-        Fidelity::Emulator => fidelity::emulator(scenario, options)?,
-        Fidelity::Reference => reference::run(scenario, options)?,
-    };
+    let outcome = simulate(scenario, options)?;
     let mut summary = outcome.judge(scenario, options.on);
     summary.wall_s = begin.elapsed().as_secs_f64();
     outputs.write(scenario, &outcome, &summary, options)?;
     Ok(summary)
+}
+
+/// Runs `scenario` and gives everything that was seen; writes nothing.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+    match options.on {
+        Fidelity::Loopback => fidelity::loopback(scenario, options),
+        Fidelity::Emulator => fidelity::emulator(scenario, options),
+        Fidelity::Reference => reference::run(scenario, options),
+    }
 }

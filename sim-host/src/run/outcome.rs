@@ -7,6 +7,7 @@ use crate::record::{
     TraceHash,
 };
 use crate::scenario::Scenario;
+use funnel_protocol::report::Counters;
 
 /// What a run came to.
 #[derive(Clone, Debug, Default)]
@@ -29,6 +30,8 @@ pub struct Outcome {
     pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
     pub bus: Option<BusSummary>,
+    /// What f32 nodes counted, by index.
+    pub counters: Vec<Counters>,
     /// What nodes reported.
     pub events: Vec<NodeEvent>,
     /// Logs of emulated nodes: id and text.

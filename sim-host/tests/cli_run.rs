@@ -1,0 +1,324 @@
+//! `sim-host run` end to end: files, exit codes, and what a shell can do to a program.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
+
+const FIVE: &str = "scenarios/five-agents.toml";
+const LOSSY: &str = "scenarios/lossy-ring.toml";
+const SHORT: &str = "time.duration=200ms";
+
+fn repository() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn sim_host(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+    command.current_dir(repository()).args(arguments).stdin(Stdio::null());
+    command
+}
+
+/// Exit code, standard output, standard error.
+fn text(output: Output) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = output;
+    (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
+}
+
+fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
+    text(sim_host(arguments).output().unwrap())
+}
+
+/// 200 ticks of a scenario with `--out` and more: every file that it leaves, by name.
+fn outputs(scenario: &str, more: &[&str]) -> BTreeMap<String, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("made/on/the/way");
+    let arguments = [&["run", scenario, "--set", SHORT, "--out", out.to_str().unwrap()], more].concat();
+    let (code, _, err) = run(&arguments);
+    assert_eq!((code, err.as_str()), (Some(0), ""));
+    files(&out)
+}
+
+fn files(folder: &Path) -> BTreeMap<String, String> {
+    let entry = |entry: std::io::Result<fs::DirEntry>| {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        (name, fs::read_to_string(path).unwrap())
+    };
+    fs::read_dir(folder).unwrap().map(entry).collect()
+}
+
+fn summary(files: &BTreeMap<String, String>) -> Value {
+    serde_json::from_str(&files["summary.json"]).unwrap()
+}
+
+fn hash(scenario: &str, more: &[&str]) -> Value {
+    summary(&outputs(scenario, more))["trace_hash"].clone()
+}
+
+/// Without the wall time, which is the only thing that may differ between two runs of a command.
+fn without_wall_time(mut files: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    let summary = files.get_mut("summary.json").unwrap();
+    *summary = summary.lines().filter(|line| !line.contains("\"wall_s\"")).collect();
+    files
+}
+
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).to_str().unwrap().to_owned()
+}
+
+/// Not captured by the test runner, so that a skipped check is seen.
+fn skip(what: &str) {
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {what}");
+}
+
+#[test]
+fn the_folder_has_the_files_of_the_contract() {
+    let files = outputs(FIVE, &[]);
+    let names: Vec<_> = files.keys().map(String::as_str).collect();
+    assert_eq!(names, ["events.txt", "funnels.svg", "states.svg", "summary.json", "trajectory.csv"]);
+    for name in ["funnels.svg", "states.svg"] {
+        assert!(files[name].starts_with("<svg") && files[name].trim_end().ends_with("</svg>"), "{name}");
+    }
+    assert_eq!(files["events.txt"].matches("Started").count(), 5);
+}
+
+#[test]
+fn the_trajectory_has_the_columns_of_the_contract_and_a_row_per_tick() {
+    let files = outputs(FIVE, &[]);
+    let rows: Vec<Vec<_>> = files["trajectory.csv"].lines().map(|row| row.split(',').collect()).collect();
+    let columns = ["x", "nu", "psi", "u"].map(|name| (1..=5).map(move |id| format!("{name}_{id}")));
+    let header: Vec<_> =
+        ["t".to_owned()].into_iter().chain(columns.into_iter().flatten()).chain(["xi".to_owned()]).collect();
+    assert_eq!(rows[0], header);
+    assert_eq!(rows.len(), 1 + 201);
+    assert!(rows.iter().all(|row| row.len() == header.len()));
+    assert_eq!(rows[1][..6], ["0.0", "3.5", "-2.0", "4.5", "-4.0", "0.5"]);
+    assert_eq!(rows[1][11..16], ["40.0"; 5]);
+    assert_eq!(rows[201][0], "0.2");
+    assert!(rows[1..].iter().flatten().all(|value| value.parse::<f64>().unwrap().is_finite()));
+}
+
+#[test]
+fn the_summary_has_the_keys_of_the_contract() {
+    let summary = summary(&outputs(FIVE, &[]));
+    let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>().join(" ");
+    assert_eq!(
+        keys(&summary),
+        "bus emergent expect funnel nodes on reference scenario seed sync tick_s ticks trace_hash wall_s"
+    );
+    assert_eq!(keys(&summary["funnel"]), "breaches max_ratio");
+    assert_eq!(keys(&summary["sync"]), "bound final_spread lambda2");
+    assert_eq!(keys(&summary["emergent"]), "final_error xi_final");
+    assert_eq!(keys(&summary["reference"]), "final_error max_error");
+    assert_eq!(keys(&summary["bus"]), "lost refused sent utilisation");
+    assert_eq!(keys(&summary["expect"][0]), "limit name pass value");
+    let hash = summary["trace_hash"].as_str().unwrap();
+    assert!(hash.len() == 16 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()), "{hash}");
+    // One frame per node to begin with and one per tick, the last tick included.
+    assert_eq!(summary["bus"]["sent"], 5 * (1 + 201));
+    assert_eq!(
+        (&summary["ticks"], &summary["on"], &summary["seed"]),
+        (&200.into(), &"loopback".into(), &1.into())
+    );
+}
+
+#[test]
+fn every_thins_the_rows_and_nothing_else() {
+    let (all, thinned) = (outputs(FIVE, &[]), outputs(FIVE, &["--every", "30ms"]));
+    let all_rows: Vec<_> = all["trajectory.csv"].lines().collect();
+    let rows: Vec<_> = thinned["trajectory.csv"].lines().collect();
+    // Up to rounding in the last digits, which xi may have: it is integrated from row to row.
+    let state = |row: &str| row.rsplit_once(',').unwrap().0.to_owned();
+    let wanted: Vec<_> = all_rows[1..].iter().step_by(30).map(|row| state(row)).collect();
+    assert_eq!(rows[1..].iter().map(|row| state(row)).collect::<Vec<_>>(), wanted);
+    assert_eq!(wanted.len(), 7);
+    assert_eq!(summary(&all)["trace_hash"], summary(&thinned)["trace_hash"]);
+    // Two thousand rows without --every.
+    let long = outputs(FIVE, &["--set", "time.duration=5s", "--set", "expect.reference_error=0.01"]);
+    assert_eq!(long["trajectory.csv"].lines().count(), 1 + 1 + 5000 / 3);
+}
+
+#[test]
+fn the_same_command_gives_the_same_bytes() {
+    for scenario in [FIVE, LOSSY] {
+        let [first, second] = [(); 2].map(|()| without_wall_time(outputs(scenario, &["--seed", "3"])));
+        assert_eq!(first, second);
+    }
+}
+
+#[test]
+fn the_seed_changes_lossy_runs_and_nothing_else() {
+    assert_eq!(hash(FIVE, &["--seed", "1"]), hash(FIVE, &["--seed", "2"]));
+    assert_eq!(hash(LOSSY, &["--seed", "2"]), hash(LOSSY, &["--seed", "2"]));
+    assert_ne!(hash(LOSSY, &["--seed", "1"]), hash(LOSSY, &["--seed", "2"]));
+    assert_eq!(hash(LOSSY, &[]), hash(LOSSY, &["--seed", "1"]));
+    let other = ["--set", "bus.loss=0", "--seed", "5"];
+    assert_eq!(hash(LOSSY, &other), hash(FIVE, &[]));
+}
+
+#[test]
+fn an_expectation_that_fails_is_code_1_with_the_command_that_repeats_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (json, junit) = (path(&folder, "a.json"), path(&folder, "a.xml"));
+    let (code, out, err) = run(&[
+        "run",
+        LOSSY,
+        "--set",
+        SHORT,
+        "--set",
+        "expect.funnel_ratio=0.01",
+        "--json",
+        &json,
+        "--junit",
+        &junit,
+    ]);
+    assert_eq!(code, Some(1), "{err}");
+    assert!(out.contains("FAIL") && out.contains("funnel_ratio"), "{out}");
+    assert!(err.contains("failed: funnel_ratio = 0."), "{err}");
+    assert!(err.contains("seed 1; repeat with: ") && err.contains("--seed 1\n"), "{err}");
+    let summary: Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+    assert_eq!((&summary["expect"][0]["pass"], &summary["expect"][1]["pass"]), (&false.into(), &true.into()));
+    let junit = fs::read_to_string(junit).unwrap();
+    assert!(junit.contains("tests=\"2\"") && junit.contains("failures=\"1\""), "{junit}");
+    assert!(junit.contains("<failure") && junit.contains("--seed 1"), "{junit}");
+}
+
+#[test]
+fn quiet_says_nothing_and_the_repeating_command_works() {
+    assert_eq!(run(&["run", FIVE, "--set", SHORT, "-q"]), (Some(0), String::new(), String::new()));
+    let (_, _, err) =
+        run(&["run", LOSSY, "--set", SHORT, "--set", "expect.funnel_ratio=0.01", "-q", "--seed", "8"]);
+    let again = err.lines().find_map(|line| line.split_once("repeat with: ")).unwrap().1;
+    let output = Command::new("sh").args(["-c", again]).current_dir(repository()).output().unwrap();
+    assert_eq!(text(output), (Some(1), String::new(), err));
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_code_2_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = path(&folder, "file");
+    fs::write(&file, "kept").unwrap();
+    let inside = format!("{file}/out");
+    for (option, path) in [("--out", &file), ("--out", &inside), ("--json", &inside), ("--junit", &inside)] {
+        // A run of hours, which a refusal does not wait for.
+        let (code, out, err) = run(&["run", FIVE, "--set", "time.duration=10h", option, path]);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+        assert!(err.starts_with("cannot write ") && err.contains(&file), "{err}");
+    }
+    let name = folder.path().to_str().unwrap();
+    assert_eq!(run(&["run", FIVE, "--set", SHORT, "--json", name]).0, Some(2), "a folder is no file");
+    assert_eq!(files(folder.path()), [("file".to_owned(), "kept".to_owned())].into());
+}
+
+#[test]
+fn a_full_disk_is_code_2_and_leaves_no_half_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let mount = folder.path().to_str().unwrap();
+    let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "tmpfs", mount]).output();
+    if !mounted.is_ok_and(|output| output.status.success()) {
+        return skip(
+            "a_full_disk_is_code_2_and_leaves_no_half_file: a small file system cannot be mounted here",
+        );
+    }
+    let (code, _, err) = run(&["run", FIVE, "--set", "time.duration=1s", "--out", mount]);
+    let left = files(folder.path());
+    assert!(Command::new("umount").arg(mount).status().unwrap().success());
+    assert_eq!(code, Some(2), "{err}");
+    assert!(err.starts_with("cannot write ") && err.contains("No space left"), "{err}");
+    assert_eq!(left, BTreeMap::new());
+}
+
+#[test]
+fn devices_are_written_to_and_stay_devices() {
+    let (code, out, err) =
+        run(&["run", FIVE, "--set", SHORT, "-q", "--json", "/dev/stdout", "--junit", "/dev/null"]);
+    assert_eq!((code, err.as_str()), (Some(0), ""));
+    assert_eq!(serde_json::from_str::<Value>(&out).unwrap()["ticks"], 200);
+    use std::os::unix::fs::FileTypeExt;
+    assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+    let (code, _, err) = run(&["run", FIVE, "--set", SHORT, "-q", "--json", "/dev/full"]);
+    assert_eq!(code, Some(2));
+    assert!(err.starts_with("cannot write /dev/full: No space left"), "{err}");
+}
+
+/// A shell's redirections, with the program and its arguments as `"$@"`.
+fn shell(script: &str) -> (Option<i32>, String, String) {
+    let mut command = Command::new("sh");
+    command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_sim-host"), "run", FIVE, "--set", SHORT]);
+    text(command.current_dir(repository()).output().unwrap())
+}
+
+#[test]
+fn closed_streams_are_no_defect() {
+    let (code, out, err) = shell("exec \"$@\" <&-");
+    assert_eq!((code, err.as_str()), (Some(0), ""));
+    assert!(out.contains("largest |nu|/psi"), "{out}");
+    assert_eq!(shell("exec \"$@\" >&-"), (Some(0), String::new(), String::new()));
+    assert_eq!(shell("exec \"$@\" 2>&- >&- <&-"), (Some(0), String::new(), String::new()));
+    let (code, _, err) = shell("exec \"$@\" >/dev/full");
+    assert_eq!(code, Some(2));
+    assert!(err.starts_with("cannot write to standard output: "), "{err}");
+}
+
+#[test]
+fn without_a_terminal_there_is_no_progress_bar() {
+    let (code, out, err) = run(&["run", FIVE]);
+    assert_eq!((code, err.as_str()), (Some(0), ""));
+    assert!(!out.contains(['\r', '\x1b']), "{out}");
+}
+
+#[test]
+fn a_reader_that_goes_away_does_not_change_the_verdict() {
+    for (limit, verdict) in [("1.0", 0), ("0.01", 1)] {
+        let limit = format!("expect.funnel_ratio={limit}");
+        let mut child = sim_host(&["run", FIVE, "--set", SHORT, "--set", &limit])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let mut err = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(verdict), "{err}");
+        assert!(!err.contains("panicked") && !err.contains("Broken pipe"), "{err}");
+    }
+}
+
+#[test]
+fn ctrl_c_is_code_130_and_leaves_no_half_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = sim_host(&[
+        "run",
+        FIVE,
+        "--set",
+        "time.duration=10h",
+        "--every",
+        "1min",
+        "--out",
+        out.to_str().unwrap(),
+    ])
+    .stderr(Stdio::piped())
+    .spawn()
+    .unwrap();
+    // The files are opened before the first tick, and signals are looked after before that.
+    let begin = std::time::Instant::now();
+    while !out.is_dir() || files(&out).is_empty() {
+        assert!(begin.elapsed().as_secs() < 30, "no output was opened");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let kill = format!("kill -INT {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    let mut err = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+    assert_eq!(
+        (child.wait().unwrap().code(), err.as_str()),
+        (Some(130), "interrupted; no output was written\n")
+    );
+    assert_eq!(files(&out), BTreeMap::new());
+}

@@ -1,0 +1,178 @@
+//! A network of [`Session`]s in memory: what the firmware does with its link, without a board. The host's part (bus,
+//! SYNC, telemetry) is that of `sim_host::emulator`, bytes and all.
+
+use funnel_core::{Output, Session};
+use funnel_protocol::config::{NodeConfig, TickSource};
+use funnel_protocol::message::{Command, Message, Target, TickStamp};
+use funnel_protocol::report::Telemetry;
+use funnel_protocol::serial::{self, Deframer, HOST, MAX_FRAME, MAX_RAW};
+use funnel_protocol::service::{Body, Identity, Reply, Request};
+use funnel_protocol::{Refusal, WIRE_VERSION};
+use sim_host::bus::ideal::{IdealBus, IdealParams};
+use sim_host::configure::{Drive, listeners, node_configs};
+use sim_host::record::TraceHash;
+use sim_host::scenario::Scenario;
+
+/// One end of a serial line: bytes in, session, bytes out.
+pub struct Board {
+    session: Session,
+    deframer: Deframer,
+}
+
+impl Board {
+    /// A blank node.
+    pub fn new() -> Self {
+        let identity = Identity { wire_version: WIRE_VERSION, firmware: [0; 3], id: 0, uid: 0 };
+        Self { session: Session::new(identity), deframer: Deframer::new() }
+    }
+
+    /// What the node says to these bytes.
+    pub fn hear(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut said = Vec::new();
+        for &byte in bytes {
+            if let Some(frame) = self.deframer.push(byte) {
+                self.session.on_frame(frame, 0);
+                self.drain(&mut said);
+            }
+        }
+        said
+    }
+
+    /// Frames that the node refused, for any reason.
+    pub fn refused(&self) -> u32 {
+        let counters = self.session.node().unwrap().counters();
+        Refusal::ALL.iter().map(|&reason| counters.refused(reason)).sum()
+    }
+
+    fn drain(&mut self, said: &mut Vec<u8>) {
+        while let Some(output) = self.session.poll(0) {
+            match output {
+                Output::Send(message) => said.extend_from_slice(&serial::encode(&message)),
+                Output::Reply(reply) => said.extend(service(&reply, self.session.id())),
+                Output::Report(_) => {}
+            }
+        }
+    }
+}
+
+impl Default for Board {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A frame of the service plane.
+pub fn service(body: &impl Body, source: u8) -> Vec<u8> {
+    let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
+    let length = serial::encode_service(body, source, &mut scratch, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+/// What a node said, frame by frame.
+#[derive(Debug, PartialEq)]
+pub enum Said {
+    /// Real-time plane.
+    Message(Message),
+    /// Service plane.
+    Reply(Reply),
+}
+
+/// Takes the frames out of a node's bytes.
+pub fn frames(bytes: &[u8]) -> Vec<Said> {
+    let mut deframer: Deframer = Deframer::new();
+    let mut said = Vec::new();
+    for &byte in bytes {
+        match deframer.push(byte) {
+            Some(Ok(serial::Frame::RealTime(message))) => said.push(Said::Message(message)),
+            Some(Ok(serial::Frame::Service { kind, body, .. })) => {
+                said.push(Said::Reply(Reply::decode(kind, body).unwrap()));
+            }
+            Some(Err(refusal)) => panic!("a node's frame is refused: {refusal:?}"),
+            None => {}
+        }
+    }
+    said
+}
+
+/// Nodes behind serial lines, and the host between them.
+pub struct MemoryNet {
+    boards: Vec<Board>,
+    bus: IdealBus<Vec<u8>>,
+    tick_ns: u64,
+    tick: u32,
+    states: Vec<f32>,
+    hash: TraceHash,
+}
+
+impl MemoryNet {
+    /// Configures one node per node of the scenario, and starts them.
+    pub fn start(scenario: &Scenario) -> Self {
+        let spec = &scenario.bus;
+        let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
+        let configs =
+            node_configs(scenario, Drive { tick_source: TickSource::Sync, telemetry_every: 1 }).unwrap();
+        let mut net = Self {
+            boards: configs.iter().map(configured).collect(),
+            bus: IdealBus::new(params, scenario.seed, listeners(scenario)),
+            tick_ns: scenario.time.tick_ns,
+            tick: 0,
+            states: configs.iter().map(|config| config.initial_state).collect(),
+            hash: TraceHash::new(),
+        };
+        let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
+        for index in 0..net.boards.len() {
+            let said = net.boards[index].hear(&serial::encode(&start));
+            let [Said::Message(Message::State { x, .. })] = frames(&said)[..] else {
+                panic!("node {} announced no state", index + 1)
+            };
+            assert_eq!(x, net.states[index], "the announced state of node {}", index + 1);
+            net.bus.send(0, index, said);
+        }
+        net
+    }
+
+    /// Runs one tick on every node and gives their telemetry, by index.
+    pub fn advance(&mut self) -> Vec<Telemetry> {
+        let now = (u64::from(self.tick) + 1) * self.tick_ns;
+        let mut lines = vec![Vec::new(); self.boards.len()];
+        while self.bus.next_arrival().is_some_and(|at| at < now) {
+            self.bus.deliver(|receiver, frame| lines[receiver].extend_from_slice(frame));
+        }
+        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
+        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        let seen = (0..self.boards.len()).map(|index| {
+            self.hash.push(self.states[index]);
+            lines[index].extend_from_slice(&sync);
+            let said = self.boards[index].hear(&lines[index]);
+            let [Said::Message(state @ Message::State { x, .. }), Said::Reply(Reply::Telemetry(telemetry))] =
+                frames(&said)[..]
+            else {
+                panic!("node {} at tick {}: {:?}", index + 1, self.tick, frames(&said))
+            };
+            assert_eq!(telemetry.tick, self.tick);
+            self.states[index] = x;
+            self.bus.send(now, index, serial::encode(&state).to_vec());
+            telemetry
+        });
+        let seen = seen.collect();
+        self.tick += 1;
+        seen
+    }
+
+    /// The hash of all states so far.
+    pub fn hash(&self) -> TraceHash {
+        self.hash
+    }
+
+    /// The nodes, by index.
+    pub fn boards(&self) -> &[Board] {
+        &self.boards
+    }
+}
+
+fn configured(config: &NodeConfig) -> Board {
+    let mut board = Board::new();
+    let answer = board.hear(&service(&Request::Configure(config.clone()), HOST));
+    assert_eq!(frames(&answer), [Said::Reply(Reply::Configured(Ok(())))], "node {}", config.id);
+    board
+}

@@ -1,0 +1,70 @@
+//! The promise of the project: the same scenario gives the same bits in the simulator and on emulated Cortex-M4F nodes.
+
+use sim_host::run::{Fidelity, Outcome};
+use sim_host::scenario::Scenario;
+use system_tests::{assert_same_rows, heterogeneous, run, scenario};
+
+/// Runs both, compares every bit that nodes show, and gives the emulated run.
+fn assert_parity(scenario: &Scenario) -> Outcome {
+    let loopback = run(scenario, Fidelity::Loopback);
+    let emulator = run(scenario, Fidelity::Emulator);
+    assert_eq!(loopback.rows.len() as u64, scenario.time.ticks + 1);
+    assert_same_rows(&loopback.rows, &emulator.rows);
+    assert_eq!(loopback.hash, emulator.hash);
+    assert_eq!(loopback.max_ratio, emulator.max_ratio);
+    assert_eq!(loopback.bus, emulator.bus);
+    for (loopback, emulator) in loopback.counters.iter().zip(&emulator.counters) {
+        assert_eq!(loopback.extrapolated, emulator.extrapolated);
+        assert_eq!(loopback.breaches, emulator.breaches);
+        assert_eq!((emulator.ticks, emulator.sync_gaps), (loopback.ticks, 0));
+    }
+    assert_eq!(emulator.counters.len(), scenario.nodes.len());
+    emulator
+}
+
+fn assert_logs(emulator: &Outcome) {
+    let ids: Vec<_> = emulator.logs.iter().map(|(id, _)| *id).collect();
+    assert_eq!(ids, [1, 2, 3, 4, 5]);
+    for (id, log) in &emulator.logs {
+        for word in ["ready, wire version 1", "Started", "Stopped"] {
+            assert!(log.contains(word), "no '{word}' in the log of node {id}:\n{log}");
+        }
+        assert!(!log.contains("malformed"), "the log of node {id}:\n{log}");
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn five_emulated_nodes_run_the_bits_of_the_simulator() {
+    let emulator = assert_parity(&scenario("five-agents.toml", &["time.duration=2s"]));
+    assert_logs(&emulator);
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_where_frames_are_lost_late_and_out_of_order() {
+    let bus = ["time.duration=2s", "bus.loss=0.1", "bus.latency=300us", "bus.jitter=900us"];
+    let emulator = assert_parity(&scenario("five-agents.toml", &bus));
+    assert!(emulator.bus.unwrap().lost > 1000);
+    assert!(emulator.counters.iter().all(|counters| counters.extrapolated > 100));
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_for_nodes_that_differ() {
+    assert_logs(&assert_parity(&heterogeneous("300ms")));
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_where_nodes_stop_at_their_state_limit() {
+    // Unstable agents whose frames come late: the states grow until one node after the other stops.
+    let slopes = [30.0, 30.0, 30.0, 25.0, 20.0];
+    let slopes = slopes.iter().zip(1..).map(|(slope, id)| format!("node.{id}.dynamics.slope={slope:?}"));
+    let settings: Vec<_> = slopes.collect();
+    let settings = settings.iter().map(String::as_str);
+    let unstable: Vec<_> = ["time.duration=1s", "bus.latency=1500us"].into_iter().chain(settings).collect();
+    let emulator = assert_parity(&scenario("five-agents.toml", &unstable));
+    assert!(emulator.counters.iter().all(|counters| counters.ticks < 1000), "{:?}", emulator.counters);
+    assert_eq!(emulator.events.len(), 5, "{:?}", emulator.events);
+}
