@@ -27,8 +27,8 @@ enum Gain {
 const GAINS: [Choice<Gain>; 5] = [
     ready("reciprocal", Gain::Reciprocal),
     ready("logarithmic", Gain::Logarithmic),
-    later("locally-linear", Gain::LocallyLinear),
-    later("median", Gain::Median),
+    ready("locally-linear", Gain::LocallyLinear),
+    ready("median", Gain::Median),
     later("linear", Gain::Linear),
 ];
 
@@ -43,8 +43,8 @@ enum Funnel {
 const FUNNELS: [Choice<Funnel>; 4] = [
     ready("exponential", Funnel::Exponential),
     ready("constant", Funnel::Constant),
-    later("reciprocal-time", Funnel::ReciprocalTime),
-    later("finite-time", Funnel::FiniteTime),
+    ready("reciprocal-time", Funnel::ReciprocalTime),
+    ready("finite-time", Funnel::FiniteTime),
 ];
 
 const STATE: &str = "state units";
@@ -86,7 +86,7 @@ pub(super) fn read_gain(item: &Item, log: &Log) -> Option<GainSpec> {
         }
         Gain::Median => GainSpec::Median {
             eta: section.number("eta", None, Range::positive(STATE)),
-            eps: section.number("eps", None, Range::positive("1")),
+            eps: section.number("eps", None, Range::between(1e-9, 0.999, "1")),
         },
         Gain::Linear => GainSpec::Linear { slope: section.number("slope", None, Range::positive("1/s")) },
     };

@@ -61,6 +61,11 @@ impl Range {
         Self { low: 0.0, low_open: true, ..Self::any(unit) }
     }
 
+    /// From `low` to `high`, both allowed.
+    pub const fn between(low: f64, high: f64, unit: &'static str) -> Self {
+        Self { low, high, ..Self::any(unit) }
+    }
+
     /// Zero or more.
     pub const fn non_negative(unit: &'static str) -> Self {
         Self { low: 0.0, ..Self::any(unit) }
