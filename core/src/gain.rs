@@ -24,6 +24,12 @@ pub trait Gain<F: Real> {
     /// Derivative of [`Gain::inverse`], positive, 1 / (state units / s).
     fn inverse_slope(&self, u: F) -> F;
 
+    /// [`Gain::inverse`] and [`Gain::inverse_slope`] at once, for a gain that computes them from the same terms.
+    #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        (self.inverse(u), self.inverse_slope(u))
+    }
+
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 
@@ -46,8 +52,13 @@ pub fn newton<F: Real, G: Gain<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Sol
         return Solution { u: F::ZERO, s: F::ZERO };
     }
     let low = ((rho - psi) / b).max(F::ZERO);
-    let left_side = |u| (psi * gain.inverse(u) + b * u - rho, psi * gain.inverse_slope(u) + b);
-    let u = root::increasing(low, rho / b, low, left_side);
+    let left_side = |u| {
+        let (inverse, slope) = gain.inverse_with_slope(u);
+        (psi * inverse + b * u - rho, psi * slope + b)
+    };
+    // The first Newton step from zero, which needs no function value.
+    let start = (rho / (psi * gain.inverse_slope(F::ZERO) + b)).max(low);
+    let u = root::increasing(low, rho / b, start, left_side);
     Solution { u: u.copysign(r), s: gain.inverse(u).copysign(r) }
 }
 
@@ -110,6 +121,12 @@ impl<F: Real> Gain<F> for Logarithmic<F> {
     #[inline]
     fn inverse_slope(&self, u: F) -> F {
         (-(u.abs() / self.scale)).exp() / self.scale
+    }
+
+    #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        let decay = (-(u.abs() / self.scale)).exp_m1();
+        ((-decay).copysign(u), (F::ONE + decay) / self.scale)
     }
 
     #[inline]
@@ -248,6 +265,15 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.inverse_slope(u),
             Self::Logarithmic(gain) => gain.inverse_slope(u),
             Self::LocallyLinear(gain) => gain.inverse_slope(u),
+        }
+    }
+
+    #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        match self {
+            Self::Reciprocal(gain) => gain.inverse_with_slope(u),
+            Self::Logarithmic(gain) => gain.inverse_with_slope(u),
+            Self::LocallyLinear(gain) => gain.inverse_with_slope(u),
         }
     }
 
