@@ -28,8 +28,8 @@ pub fn field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], guess: F) -> F {
 
 fn h_and_slope<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> (F, F) {
     agents.iter().fold((F::ZERO, F::ZERO), |(value, slope), agent| {
-        let input = h - agent.f;
-        (value + agent.psi * agent.gain.inverse(input), slope + agent.psi * agent.gain.inverse_slope(input))
+        let (inverse, inverse_slope) = agent.gain.inverse_with_slope(h - agent.f);
+        (value + agent.psi * inverse, slope + agent.psi * inverse_slope)
     })
 }
 

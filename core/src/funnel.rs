@@ -22,6 +22,25 @@ pub enum Funnel<F> {
         /// `factor * width`.
         width: F,
     },
+    /// `scale / t`: infinite at `t = 0`, so that any initial states are inside (paper, remark on the pseudo-global property).
+    ReciprocalTime {
+        /// `factor * scale / T`.
+        per_tick: F,
+        /// `theta`.
+        theta: F,
+    },
+    /// `start * (1 - t / at)^power`, zero from `at` on (paper, remark on finite-time synchronization). The law (*) is then
+    /// a damped exact consensus step, down to the floor of the node, which answers what the paper leaves open after `at`.
+    FiniteTime {
+        /// `factor * start`.
+        start: F,
+        /// `T / at`.
+        per_tick: F,
+        /// Exponent.
+        power: F,
+        /// `theta`.
+        theta: F,
+    },
 }
 
 /// Funnel widths that one tick needs.
@@ -50,6 +69,16 @@ impl<F: Real> Funnel<F> {
             FunnelShape::Constant { width } => {
                 Self::Constant { width: F::from_f64(factor * f64::from(width)) }
             }
+            FunnelShape::ReciprocalTime { scale } => Self::ReciprocalTime {
+                per_tick: F::from_f64(factor * f64::from(scale) / tick),
+                theta: F::from_f64(theta),
+            },
+            FunnelShape::FiniteTime { start, at_ns, power } => Self::FiniteTime {
+                start: F::from_f64(factor * f64::from(start)),
+                per_tick: F::from_f64(tick / (at_ns as f64 * 1e-9)),
+                power: F::from_f32(power),
+                theta: F::from_f64(theta),
+            },
         }
     }
 
@@ -62,6 +91,16 @@ impl<F: Real> Funnel<F> {
                 Widths { now: transient + end, ahead: transient * partial_decay + end }
             }
             Self::Constant { width } => Widths { now: width, ahead: width },
+            Self::ReciprocalTime { per_tick, theta } => {
+                let ticks = F::from_u32(k);
+                let now = if k == 0 { F::WIDEST } else { (per_tick / ticks).min(F::WIDEST) };
+                Widths { now, ahead: (per_tick / (ticks + theta)).min(F::WIDEST) }
+            }
+            Self::FiniteTime { start, per_tick, power, theta } => {
+                let ticks = F::from_u32(k);
+                let width = |ticks: F| start * (F::ONE - ticks * per_tick).max(F::ZERO).pow(power);
+                Widths { now: width(ticks), ahead: width(ticks + theta) }
+            }
         }
     }
 }

@@ -24,6 +24,12 @@ pub trait Gain<F: Real> {
     /// Derivative of [`Gain::inverse`], positive, 1 / (state units / s).
     fn inverse_slope(&self, u: F) -> F;
 
+    /// [`Gain::inverse`] and [`Gain::inverse_slope`] at once, for a gain that computes them from the same terms.
+    #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        (self.inverse(u), self.inverse_slope(u))
+    }
+
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 
@@ -46,8 +52,13 @@ pub fn newton<F: Real, G: Gain<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Sol
         return Solution { u: F::ZERO, s: F::ZERO };
     }
     let low = ((rho - psi) / b).max(F::ZERO);
-    let left_side = |u| (psi * gain.inverse(u) + b * u - rho, psi * gain.inverse_slope(u) + b);
-    let u = root::increasing(low, rho / b, low, left_side);
+    let left_side = |u| {
+        let (inverse, slope) = gain.inverse_with_slope(u);
+        (psi * inverse + b * u - rho, psi * slope + b)
+    };
+    // The first Newton step from zero, which needs no function value.
+    let start = (rho / (psi * gain.inverse_slope(F::ZERO) + b)).max(low);
+    let u = root::increasing(low, rho / b, start, left_side);
     Solution { u: u.copysign(r), s: gain.inverse(u).copysign(r) }
 }
 
@@ -113,9 +124,118 @@ impl<F: Real> Gain<F> for Logarithmic<F> {
     }
 
     #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        let decay = (-(u.abs() / self.scale)).exp_m1();
+        ((-decay).copysign(u), (F::ONE + decay) / self.scale)
+    }
+
+    #[inline]
     fn apply(&self, s: F) -> F {
         (-self.scale * (-s.abs()).ln_1p()).copysign(s)
     }
+}
+
+/// The paper's locally linear gain (Section "Effect of locally linear mu"): `4 M s` for `|s| < 1/2`, and
+/// `4 M s + s / (1 - |s|) - 4 s |s|` beyond. Where all `|f_i| < M`, the emergent dynamics are the plain average.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocallyLinear<F> {
+    /// The paper's `M_f`, state units / s.
+    pub bound: F,
+}
+
+impl<F: Real> LocallyLinear<F> {
+    /// `g = 1 - s` with `psi s + b mu(s) = rho`, for `rho` beyond the linear part: the one root in (0, 1/2) of a cubic.
+    ///
+    /// In `g` nothing cancels where `s` tends to 1.
+    #[inline]
+    fn gap(&self, psi: F, b: F, rho: F) -> F {
+        let slope = psi + F::from_u32(4) * self.bound * b;
+        let first = rho + F::from_u32(5) * b - slope;
+        let second = slope - F::from_u32(8) * b;
+        let third = F::from_u32(4) * b;
+        // Minus the cubic, which is -b at g = 0 and positive at g = 1/2.
+        let cubic = |g: F| {
+            let value = ((third * g + second) * g + first) * g - b;
+            (value, (F::from_u32(3) * third * g + F::TWO * second) * g + first)
+        };
+        let guess = (b / (b + rho)).min(F::HALF);
+        root::increasing(F::ZERO, F::HALF, guess, cubic)
+    }
+
+    /// `-d/d|u| ln(inverse_slope(u))`, 1 / (state units / s); zero in the linear part. For references.
+    pub fn inverse_curvature(&self, u: F) -> F {
+        let size = u.abs();
+        if size <= self.bound + self.bound {
+            return F::ZERO;
+        }
+        let g = self.gap(F::ZERO, F::ONE, size);
+        let slope = self.inverse_slope(u);
+        (F::TWO / (g * g * g) - F::from_u32(8)) * slope * slope
+    }
+
+    /// `mu(1 - g)` for `g` in (0, 1/2]: `1 / g - 4 s` is `(1 - 2 g)^2 / g`, which does not cancel at the knee.
+    #[inline]
+    fn apply_gap(&self, g: F) -> F {
+        let s = F::ONE - g;
+        let edge = F::ONE - F::TWO * g;
+        s * (F::from_u32(4) * self.bound + edge * edge / g)
+    }
+}
+
+impl<F: Real> Gain<F> for LocallyLinear<F> {
+    #[inline]
+    fn inverse(&self, u: F) -> F {
+        let size = u.abs();
+        if size <= self.bound + self.bound {
+            u / (F::from_u32(4) * self.bound)
+        } else {
+            (F::ONE - self.gap(F::ZERO, F::ONE, size)).copysign(u)
+        }
+    }
+
+    #[inline]
+    fn inverse_slope(&self, u: F) -> F {
+        let size = u.abs();
+        let linear = F::from_u32(4) * self.bound;
+        if size <= self.bound + self.bound {
+            return F::ONE / linear;
+        }
+        let g = self.gap(F::ZERO, F::ONE, size);
+        F::ONE / (linear + F::ONE / (g * g) - F::from_u32(8) * (F::ONE - g))
+    }
+
+    #[inline]
+    fn apply(&self, s: F) -> F {
+        let size = s.abs();
+        let magnitude = match size < F::HALF {
+            true => F::from_u32(4) * self.bound * size,
+            false => self.apply_gap(F::ONE - size),
+        };
+        magnitude.copysign(s)
+    }
+
+    #[inline]
+    fn solve(&self, psi: F, b: F, r: F) -> Solution<F> {
+        let (rho, linear) = (r.abs(), F::from_u32(4) * self.bound);
+        let s = r / (psi + linear * b);
+        if s.abs() <= F::HALF {
+            return Solution { u: linear * s, s };
+        }
+        if b <= F::ZERO {
+            return Solution { u: F::ZERO, s: F::ZERO };
+        }
+        let g = self.gap(psi, b, rho);
+        Solution { u: self.apply_gap(g).copysign(r), s: (F::ONE - g).copysign(r) }
+    }
+}
+
+/// The gain of the distributed median (paper, Section "Finding median agent"): a reciprocal one whose inverse meets
+/// `mu^-1(s) >= 1 - eps` for `s >= eta` (paper, eq. (beta_bound)) with equality, `scale = eta eps / (1 - eps)`.
+///
+/// `eta` in state units / s, above zero; `eps` in (0, 1). The result is within `eta` of the weighted median (paper, Lemma med)
+/// if `eps < 2 / (N + 1)` and all funnels are equal.
+pub fn median<F: Real>(eta: F, eps: F) -> Reciprocal<F> {
+    Reciprocal { scale: eta * eps / (F::ONE - eps) }
 }
 
 /// The gains that a configuration can name.
@@ -125,6 +245,8 @@ pub enum BuiltinGain<F> {
     Reciprocal(Reciprocal<F>),
     /// See [`Logarithmic`].
     Logarithmic(Logarithmic<F>),
+    /// See [`LocallyLinear`].
+    LocallyLinear(LocallyLinear<F>),
 }
 
 impl<F: Real> Gain<F> for BuiltinGain<F> {
@@ -133,6 +255,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
         match self {
             Self::Reciprocal(gain) => gain.inverse(u),
             Self::Logarithmic(gain) => gain.inverse(u),
+            Self::LocallyLinear(gain) => gain.inverse(u),
         }
     }
 
@@ -141,6 +264,16 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
         match self {
             Self::Reciprocal(gain) => gain.inverse_slope(u),
             Self::Logarithmic(gain) => gain.inverse_slope(u),
+            Self::LocallyLinear(gain) => gain.inverse_slope(u),
+        }
+    }
+
+    #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        match self {
+            Self::Reciprocal(gain) => gain.inverse_with_slope(u),
+            Self::Logarithmic(gain) => gain.inverse_with_slope(u),
+            Self::LocallyLinear(gain) => gain.inverse_with_slope(u),
         }
     }
 
@@ -149,6 +282,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
         match self {
             Self::Reciprocal(gain) => gain.apply(s),
             Self::Logarithmic(gain) => gain.apply(s),
+            Self::LocallyLinear(gain) => gain.apply(s),
         }
     }
 
@@ -157,6 +291,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
         match self {
             Self::Reciprocal(gain) => gain.solve(psi, b, r),
             Self::Logarithmic(gain) => gain.solve(psi, b, r),
+            Self::LocallyLinear(gain) => gain.solve(psi, b, r),
         }
     }
 }

@@ -30,6 +30,8 @@ pub trait Real:
     const HALF: Self;
     /// Relative distance of neighbouring numbers.
     const EPSILON: Self;
+    /// Widest funnel: infinite for every purpose, and no product with it overflows.
+    const WIDEST: Self;
     /// Smallest width that a funnel ever has, far below any resolution, so that ratios stay defined.
     const TINY: Self;
 
@@ -63,18 +65,21 @@ pub trait Real:
     fn exp_m1(self) -> Self;
     /// `ln(1 + x)`, exact near zero.
     fn ln_1p(self) -> Self;
+    /// `self^exponent` for `self >= 0`.
+    fn pow(self, exponent: Self) -> Self;
     /// Sine of a phase counted in 2^-64 turns.
     fn sin_turns(turns: u64) -> Self;
 }
 
 macro_rules! real {
-    ($t:ident, $sqrt:path, $exp:path, $expm1:path, $log1p:path, $sin_turns:path) => {
+    ($t:ident, $sqrt:path, $exp:path, $expm1:path, $log1p:path, $pow:path, $sin_turns:path) => {
         impl Real for $t {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const TWO: Self = 2.0;
             const HALF: Self = 0.5;
             const EPSILON: Self = $t::EPSILON;
+            const WIDEST: Self = 1e18;
             const TINY: Self = 1e-30;
 
             #[inline]
@@ -138,6 +143,10 @@ macro_rules! real {
                 $log1p(self)
             }
             #[inline]
+            fn pow(self, exponent: Self) -> Self {
+                $pow(self, exponent)
+            }
+            #[inline]
             fn sin_turns(turns: u64) -> Self {
                 $sin_turns(turns)
             }
@@ -145,8 +154,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, libm::sqrtf, libm::expf, libm::expm1f, libm::log1pf, sin_turns_f32);
-real!(f64, libm::sqrt, libm::exp, libm::expm1, libm::log1p, sin_turns_f64);
+real!(f32, libm::sqrtf, libm::expf, libm::expm1f, libm::log1pf, libm::powf, sin_turns_f32);
+real!(f64, libm::sqrt, libm::exp, libm::expm1, libm::log1p, libm::pow, sin_turns_f64);
 
 /// Sine of an angle in radians, for continuous-time references.
 pub fn sin(x: f64) -> f64 {

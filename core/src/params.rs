@@ -5,7 +5,7 @@
 
 use crate::field::AffineSines;
 use crate::funnel::Funnel;
-use crate::gain::{BuiltinGain, Logarithmic, Reciprocal};
+use crate::gain::{self, BuiltinGain, LocallyLinear, Logarithmic, Reciprocal};
 use crate::law::node_wise::{NodeWise, THETA};
 use crate::math::Real;
 use crate::neighbour::Neighbours;
@@ -137,12 +137,23 @@ fn check_field(field: &FieldConfig) -> Result<&FieldConfig, ConfigError> {
 }
 
 fn check_gain<F: Real>(gain: &GainConfig) -> Result<BuiltinGain<F>, ConfigError> {
-    let (GainConfig::Reciprocal { scale } | GainConfig::Logarithmic { scale }) = *gain;
-    check(ConfigField::GainScale, 0, f64::from(scale), SMALLEST, LARGEST)?;
-    let scale = F::from_f32(scale);
-    Ok(match gain {
-        GainConfig::Reciprocal { .. } => BuiltinGain::Reciprocal(Reciprocal { scale }),
-        GainConfig::Logarithmic { .. } => BuiltinGain::Logarithmic(Logarithmic { scale }),
+    let positive =
+        |field, value: f32| check(field, 0, f64::from(value), SMALLEST, LARGEST).map(|()| F::from_f32(value));
+    Ok(match *gain {
+        GainConfig::Reciprocal { scale } => {
+            BuiltinGain::Reciprocal(Reciprocal { scale: positive(ConfigField::GainScale, scale)? })
+        }
+        GainConfig::Logarithmic { scale } => {
+            BuiltinGain::Logarithmic(Logarithmic { scale: positive(ConfigField::GainScale, scale)? })
+        }
+        GainConfig::LocallyLinear { bound } => {
+            BuiltinGain::LocallyLinear(LocallyLinear { bound: positive(ConfigField::GainBound, bound)? })
+        }
+        GainConfig::Median { eta, eps } => {
+            let eta = positive(ConfigField::GainEta, eta)?;
+            check(ConfigField::GainEps, 0, f64::from(eps), SMALLEST, 0.9999)?;
+            BuiltinGain::Reciprocal(gain::median(eta, F::from_f32(eps)))
+        }
     })
 }
 
@@ -156,6 +167,14 @@ fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
         }
         FunnelShape::Constant { width } => {
             check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST)
+        }
+        FunnelShape::ReciprocalTime { scale } => {
+            check(ConfigField::FunnelScale, 0, f64::from(scale), SMALLEST, LARGEST)
+        }
+        FunnelShape::FiniteTime { start, at_ns, power } => {
+            check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
+            check(ConfigField::FunnelAt, 0, at_ns as f64, 1.0, 1e18)?;
+            check(ConfigField::FunnelPower, 0, f64::from(power), 0.09, 10.1)
         }
     }
 }

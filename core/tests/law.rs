@@ -1,7 +1,7 @@
 //! The implicit law (*) of LAW.md 3: residual, bounds, and no overflow at the corners of what a configuration allows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use funnel_core::gain::{Gain, Logarithmic, Reciprocal, Solution, newton};
+use funnel_core::gain::{Gain, LocallyLinear, Logarithmic, Reciprocal, Solution, median, newton};
 use funnel_core::params::{LARGEST, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST};
 use proptest::prelude::*;
 
@@ -52,6 +52,28 @@ proptest! {
     }
 
     #[test]
+    fn the_locally_linear_gain_solves_the_law(
+        psi in decades(-12, 6), b in decades(-12, 3), bound in decades(-1, 6), r in decades(-12, 6),
+    ) {
+        let gain = LocallyLinear { bound };
+        let Solution { u, s } = gain.solve(psi, b, r);
+        // In s, where the equation is well conditioned: psi s + b mu(s) = r with mu computed from 1 - s.
+        let left = psi * s + b * u;
+        prop_assert!((left - r).abs() <= 1e-13 * r, "{left:e} for {r:e}");
+        prop_assert!((gain.inverse(u) - s).abs() <= 1e-13 * s, "{} for {s}", gain.inverse(u));
+        prop_assert!(s <= 1.0 && s > 0.0);
+    }
+
+    #[test]
+    fn the_median_gain_meets_the_papers_bound(eta in decades(-4, 2), eps in decades(-4, -1), more in 1.0f64..100.0) {
+        let gain = median(eta, eps);
+        prop_assert!(gain.inverse(eta) >= 1.0 - eps - 1e-15);
+        prop_assert!(gain.inverse(eta * more) >= 1.0 - eps - 1e-15);
+        prop_assert!(gain.inverse(-eta) <= -1.0 + eps + 1e-15);
+        prop_assert!(gain.inverse(0.9 * eta) < 1.0 - eps);
+    }
+
+    #[test]
     fn single_precision_is_near_double(
         psi in decades(-6, 3), b in decades(-6, 0), kappa in decades(-3, 3), r in decades(-6, 3),
     ) {
@@ -72,7 +94,7 @@ proptest! {
 
     #[test]
     fn gains_invert(scale in decades(-3, 3), s in -0.999f64..0.999) {
-        for gain in [&Reciprocal { scale } as &dyn Gain<f64>, &Logarithmic { scale }] {
+        for gain in [&Reciprocal { scale } as &dyn Gain<f64>, &Logarithmic { scale }, &LocallyLinear { bound: scale }] {
             prop_assert!((gain.inverse(gain.apply(s)) - s).abs() < 1e-12);
             let (u, step) = (gain.apply(s), scale * 1e-6);
             let slope = (gain.inverse(u + step) - gain.inverse(u - step)) / (2.0 * step);
@@ -94,6 +116,7 @@ fn no_corner_of_the_allowed_ranges_overflows_single_precision() {
                             [psi, 1.25 * tick * degree, scale, 4.0 * degree * state].map(|x| x as f32);
                         assert_bounded(Reciprocal { scale }.solve(psi, b, r), [psi, b, scale, r]);
                         assert_bounded(Logarithmic { scale }.solve(psi, b, r), [psi, b, scale, r]);
+                        assert_bounded(LocallyLinear { bound: scale }.solve(psi, b, r), [psi, b, scale, r]);
                         seen += 1;
                     }
                 }

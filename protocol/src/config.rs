@@ -55,6 +55,18 @@ pub enum GainConfig {
         /// State units / s.
         scale: f32,
     },
+    /// `4 bound s` for `|s| < 1/2`, steeper beyond.
+    LocallyLinear {
+        /// The paper's `M_f`, state units / s.
+        bound: f32,
+    },
+    /// `mu^-1(s) >= 1 - eps` for `s >= eta`.
+    Median {
+        /// State units / s.
+        eta: f32,
+        /// 1.
+        eps: f32,
+    },
 }
 
 /// Shape of a performance funnel, state units.
@@ -73,6 +85,20 @@ pub enum FunnelShape {
     Constant {
         /// Width.
         width: f32,
+    },
+    /// `scale / t`, infinite at `t = 0`.
+    ReciprocalTime {
+        /// State units * s.
+        scale: f32,
+    },
+    /// `start * (1 - t / at)^power`, and zero from `at` on.
+    FiniteTime {
+        /// Width at `t = 0`.
+        start: f32,
+        /// When it closes, ns.
+        at_ns: u64,
+        /// 1.
+        power: f32,
     },
 }
 
@@ -156,6 +182,12 @@ fields! {
     NeighbourId = "neighbour id",
     Weight = "graph weight",
     Degree = "degree (sum of weights)",
+    GainBound = "gain.bound",
+    GainEta = "gain.eta",
+    GainEps = "gain.eps",
+    FunnelScale = "funnel.scale",
+    FunnelAt = "funnel.at (ns)",
+    FunnelPower = "funnel.power",
 }
 
 /// Why a node refuses a configuration.

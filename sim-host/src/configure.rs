@@ -118,7 +118,9 @@ fn gain(gain: &GainSpec) -> Option<GainConfig> {
     match *gain {
         GainSpec::Reciprocal { scale } => Some(GainConfig::Reciprocal { scale: scale as f32 }),
         GainSpec::Logarithmic { scale } => Some(GainConfig::Logarithmic { scale: scale as f32 }),
-        GainSpec::LocallyLinear { .. } | GainSpec::Median { .. } | GainSpec::Linear { .. } => None,
+        GainSpec::LocallyLinear { bound } => Some(GainConfig::LocallyLinear { bound: bound as f32 }),
+        GainSpec::Median { eta, eps } => Some(GainConfig::Median { eta: eta as f32, eps: eps as f32 }),
+        GainSpec::Linear { .. } => None,
     }
 }
 
@@ -132,6 +134,13 @@ fn funnel(funnel: &FunnelSpec) -> Option<FunnelConfig> {
         FunnelSpec::Constant { width, factor } => {
             Some(FunnelConfig { factor: factor as f32, shape: FunnelShape::Constant { width: width as f32 } })
         }
-        FunnelSpec::ReciprocalTime { .. } | FunnelSpec::FiniteTime { .. } => None,
+        FunnelSpec::ReciprocalTime { scale, factor } => Some(FunnelConfig {
+            factor: factor as f32,
+            shape: FunnelShape::ReciprocalTime { scale: scale as f32 },
+        }),
+        FunnelSpec::FiniteTime { start, at_ns, power, factor } => Some(FunnelConfig {
+            factor: factor as f32,
+            shape: FunnelShape::FiniteTime { start: start as f32, at_ns, power: power as f32 },
+        }),
     }
 }

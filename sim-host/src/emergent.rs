@@ -2,7 +2,7 @@
 
 use crate::scenario::{GainSpec, Scenario};
 use funnel_core::emergent::{Agent, field, runge_kutta};
-use funnel_core::gain::{BuiltinGain, Gain, Logarithmic, Reciprocal};
+use funnel_core::gain::{BuiltinGain, Gain, LocallyLinear, Logarithmic, Reciprocal, median};
 
 /// Longest integration step, s.
 const LONGEST_STEP: f64 = 0.002;
@@ -66,10 +66,12 @@ impl<'a> EmergentTrajectory<'a> {
     /// `f_em(t, xi)`. The funnels enter by their ratios only, so their widest is scaled to one: a funnel that tends to
     /// zero leaves the emergent dynamics as they are (paper, remark on time-invariant emergent dynamics).
     fn field(&mut self, t: f64, xi: f64) -> f64 {
-        let widest = self.scenario.widest_funnel(t);
+        // Just after the start, where a funnel that is infinite at t = 0 has a width.
+        let t_funnel = t.max(1e-9);
+        let widest = self.scenario.widest_funnel(t_funnel);
         self.agents.clear();
         self.agents.extend(self.scenario.nodes.iter().zip(&self.gains).map(|(node, &gain)| Agent {
-            psi: if widest > 0.0 { node.funnel.width(t) / widest } else { node.funnel.factor() },
+            psi: if widest > 0.0 { node.funnel.width(t_funnel) / widest } else { node.funnel.factor() },
             f: node.dynamics.value(t, xi),
             gain,
         }));
@@ -82,7 +84,9 @@ fn gain(spec: &GainSpec) -> Option<BuiltinGain<f64>> {
     match *spec {
         GainSpec::Reciprocal { scale } => Some(BuiltinGain::Reciprocal(Reciprocal { scale })),
         GainSpec::Logarithmic { scale } => Some(BuiltinGain::Logarithmic(Logarithmic { scale })),
-        GainSpec::LocallyLinear { .. } | GainSpec::Median { .. } | GainSpec::Linear { .. } => None,
+        GainSpec::LocallyLinear { bound } => Some(BuiltinGain::LocallyLinear(LocallyLinear { bound })),
+        GainSpec::Median { eta, eps } => Some(BuiltinGain::Reciprocal(median(eta, eps))),
+        GainSpec::Linear { .. } => None,
     }
 }
 

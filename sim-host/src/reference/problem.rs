@@ -1,6 +1,7 @@
 //! What the reference solves: the closed loop in SI units and `f64`, free of any file format.
 
 use super::error::ReferenceError;
+use funnel_core::gain::{Gain as _, LocallyLinear};
 use funnel_core::math;
 
 /// The closed loop `x_i' = f_i(t, x_i) + mu_i(nu_i / psi_i(t))` with
@@ -65,6 +66,11 @@ pub enum Gain {
         /// In state units per second.
         scale: f64,
     },
+    /// `4 bound s` for `|s| < 1/2`, steeper beyond (see [`LocallyLinear`]).
+    LocallyLinear {
+        /// The paper's `M_f`, in state units per second.
+        bound: f64,
+    },
 }
 
 impl Gain {
@@ -72,6 +78,7 @@ impl Gain {
     pub fn scale(&self) -> f64 {
         match *self {
             Gain::Reciprocal { scale } | Gain::Logarithmic { scale } => scale,
+            Gain::LocallyLinear { bound } => 4.0 * bound,
         }
     }
 
@@ -80,6 +87,7 @@ impl Gain {
         match *self {
             Gain::Reciprocal { scale } => scale * s / (1.0 - s.abs()),
             Gain::Logarithmic { scale } => -scale * math::ln_1p(-s.abs()) * s.signum(),
+            Gain::LocallyLinear { bound } => LocallyLinear { bound }.apply(s),
         }
     }
 
@@ -88,6 +96,7 @@ impl Gain {
         let s = match *self {
             Gain::Reciprocal { scale } => u / (scale + u.abs()),
             Gain::Logarithmic { scale } => -math::exp_m1(-u.abs() / scale) * u.signum(),
+            Gain::LocallyLinear { bound } => LocallyLinear { bound }.inverse(u),
         };
         s.clamp(-LARGEST_RATIO, LARGEST_RATIO)
     }
@@ -97,6 +106,7 @@ impl Gain {
         match *self {
             Gain::Reciprocal { scale } => scale / ((scale + u.abs()) * (scale + u.abs())),
             Gain::Logarithmic { scale } => math::exp(-u.abs() / scale) / scale,
+            Gain::LocallyLinear { bound } => LocallyLinear { bound }.inverse_slope(u),
         }
     }
 
@@ -106,6 +116,7 @@ impl Gain {
         match *self {
             Gain::Reciprocal { scale } => -2.0 * sign / (scale + u.abs()),
             Gain::Logarithmic { scale } => -sign / scale,
+            Gain::LocallyLinear { bound } => -sign * LocallyLinear { bound }.inverse_curvature(u),
         }
     }
 }

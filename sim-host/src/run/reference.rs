@@ -9,6 +9,7 @@ use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
 use crate::scenario::{FunnelSpec, GainSpec, Scenario};
+use funnel_core::gain::median;
 use std::ops::ControlFlow;
 
 /// Runs the reference by itself.
@@ -108,7 +109,9 @@ fn gain(spec: &GainSpec) -> Option<reference::Gain> {
     match *spec {
         GainSpec::Reciprocal { scale } => Some(reference::Gain::Reciprocal { scale }),
         GainSpec::Logarithmic { scale } => Some(reference::Gain::Logarithmic { scale }),
-        GainSpec::LocallyLinear { .. } | GainSpec::Median { .. } | GainSpec::Linear { .. } => None,
+        GainSpec::LocallyLinear { bound } => Some(reference::Gain::LocallyLinear { bound }),
+        GainSpec::Median { eta, eps } => Some(reference::Gain::Reciprocal { scale: median(eta, eps).scale }),
+        GainSpec::Linear { .. } => None,
     }
 }
 

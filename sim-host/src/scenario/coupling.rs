@@ -28,8 +28,8 @@ enum Gain {
 const GAINS: [Choice<Gain>; 5] = [
     ready("reciprocal", Gain::Reciprocal),
     ready("logarithmic", Gain::Logarithmic),
-    later("locally-linear", Gain::LocallyLinear),
-    later("median", Gain::Median),
+    ready("locally-linear", Gain::LocallyLinear),
+    ready("median", Gain::Median),
     later("linear", Gain::Linear),
 ];
 
@@ -44,8 +44,8 @@ enum Funnel {
 const FUNNELS: [Choice<Funnel>; 4] = [
     ready("exponential", Funnel::Exponential),
     ready("constant", Funnel::Constant),
-    later("reciprocal-time", Funnel::ReciprocalTime),
-    later("finite-time", Funnel::FiniteTime),
+    ready("reciprocal-time", Funnel::ReciprocalTime),
+    ready("finite-time", Funnel::FiniteTime),
 ];
 
 const STATE: &str = "state units";
@@ -87,7 +87,7 @@ pub(super) fn read_gain(item: &Item, log: &Log) -> Option<GainSpec> {
         }
         Gain::Median => GainSpec::Median {
             eta: section.number("eta", None, Range::positive(STATE)),
-            eps: section.number("eps", None, Range::positive("1")),
+            eps: section.number("eps", None, Range::between(1e-9, 0.999, "1")),
         },
         Gain::Linear => GainSpec::Linear { slope: section.number("slope", None, Range::positive("1/s")) },
     };
@@ -117,7 +117,7 @@ pub(super) fn read_funnel(item: &Item, log: &Log) -> Option<FunnelSpec> {
         Funnel::FiniteTime => FunnelSpec::FiniteTime {
             start: section.number("start", None, Range::positive(STATE)),
             at_ns: section.duration("at", None),
-            power: section.number("power", Some(1.0), Range::positive("1")),
+            power: section.number("power", Some(1.0), Range::between(0.1, 10.0, "1")),
             factor,
         },
     };

@@ -68,6 +68,11 @@ impl Range {
         }
     }
 
+    /// From `low` to `high`, both allowed.
+    pub const fn between(low: f64, high: f64, unit: &'static str) -> Self {
+        Self { low, high, ..Self::any(unit) }
+    }
+
     /// Zero or more.
     pub const fn non_negative(unit: &'static str) -> Self {
         Self { low: 0.0, ..Self::any(unit) }

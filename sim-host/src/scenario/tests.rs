@@ -165,8 +165,7 @@ fn what_comes_later_is_told_apart_from_what_is_unknown() {
     let later = "known, but not supported by this version yet";
     for (from, to, place) in [
         ("\"node-wise\"", "\"edge-wise\"", "13:8: coupling.kind = \"edge-wise\""),
-        ("\"reciprocal\"", "\"median\"", "14:17: coupling.gain.kind"),
-        ("\"exponential\"", "\"finite-time\"", "15:19: coupling.funnel.kind"),
+        ("\"reciprocal\"", "\"linear\"", "14:17: coupling.gain.kind"),
         ("\"affine\"", "\"expression\"", "19:21: agent.dynamics.kind"),
         ("state = 1.0", "state = [1.0, 2.0]", "18:9: agent.state = [1.0, 2.0]"),
         ("[expect]", "[bus]\nmodel = \"can\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can\""),
@@ -427,6 +426,14 @@ fn what_the_reader_takes_a_node_takes() {
         ],
         &["coupling.funnel.end=1e-20", "agent.dynamics.slope=-1e6", "agent.dynamics.offset=1e-20"],
         &["graph.weight=5e5", "coupling.funnel.start=1e9", "coupling.gain.scale=1e9"],
+        &[
+            "coupling.gain={kind='locally-linear',bound=1e9}",
+            "coupling.funnel={kind='reciprocal-time',scale=1e9}",
+        ],
+        &[
+            "coupling.gain={kind='median',eta=1e-9,eps=0.999}",
+            "coupling.funnel={kind='finite-time',start=1e9,at='1s',power=10}",
+        ],
     ] {
         let scenario = read(FILE, sets).unwrap();
         for config in node_configs(&scenario, drive).unwrap() {

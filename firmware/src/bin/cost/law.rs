@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use funnel_core::field::midpoint_step;
 use funnel_core::funnel::Funnel;
-use funnel_core::gain::{Gain, Logarithmic, Reciprocal, Solution};
+use funnel_core::gain::{Gain, LocallyLinear, Logarithmic, Reciprocal, Solution};
 use funnel_core::law::node_wise::{Memory, NodeWise, THETA};
 use funnel_core::{AffineSines, Real, VectorField};
 use funnel_protocol::config::{FieldConfig, FunnelConfig, FunnelShape, SineConfig};
@@ -92,7 +92,10 @@ pub fn laws(table: &Table) {
     table.limited("law alone", 250, what, &inputs, |(k, _, nu)| law.tick(k, nu));
     let mut law = Law::new(Logarithmic { scale: 1.0 });
     let what = "the same with the logarithmic gain, by Newton";
-    table.row("law alone, logarithmic", what, &inputs, |(k, _, nu)| law.tick(k, nu));
+    table.limited("law alone, logarithmic", 900, what, &inputs, |(k, _, nu)| law.tick(k, nu));
+    let mut law = Law::new(LocallyLinear { bound: 1.0 });
+    let what = "the same with the locally linear gain";
+    table.limited("law alone, locally linear", 500, what, &inputs, |(k, _, nu)| law.tick(k, nu));
     explicit_laws(table, &inputs);
 }
 
