@@ -12,7 +12,7 @@ fn residual(gain: &impl Gain<f64>, psi: f64, b: f64, r: f64, u: f64) -> f64 {
 }
 
 fn decades(low: i32, high: i32) -> impl Strategy<Value = f64> {
-    (f64::from(low)..f64::from(high)).prop_map(|exponent| 10f64.powf(exponent))
+    (f64::from(low)..f64::from(high)).prop_map(funnel_core::math::exp10)
 }
 
 proptest! {
