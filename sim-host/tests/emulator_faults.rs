@@ -1,7 +1,12 @@
 //! What goes wrong with emulated nodes: exit code, message, and nothing left behind. `./ci.sh parity` runs these.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use sim_host::emulator::decode_log;
+use funnel_protocol::config::TickSource;
+use sim_host::bus::ideal::{IdealBus, IdealParams};
+use sim_host::configure::{Drive, node_configs};
+use sim_host::emulator::{Emulator, EmulatorOptions, decode_log};
+use sim_host::interrupt::Interrupt;
+use sim_host::scenario::Scenario;
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -113,7 +118,7 @@ impl Run {
         wait("ticks on five emulators", SOON, || {
             assert_eq!(self.child.try_wait().unwrap(), None, "the run ended");
             let logs = emulators(&self.folder).into_iter().map(|(process, _)| log(&image, process));
-            logs.filter(|log| log.contains("NeighbourFound")).count() == 5
+            logs.filter(|log| log.contains("hears node")).count() == 5
         });
     }
 
@@ -199,10 +204,22 @@ fn an_image_that_is_none_is_code_3_with_the_emulators_complaint() {
 
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
-fn a_refused_configuration_is_code_2_with_the_nodes_reason() {
-    // No scenario may ask for it, but the program lets it pass to the node, which has the last word.
-    let ended = start(&["--set", "time.tick=5us", "--set", "time.duration=5ms"]).end();
-    ended.failed(2, &["node 1 refused its configuration: time.tick"]);
+fn a_node_refuses_a_configuration_with_its_reason() {
+    // The scenario reader refuses such a tick first; the node has the last word all the same.
+    let scenario = Scenario::load(&repository().join("scenarios/five-agents.toml"), &[]).unwrap();
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+    let mut configs = node_configs(&scenario, drive).unwrap();
+    configs.truncate(1);
+    configs[0].tick_ns = 5000;
+    let bus = IdealBus::new(IdealParams::default(), 1, vec![Vec::new()]);
+    let options = EmulatorOptions {
+        image: repository().join(image("mps2_an386")),
+        qemu: "qemu-system-arm".to_owned(),
+        interrupt: Interrupt::default(),
+    };
+    let Err(error) = Emulator::new(&configs, bus, &options) else { panic!("the node takes a tick of 5 us") };
+    let text = error.to_string();
+    assert!(text.contains("node 1 refused its configuration: time.tick"), "{text}");
 }
 
 #[test]
