@@ -238,9 +238,19 @@ cmd_addresses() { #: check where the image is linked to: a root memory.x would s
     say "mps2_an386: vectors at 0, code in flash, .data and .bss in RAM"
 }
 
+cmd_scenarios() { #: run every scenario in scenarios/ and judge its expectations
+    cargo build --release --quiet --package sim-host
+    local scenario
+    for scenario in scenarios/*.toml; do
+        target/release/sim-host check "$scenario" >/dev/null || fail "check $scenario"
+        target/release/sim-host run --quiet "$scenario" || fail "run $scenario"
+        say "$scenario holds"
+    done
+}
+
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware size addresses selftest parity cost; do
+    for name in setup fmt clippy unit thumb firmware size addresses selftest parity scenarios cost; do
         say "--- $name"
         "cmd_$name"
     done

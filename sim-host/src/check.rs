@@ -394,7 +394,7 @@ fn bus(scenario: &Scenario) -> Option<Finding> {
     if delay >= scenario.time.tick_ns {
         found.status = Status::Warn;
         found.advice = Some(format!(
-            "frames come a tick or more late; keep the delay below the tick of {}",
+            "frames come a tick or more late, which a narrow funnel does not survive; keep the delay below the tick of {}",
             format_duration(scenario.time.tick_ns)
         ));
     }

@@ -118,7 +118,7 @@ struct RunArgs {
     /// Say nothing but errors
     #[arg(short, long, conflicts_with = "verbose")]
     quiet: bool,
-    /// Say more
+    /// Say what nodes report, too
     #[arg(short, long)]
     verbose: bool,
 }

@@ -88,6 +88,18 @@ fn the_folder_has_the_files_of_the_contract() {
 }
 
 #[test]
+fn verbose_says_what_nodes_report() {
+    let run = |option: &str| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_sim-host"));
+        let scenario = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
+        command.arg("run").arg(scenario).args([option, "--set", "time.duration=5ms"]);
+        String::from_utf8(command.output().unwrap().stderr).unwrap()
+    };
+    assert_eq!(run("--verbose").matches(" started\n").count(), 5);
+    assert_eq!(run("--quiet"), "");
+}
+
+#[test]
 fn the_trajectory_has_the_columns_of_the_contract_and_a_row_per_tick() {
     let files = outputs(FIVE, &[]);
     let rows: Vec<Vec<_>> = files["trajectory.csv"].lines().map(|row| row.split(',').collect()).collect();

@@ -15,6 +15,7 @@ pub use outcome::Outcome;
 use crate::record::Summary;
 use crate::scenario::Scenario;
 use output::Outputs;
+use std::io::Write;
 use std::time::Instant;
 
 /// Runs `scenario`, writes what `options` ask for, and gives the summary with the judged expectations.
@@ -25,6 +26,11 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
     let begin = Instant::now();
     let outputs = Outputs::open(scenario, options)?;
     let outcome = simulate(scenario, options)?;
+    if options.verbosity == Verbosity::Verbose {
+        // Nobody is left to tell where standard error is closed.
+        let events = output::events(&outcome.events, scenario.time.tick_ns);
+        let _ = std::io::stderr().write_all(events.as_bytes());
+    }
     let mut summary = outcome.judge(scenario, options.on);
     summary.wall_s = begin.elapsed().as_secs_f64();
     outputs.write(scenario, &outcome, &summary, options)?;
