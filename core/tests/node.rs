@@ -131,7 +131,7 @@ fn a_state_ahead_of_its_tick_is_taken_back_and_is_no_extrapolation() {
 }
 
 #[test]
-fn ticks_wrap_without_a_word() {
+fn a_sync_is_understood_across_the_wrap_of_its_24_bits() {
     let mut node = started(&NodeConfig { tick_source: TickSource::Sync, ..config() });
     // The master's count leaps ahead, a thousand ticks at most at a time: stamps of 24 bits wrap on the way.
     let sync = |previous: u32| Message::Sync {
