@@ -1,4 +1,5 @@
-//! Elementary functions. The only file that calls `libm`: the same bits on a host and on a Cortex-M (PLATFORM.md).
+//! Elementary functions. The only file that calls `libm`: the same bits on a host and on a Cortex-M;
+//! `std` floats differ between machines (clippy.toml refuses them).
 //!
 //! The one function of our own is the f32 sine of a phase in turns: `libm::sinf` computes in f64, which an M4F does in
 //! software (docs/notes/2026-11-23-first-light.md has the counts).

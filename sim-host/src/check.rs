@@ -1,6 +1,6 @@
 //! `sim-host check`: what can be said about a scenario without running it.
 //!
-//! The paper's assumptions and bounds (`paper/funnel-coupling.tex`), and the limits of the sampled law in f32
+//! The paper's assumptions and bounds (named in the README), and the limits of the sampled law in f32
 //! (LAW.md section 4).
 
 mod capacity;

@@ -1,4 +1,4 @@
-//! What one state per node and tick takes of a bus (WIRE.md, "Capacity").
+//! What one state per node and tick takes of a bus (protocol/README.md, "Capacity").
 
 use serde_json::json;
 

@@ -9,7 +9,7 @@ use super::topology::Topology;
 use super::tree::{Item, Place, Value};
 use funnel_core::params;
 
-/// The largest network: ids are 7 bits, and 0 means all nodes (WIRE.md).
+/// The largest network: ids are 7 bits, and 0 means all nodes (protocol/README.md).
 pub(super) const MAX_NODES: u64 = 127;
 
 const EDGE_WEIGHT: Range = Range::positive("edge weight").up_to(params::LARGEST_WEIGHT);
