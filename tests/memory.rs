@@ -116,7 +116,7 @@ impl MemoryNet {
             bus: IdealBus::new(params, scenario.seed, listeners(scenario)),
             tick_ns: scenario.time.tick_ns,
             tick: 0,
-            states: configs.iter().map(|config| config.initial_state).collect(),
+            states: configs.iter().flat_map(|config| config.initial_state.clone()).collect(),
             hash: TraceHash::new(),
         };
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };

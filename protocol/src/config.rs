@@ -333,6 +333,8 @@ pub enum ConfigError {
     Malformed,
     /// This coupling needs a linear gain, and this gain no funnel coupling.
     GainOfCoupling,
+    /// The two ends of an edge share its funnel: with edge-wise coupling none can reopen it alone.
+    PolicyOfCoupling,
 }
 
 impl fmt::Display for ConfigError {
@@ -356,6 +358,9 @@ impl fmt::Display for ConfigError {
                     f,
                     "a lambda-tracker needs a linear gain; edge-wise and max-gain coupling need a funnel's gain"
                 )
+            }
+            Self::PolicyOfCoupling => {
+                write!(f, "with edge-wise coupling a node cannot reopen a funnel alone: ride on, or stop")
             }
         }
     }

@@ -3,7 +3,8 @@
 use crate::scenario::{Edge, FunnelSpec, GainSpec, NodeSpec, Scenario};
 use funnel_protocol::NodeConfig;
 use funnel_protocol::config::{
-    EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, SineConfig, TickSource,
+    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, SineConfig,
+    TickSource, scalar,
 };
 use std::fmt;
 
@@ -53,6 +54,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
     let config = |(index, node): (usize, &NodeSpec)| {
         let too_much = |what, limit| TooMuch { node: node.id, what, limit };
         let sines = node.dynamics.sines.iter().map(|sine| SineConfig {
+            component: 0,
             amplitude: sine.amplitude as f32,
             frequency: sine.frequency,
             phase: sine.phase,
@@ -62,15 +64,17 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             id: node.id,
             tick_ns,
             tick_source: drive.tick_source,
-            initial_state: node.state as f32,
+            initial_state: scalar(node.state as f32),
             state_limit: STATE_LIMIT,
             field: FieldConfig {
-                slope: node.dynamics.slope as f32,
-                offset: node.dynamics.offset as f32,
+                slope: [node.dynamics.slope as f32].into_iter().collect(),
+                offset: scalar(node.dynamics.offset as f32),
                 sines: collect(sines).ok_or(too_much("sinusoids", funnel_protocol::config::MAX_SINES))?,
             },
+            coupling: CouplingConfig::NodeWise,
             gain: gain(&node.gain).ok_or(too_much("kinds of gain: this one", 0))?,
             funnel: funnel(&node.funnel).ok_or(too_much("kinds of funnel: this one", 0))?,
+            on_breach: BreachPolicy::Ride,
             neighbours: collect(edges)
                 .ok_or(too_much("neighbours", funnel_protocol::config::MAX_NEIGHBOURS))?,
             extrapolate_ticks: EXTRAPOLATE_TICKS,
@@ -102,7 +106,7 @@ fn seen_from(index: usize, edge: &Edge) -> Option<EdgeConfig> {
         _ if index == edge.b => edge.a,
         _ => return None,
     };
-    Some(EdgeConfig { id: u8::try_from(other + 1).ok()?, weight: edge.weight as f32 })
+    Some(EdgeConfig { id: u8::try_from(other + 1).ok()?, weight: edge.weight as f32, edges: 0 })
 }
 
 fn collect<T, const N: usize>(items: impl Iterator<Item = T>) -> Option<heapless::Vec<T, N>> {

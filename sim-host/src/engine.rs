@@ -34,7 +34,7 @@ pub struct Engine {
 impl Engine {
     /// Nodes that are ready to start; `bus` must know as many.
     pub fn new(nodes: Vec<Node>, bus: IdealBus<CanFrame>) -> Self {
-        let observations = nodes.iter().map(|node| *node.observation()).collect();
+        let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         Self { wakes: vec![NEVER; nodes.len()], observations, events: Vec::new(), nodes, bus }
     }
 
@@ -99,7 +99,7 @@ impl Engine {
             }
         }
         if let Some(slot) = self.observations.get_mut(index) {
-            *slot = *node.observation();
+            *slot = node.observations().first().copied().unwrap_or_default();
         }
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = node.poll_at().unwrap_or(NEVER);

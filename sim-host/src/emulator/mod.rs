@@ -94,12 +94,18 @@ impl Emulator {
         for (mut process, config) in processes.into_iter().zip(configs) {
             let stream = process.connect(BOOT, &options.interrupt)?;
             let link = Link::new(config.id, stream, options.interrupt.clone())?;
-            let next_state = config.initial_state;
+            let next_state = config.initial_state.first().copied().unwrap_or_default();
             nodes.push(EmulatedNode { process, link, next_state, stopped: false, ticked: false });
         }
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
-        let initial = |config: &NodeConfig| Observation { x: config.initial_state, ..Observation::default() };
-        let observations = configs.iter().map(initial).collect();
+        let initial = |config: &NodeConfig| {
+            config
+                .initial_state
+                .iter()
+                .map(|&x| Observation { x, ..Observation::default() })
+                .collect::<Vec<_>>()
+        };
+        let observations = configs.iter().flat_map(initial).collect();
         let (image, events) = (options.image.clone(), Vec::new());
         let mut network = Self { nodes, image, bus, tick_ns, tick: 0, observations, events };
         let ready = network.identify().and_then(|()| network.configure(configs));
@@ -304,6 +310,7 @@ impl Emulator {
                 node.ticked = code == FaultCode::STATE_LIMIT;
                 self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
             }
+            Message::Edge { .. } => {}
             Message::Ctrl { .. } | Message::Sync { .. } => return,
         }
         self.bus.send(now, index, serial::encode(&message));
@@ -313,6 +320,6 @@ impl Emulator {
 /// What a node saw at a tick: its state from the bus, the rest from its telemetry. The ratio is one f32 division, which
 /// has the same bits here and there.
 fn observation(x: f32, telemetry: &Telemetry) -> Observation<f32> {
-    let Telemetry { tick, nu, psi, u } = *telemetry;
+    let Telemetry { tick, nu, psi, u, .. } = *telemetry;
     Observation { tick, x, nu, psi, ratio: nu.abs() / psi, u }
 }
