@@ -20,7 +20,8 @@ const END: &str = "<!-- gallery: end -->\n";
 
 fn main() -> ExitCode {
     let check = std::env::args().any(|argument| argument == "--check");
-    let scenarios: Vec<_> = files().iter().map(|path| Scenario::load(path, &[]).expect("a valid scenario")).collect();
+    let scenarios: Vec<_> =
+        files().iter().map(|path| Scenario::load(path, &[]).expect("a valid scenario")).collect();
     let mut table = String::from(
         "| scenario | largest \\|nu\\|/psi | final spread | to xi at the end | reference error |\n|---|---:|---:|---:|---:|\n",
     );
@@ -35,7 +36,8 @@ fn main() -> ExitCode {
     let (before, rest) = readme.split_once(BEGIN).expect("the marker where the table begins");
     let (found, after) = rest.split_once(END).expect("the marker where the table ends");
     if !check {
-        std::fs::write("README.md", [before, BEGIN, &table, END, after].concat()).expect("README.md can be written");
+        std::fs::write("README.md", [before, BEGIN, &table, END, after].concat())
+            .expect("README.md can be written");
     } else if found != table {
         eprintln!("README.md's table of scenarios is not what they give now: ./ci.sh gallery\n{table}");
         return ExitCode::FAILURE;
