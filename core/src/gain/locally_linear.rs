@@ -12,23 +12,42 @@ pub struct LocallyLinear<F> {
     pub bound: F,
 }
 
+/// A ratio beyond the linear part. Near the knee the edge has the digits, near the boundary the gap.
+#[derive(Clone, Copy)]
+struct Beyond<F> {
+    /// `e = 2 |s| - 1`, in [0, 1].
+    edge: F,
+    /// `g = 1 - |s|`, in [0, 1/2].
+    gap: F,
+}
+
+impl<F: Real> Beyond<F> {
+    fn at_edge(edge: F) -> Self {
+        Self { edge, gap: (F::ONE - edge) * F::HALF }
+    }
+
+    fn at_gap(gap: F) -> Self {
+        Self { edge: F::ONE - F::TWO * gap, gap }
+    }
+
+    fn ratio(self) -> F {
+        F::ONE - self.gap
+    }
+}
+
 impl<F: Real> LocallyLinear<F> {
-    /// `g = 1 - s` with `psi s + b mu(s) = rho`, for `rho` beyond the linear part: the one root in (0, 1/2) of a cubic.
-    ///
-    /// In `g` nothing cancels where `s` tends to 1.
+    /// Where `psi s + b mu(s) = rho`, for `rho` beyond the linear part: the one root of a cubic, up to `s = 3/4` in `e` and
+    /// from there in `g`, so that nothing cancels, neither at the knee, where the root in `g` is almost double, nor where
+    /// `s` tends to 1.
     #[inline]
-    fn gap(&self, psi: F, b: F, rho: F) -> F {
+    fn beyond(&self, psi: F, b: F, rho: F) -> Beyond<F> {
         let slope = psi + F::from_u32(4) * self.bound * b;
-        let first = rho + F::from_u32(5) * b - slope;
-        let second = slope - F::from_u32(8) * b;
-        let third = F::from_u32(4) * b;
-        // Minus the cubic, which is -b at g = 0 and positive at g = 1/2.
-        let cubic = |g: F| {
-            let value = ((third * g + second) * g + first) * g - b;
-            (value, (F::from_u32(3) * third * g + F::TWO * second) * g + first)
-        };
-        let guess = (b / (b + rho)).min(F::HALF);
-        root::increasing(F::ZERO, F::HALF, guess, cubic)
+        // (*) at s = 3/4, times 4/3.
+        if rho + rho <= F::from_f64(1.5) * (slope + b) {
+            Beyond::at_edge(edge(slope, b, rho))
+        } else {
+            Beyond::at_gap(gap(slope, b, rho))
+        }
     }
 
     /// `-d/d|u| ln(inverse_slope(u))`, 1 / (state units / s); zero in the linear part. For references.
@@ -37,18 +56,47 @@ impl<F: Real> LocallyLinear<F> {
         if size <= self.bound + self.bound {
             return F::ZERO;
         }
-        let g = self.gap(F::ZERO, F::ONE, size);
+        let g = self.beyond(F::ZERO, F::ONE, size).gap;
         let slope = self.inverse_slope(u);
         (F::TWO / (g * g * g) - F::from_u32(8)) * slope * slope
     }
 
-    /// `mu(1 - g)` for `g` in (0, 1/2]: `1 / g - 4 s` is `(1 - 2 g)^2 / g`, which does not cancel at the knee.
+    /// `mu` there: `1 / g - 4 s` is `e^2 / g`, which does not cancel at the knee.
     #[inline]
-    fn apply_gap(&self, g: F) -> F {
-        let s = F::ONE - g;
-        let edge = F::ONE - F::TWO * g;
-        s * (F::from_u32(4) * self.bound + edge * edge / g)
+    fn apply_beyond(&self, at: Beyond<F>) -> F {
+        at.ratio() * (F::from_u32(4) * self.bound + at.edge * at.edge / at.gap)
     }
+}
+
+/// `e` with `b e^3 + (b - slope / 2) e^2 + rho e = rho - slope / 2`, in [0, 1/2].
+#[inline]
+fn edge<F: Real>(slope: F, b: F, rho: F) -> F {
+    let excess = (rho - slope * F::HALF).max(F::ZERO);
+    let second = b - slope * F::HALF;
+    let cubic = |e: F| {
+        let value = ((b * e + second) * e + rho) * e - excess;
+        (value, (F::from_u32(3) * b * e + second + second) * e + rho)
+    };
+    // Without the cubic term.
+    let root = (rho * rho + F::from_u32(4) * second * excess).max(F::ZERO).sqrt();
+    let guess = ((excess + excess) / (rho + root)).min(F::HALF);
+    root::increasing(F::ZERO, F::HALF, guess, cubic)
+}
+
+/// `g` with `psi s + b mu(s) = rho`, in (0, 1/4].
+#[inline]
+fn gap<F: Real>(slope: F, b: F, rho: F) -> F {
+    let quarter = F::HALF * F::HALF;
+    let first = rho + F::from_u32(5) * b - slope;
+    let second = slope - F::from_u32(8) * b;
+    let third = F::from_u32(4) * b;
+    // Minus the cubic, which is -b at g = 0 and positive at g = 1/4.
+    let cubic = |g: F| {
+        let value = ((third * g + second) * g + first) * g - b;
+        (value, (F::from_u32(3) * third * g + F::TWO * second) * g + first)
+    };
+    let guess = (b / (b + rho)).min(quarter);
+    root::increasing(F::ZERO, quarter, guess, cubic)
 }
 
 impl<F: Real> Gain<F> for LocallyLinear<F> {
@@ -58,10 +106,11 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
         if size <= self.bound + self.bound {
             u / (F::from_u32(4) * self.bound)
         } else {
-            (F::ONE - self.gap(F::ZERO, F::ONE, size)).copysign(u)
+            self.beyond(F::ZERO, F::ONE, size).ratio().copysign(u)
         }
     }
 
+    /// `mu'(s)` is `4 M + 1 / g^2 - 8 s`, which is `4 M + e (1 + e - e^2) / g^2`.
     #[inline]
     fn inverse_slope(&self, u: F) -> F {
         let size = u.abs();
@@ -69,8 +118,8 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
         if size <= self.bound + self.bound {
             return F::ONE / linear;
         }
-        let g = self.gap(F::ZERO, F::ONE, size);
-        F::ONE / (linear + F::ONE / (g * g) - F::from_u32(8) * (F::ONE - g))
+        let Beyond { edge, gap } = self.beyond(F::ZERO, F::ONE, size);
+        F::ONE / (linear + edge * (F::ONE + edge - edge * edge) / (gap * gap))
     }
 
     #[inline]
@@ -78,7 +127,7 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
         let size = s.abs();
         let magnitude = match size < F::HALF {
             true => F::from_u32(4) * self.bound * size,
-            false => self.apply_gap(F::ONE - size),
+            false => self.apply_beyond(Beyond::at_gap(F::ONE - size)),
         };
         magnitude.copysign(s)
     }
@@ -93,7 +142,7 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
         if b <= F::ZERO {
             return Solution { u: F::ZERO, s: F::ZERO };
         }
-        let g = self.gap(psi, b, rho);
-        Solution { u: self.apply_gap(g).copysign(r), s: (F::ONE - g).copysign(r) }
+        let at = self.beyond(psi, b, rho);
+        Solution { u: self.apply_beyond(at).copysign(r), s: at.ratio().copysign(r) }
     }
 }

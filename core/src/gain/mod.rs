@@ -7,12 +7,14 @@
 use crate::math::Real;
 use crate::root;
 
+mod assumption;
 mod builtin;
 mod locally_linear;
 mod logarithmic;
 mod median;
 mod reciprocal;
 
+pub use assumption::{Constants, Violation, check};
 pub use builtin::BuiltinGain;
 pub use locally_linear::LocallyLinear;
 pub use logarithmic::Logarithmic;

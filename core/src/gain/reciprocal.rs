@@ -11,9 +11,11 @@ pub struct Reciprocal<F> {
 }
 
 impl<F: Real> Gain<F> for Reciprocal<F> {
+    /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the quotient does not.
     #[inline]
     fn inverse(&self, u: F) -> F {
-        u / (self.scale + u.abs())
+        let (size, sum) = (u.abs(), self.scale + u.abs());
+        if size <= self.scale { u / sum } else { (F::ONE - self.scale / sum).copysign(u) }
     }
 
     #[inline]
