@@ -87,7 +87,8 @@ fn edge<F: Real>(slope: F, b: F, rho: F) -> F {
 #[inline]
 fn gap<F: Real>(slope: F, b: F, rho: F) -> F {
     let quarter = F::HALF * F::HALF;
-    let first = rho + F::from_u32(5) * b - slope;
+    // The difference first: it is exact where the two are close, and b small beside them.
+    let first = (rho - slope) + F::from_u32(5) * b;
     let second = slope - F::from_u32(8) * b;
     let third = F::from_u32(4) * b;
     // Minus the cubic, which is -b at g = 0 and positive at g = 1/4.
