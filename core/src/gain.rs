@@ -30,6 +30,23 @@ pub trait Gain<F: Real> {
         (self.inverse(u), self.inverse_slope(u))
     }
 
+    /// `gap(u) e^lift` and `inverse_slope(u) e^lift` with the gap `1 - |mu^-1(u)|`, both with all their digits where
+    /// `mu^-1(u)` itself rounds to 1: what is left of an agent whose field is far from the emergent one.
+    ///
+    /// `lift` is from 0 to [`Gain::decay`]. The default is for gains without exponential tails and without a better formula.
+    #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let (inverse, slope) = self.inverse_with_slope(u);
+        (F::ONE - inverse.abs(), slope)
+    }
+
+    /// The exponent `d >= 0` of a gap that falls as `e^-d`, which would underflow far out; zero for a gain whose gap falls as
+    /// a power of `1 / |u|`.
+    #[inline]
+    fn decay(&self, _u: F) -> F {
+        F::ZERO
+    }
+
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 
@@ -82,6 +99,13 @@ impl<F: Real> Gain<F> for Reciprocal<F> {
     }
 
     #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let sum = self.scale + u.abs();
+        let gap = self.scale / sum;
+        (gap, gap / sum)
+    }
+
+    #[inline]
     fn apply(&self, s: F) -> F {
         self.scale * s / (F::ONE - s.abs())
     }
@@ -127,6 +151,17 @@ impl<F: Real> Gain<F> for Logarithmic<F> {
     fn inverse_with_slope(&self, u: F) -> (F, F) {
         let decay = (-(u.abs() / self.scale)).exp_m1();
         ((-decay).copysign(u), (F::ONE + decay) / self.scale)
+    }
+
+    #[inline]
+    fn gap_with_slope(&self, u: F, lift: F) -> (F, F) {
+        let gap = (lift - self.decay(u)).exp();
+        (gap, gap / self.scale)
+    }
+
+    #[inline]
+    fn decay(&self, u: F) -> F {
+        u.abs() / self.scale
     }
 
     #[inline]
@@ -205,6 +240,17 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
     }
 
     #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let size = u.abs();
+        let linear = F::from_u32(4) * self.bound;
+        if size <= self.bound + self.bound {
+            return (F::ONE - size / linear, F::ONE / linear);
+        }
+        let g = self.gap(F::ZERO, F::ONE, size);
+        (g, F::ONE / (linear + F::ONE / (g * g) - F::from_u32(8) * (F::ONE - g)))
+    }
+
+    #[inline]
     fn apply(&self, s: F) -> F {
         let size = s.abs();
         let magnitude = match size < F::HALF {
@@ -274,6 +320,23 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.inverse_with_slope(u),
             Self::Logarithmic(gain) => gain.inverse_with_slope(u),
             Self::LocallyLinear(gain) => gain.inverse_with_slope(u),
+        }
+    }
+
+    #[inline]
+    fn gap_with_slope(&self, u: F, lift: F) -> (F, F) {
+        match self {
+            Self::Reciprocal(gain) => gain.gap_with_slope(u, lift),
+            Self::Logarithmic(gain) => gain.gap_with_slope(u, lift),
+            Self::LocallyLinear(gain) => gain.gap_with_slope(u, lift),
+        }
+    }
+
+    #[inline]
+    fn decay(&self, u: F) -> F {
+        match self {
+            Self::Logarithmic(gain) => gain.decay(u),
+            _ => F::ZERO,
         }
     }
 
