@@ -266,9 +266,14 @@ fn text(summary: &Summary) -> String {
             format!("final spread {}, bound {}", figure(sync.final_spread, 4), figure(sync.bound, 4)),
         );
     }
-    if let Some(emergent) = summary.emergent {
-        let (error, xi) = (figure(emergent.final_error, 4), figure(emergent.xi_final, 6));
-        line("emergent", format!("final distance {error} to xi = {xi}"));
+    if let Some(emergent) = &summary.emergent {
+        let mut distance = |name: &str, error: Option<f64>, symbol: &str, end: Option<f64>| {
+            if let (Some(error), Some(end)) = (error, end) {
+                line(name, format!("final distance {} to {symbol}{}", figure(error, 4), figure(end, 6)));
+            }
+        };
+        distance("emergent", emergent.final_error, "xi = ", emergent.xi_final);
+        distance("blended", emergent.blended_error, "", emergent.blended_final);
     }
     if let Some(reference) = summary.reference {
         line("reference", format!("largest error {}", figure(reference.max_error, 4)));

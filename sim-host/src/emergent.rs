@@ -1,7 +1,18 @@
-//! The emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean of the initial states.
+//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean of the
+//! initial states, and the blended dynamics beside it.
+
+mod agents;
+mod blended;
+mod chi;
+mod predictor;
+
+pub use blended::BlendedTrajectory;
+pub use chi::ChiTrajectory;
+pub use predictor::{Contraction, Prediction, Predictor};
 
 use crate::scenario::{GainSpec, Scenario};
-use funnel_core::emergent::{Agent, field, runge_kutta};
+use agents::Agents;
+use funnel_core::emergent::{contraction, runge_kutta};
 use funnel_core::gain::{BuiltinGain, Gain, LocallyLinear, Logarithmic, Reciprocal, median};
 
 /// Longest integration step, s.
@@ -20,37 +31,39 @@ fn longest_step(scenario: &Scenario) -> f64 {
     (1.0 / (STEPS_PER_CONSTANT * fastest)).max(scenario.time.tick_s()).min(LONGEST_STEP)
 }
 
+/// Equal steps from `from` to `to` (s), none longer than `longest`: where each begins, and how long it is.
+fn steps(from: f64, to: f64, longest: f64) -> impl Iterator<Item = (f64, f64)> {
+    let span = to - from;
+    let count = (span / longest - 1e-9).ceil().max(1.0);
+    let step = span / count;
+    (0..(if span > 0.0 { count as u64 } else { 0 })).map(move |index| (from + index as f64 * step, step))
+}
+
+/// The mean of the initial states (state units).
+fn mean_state(scenario: &Scenario) -> f64 {
+    let states = scenario.initial_states();
+    states.iter().sum::<f64>() / states.len().max(1) as f64
+}
+
 /// The emergent dynamics of a scenario, integrated step by step.
 pub struct EmergentTrajectory<'a> {
-    scenario: &'a Scenario,
-    gains: Vec<BuiltinGain<f64>>,
+    agents: Agents<'a>,
     t: f64,
     xi: f64,
     longest_step: f64,
-    /// Kept between evaluations for its memory only.
-    agents: Vec<Agent<f64, BuiltinGain<f64>>>,
-    /// The last value of the field, from which the next search starts.
-    guess: f64,
 }
 
 impl<'a> EmergentTrajectory<'a> {
     /// Starts at the mean of the initial states; `None` where a gain has no emergent dynamics here.
     pub fn new(scenario: &'a Scenario) -> Option<Self> {
-        let gains: Vec<_> = scenario.nodes.iter().map(|node| gain(&node.gain)).collect::<Option<_>>()?;
-        let states = scenario.initial_states();
-        let xi = states.iter().sum::<f64>() / states.len().max(1) as f64;
-        let longest_step = longest_step(scenario);
-        Some(Self { scenario, gains, t: 0.0, xi, longest_step, agents: Vec::new(), guess: 0.0 })
+        let (agents, longest_step) = (Agents::new(scenario)?, longest_step(scenario));
+        Some(Self { agents, t: 0.0, xi: mean_state(scenario), longest_step })
     }
 
     /// `xi` at time `t` (s), which must not decrease from call to call (state units).
     pub fn advance(&mut self, t: f64) -> f64 {
-        let span = t - self.t;
-        let steps = (span / self.longest_step - 1e-9).ceil().max(1.0);
-        let step = span / steps;
-        for index in 0..(if span > 0.0 { steps as u64 } else { 0 }) {
-            let from = self.t + index as f64 * step;
-            self.xi = runge_kutta(from, self.xi, step, |t, x| self.field(t, x));
+        for (from, step) in steps(self.t, t, self.longest_step) {
+            self.xi = runge_kutta(from, self.xi, step, |t, x| self.agents.field(t, x));
         }
         self.t = t;
         self.xi
@@ -59,24 +72,14 @@ impl<'a> EmergentTrajectory<'a> {
     /// The ratios `s_i = mu_i^-1(f_em - f_i)` that hold the nodes together at the time of the last [`Self::advance`], by
     /// index: what `nu_i / psi_i` settles to under a narrow funnel.
     pub fn steady_ratios(&mut self) -> impl Iterator<Item = f64> {
-        let common = self.field(self.t, self.xi);
-        self.agents.iter().map(move |agent| agent.gain.inverse(common - agent.f))
+        let common = self.agents.field(self.t, self.xi);
+        self.agents.placed.iter().map(move |agent| agent.gain.inverse(common - agent.f))
     }
 
-    /// `f_em(t, xi)`. The funnels enter by their ratios only, so their widest is scaled to one: a funnel that tends to
-    /// zero leaves the emergent dynamics as they are (paper, remark on time-invariant emergent dynamics).
-    fn field(&mut self, t: f64, xi: f64) -> f64 {
-        // Just after the start, where a funnel that is infinite at t = 0 has a width.
-        let t_funnel = t.max(1e-9);
-        let widest = self.scenario.widest_funnel(t_funnel);
-        self.agents.clear();
-        self.agents.extend(self.scenario.nodes.iter().zip(&self.gains).map(|(node, &gain)| Agent {
-            psi: if widest > 0.0 { node.funnel.width(t_funnel) / widest } else { node.funnel.factor() },
-            f: node.dynamics.value(t, xi),
-            gain,
-        }));
-        self.guess = field(&self.agents, self.guess);
-        self.guess
+    /// `df_em/dxi` at the time of the last [`Self::advance`] (1/s): negative where the emergent dynamics contract.
+    pub fn contraction(&mut self) -> f64 {
+        let common = self.agents.field(self.t, self.xi);
+        contraction(&self.agents.placed, common, self.agents.slopes())
     }
 }
 
@@ -96,14 +99,21 @@ mod tests {
     use crate::scenario::Override;
     use std::path::Path;
 
+    /// Example 3, with values replaced.
+    pub(super) fn five_agents(sets: &[&str]) -> Scenario {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
+        let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+        Scenario::load(&path, &sets).unwrap()
+    }
+
     #[test]
     fn fast_fields_are_resolved() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
         let fast = (1..=5).map(|id| format!("node.{id}.dynamics={{kind='affine',slope=-3000,offset=6000}}"));
         let sets: Vec<_> = fast.chain(["time.tick=100us".to_owned()]).collect();
-        let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
-        let scenario = Scenario::load(&path, &sets).unwrap();
+        let scenario = five_agents(&sets.iter().map(String::as_str).collect::<Vec<_>>());
         let xi = EmergentTrajectory::new(&scenario).unwrap().advance(0.5);
         assert!((xi - 2.0).abs() < 1e-9, "{xi}");
+        let blended = BlendedTrajectory::new(&scenario).advance(0.5);
+        assert!((blended - 2.0).abs() < 1e-9, "{blended}");
     }
 }

@@ -48,6 +48,24 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
     }
 
     #[inline]
+    fn gap_with_slope(&self, u: F, lift: F) -> (F, F) {
+        match self {
+            Self::Reciprocal(gain) => gain.gap_with_slope(u, lift),
+            Self::Logarithmic(gain) => gain.gap_with_slope(u, lift),
+            Self::LocallyLinear(gain) => gain.gap_with_slope(u, lift),
+            Self::Linear(gain) => gain.gap_with_slope(u, lift),
+        }
+    }
+
+    #[inline]
+    fn decay(&self, u: F) -> F {
+        match self {
+            Self::Logarithmic(gain) => gain.decay(u),
+            _ => F::ZERO,
+        }
+    }
+
+    #[inline]
     fn apply(&self, s: F) -> F {
         match self {
             Self::Reciprocal(gain) => gain.apply(s),

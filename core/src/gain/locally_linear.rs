@@ -114,13 +114,18 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
     /// `mu'(s)` is `4 M + 1 / g^2 - 8 s`, which is `4 M + e (1 + e - e^2) / g^2`.
     #[inline]
     fn inverse_slope(&self, u: F) -> F {
+        self.gap_with_slope(u, F::ZERO).1
+    }
+
+    #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
         let size = u.abs();
         let linear = F::from_u32(4) * self.bound;
         if size <= self.bound + self.bound {
-            return F::ONE / linear;
+            return (F::ONE - size / linear, F::ONE / linear);
         }
         let Beyond { edge, gap } = self.beyond(F::ZERO, F::ONE, size);
-        F::ONE / (linear + edge * (F::ONE + edge - edge * edge) / (gap * gap))
+        (gap, F::ONE / (linear + edge * (F::ONE + edge - edge * edge) / (gap * gap)))
     }
 
     #[inline]

@@ -28,6 +28,17 @@ impl<F: Real> Gain<F> for Logarithmic<F> {
     }
 
     #[inline]
+    fn gap_with_slope(&self, u: F, lift: F) -> (F, F) {
+        let gap = (lift - self.decay(u)).exp();
+        (gap, gap / self.scale)
+    }
+
+    #[inline]
+    fn decay(&self, u: F) -> F {
+        u.abs() / self.scale
+    }
+
+    #[inline]
     fn apply(&self, s: F) -> F {
         (-self.scale * (-s.abs()).ln_1p()).copysign(s)
     }

@@ -49,6 +49,23 @@ pub trait Gain<F: Real> {
         (self.inverse(u), self.inverse_slope(u))
     }
 
+    /// `gap(u) e^lift` and `inverse_slope(u) e^lift` with the gap `1 - |mu^-1(u)|`, both with all their digits where
+    /// `mu^-1(u)` itself rounds to 1: what is left of an agent whose field is far from the emergent one.
+    ///
+    /// `lift` is from 0 to [`Gain::decay`]. The default is for gains without exponential tails and without a better formula.
+    #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let (inverse, slope) = self.inverse_with_slope(u);
+        (F::ONE - inverse.abs(), slope)
+    }
+
+    /// The exponent `d >= 0` of a gap that falls as `e^-d`, which would underflow far out; zero for a gain whose gap falls as
+    /// a power of `1 / |u|`.
+    #[inline]
+    fn decay(&self, _u: F) -> F {
+        F::ZERO
+    }
+
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 

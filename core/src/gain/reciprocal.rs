@@ -25,6 +25,13 @@ impl<F: Real> Gain<F> for Reciprocal<F> {
     }
 
     #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let sum = self.scale + u.abs();
+        let gap = self.scale / sum;
+        (gap, gap / sum)
+    }
+
+    #[inline]
     fn apply(&self, s: F) -> F {
         self.scale * s / (F::ONE - s.abs())
     }

@@ -21,11 +21,14 @@ pub struct Row {
     pub u: Vec<f64>,
     /// The emergent trajectory, in state units, where it is known.
     pub xi: Option<f64>,
+    /// The blended dynamics, in state units, where they are known.
+    pub blended: Option<f64>,
 }
 
 /// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`. An unknown `xi` is an empty field.
+/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`. An unknown `xi` or `blended` is an empty
+/// field.
 #[derive(Debug)]
 pub struct TrajectoryWriter {
     file: AtomicFile,
@@ -69,7 +72,7 @@ fn header(out: &mut dyn Write, nodes: usize) -> io::Result<()> {
             write!(out, ",{name}_{id}")?;
         }
     }
-    writeln!(out, ",xi")
+    writeln!(out, ",xi,blended")
 }
 
 fn line(out: &mut dyn Write, row: &Row, nodes: usize, precision: Precision) -> io::Result<()> {
@@ -85,9 +88,11 @@ fn line(out: &mut dyn Write, row: &Row, nodes: usize, precision: Precision) -> i
             precision.write(out, value)?;
         }
     }
-    out.write_all(b",")?;
-    if let Some(xi) = row.xi {
-        Precision::Double.write(out, xi)?;
+    for prediction in [row.xi, row.blended] {
+        out.write_all(b",")?;
+        if let Some(value) = prediction {
+            Precision::Double.write(out, value)?;
+        }
     }
     out.write_all(b"\n")
 }
@@ -97,10 +102,18 @@ mod tests {
     use super::super::atomic::tests::Folder;
     use super::*;
 
-    fn row(t: f64, xi: Option<f64>) -> Row {
+    fn row(t: f64, xi: Option<f64>, blended: Option<f64>) -> Row {
         let single = |v: f32| f64::from(v);
         let pair = |a, b| vec![single(a), single(b)];
-        Row { t, x: pair(0.1, -2.0), nu: pair(1e-9, 3.0), psi: pair(4.0, 40.0), u: pair(0.25, 1e20), xi }
+        Row {
+            t,
+            x: pair(0.1, -2.0),
+            nu: pair(1e-9, 3.0),
+            psi: pair(4.0, 40.0),
+            u: pair(0.25, 1e20),
+            xi,
+            blended,
+        }
     }
 
     #[test]
@@ -108,13 +121,13 @@ mod tests {
         let folder = Folder::new("trajectory");
         let path = folder.0.join("trajectory.csv");
         let mut writer = TrajectoryWriter::create(&path, 2, Precision::Single).unwrap();
-        writer.write(&row(0.0, None)).unwrap();
-        writer.write(&row(0.001, Some(0.3))).unwrap();
+        writer.write(&row(0.0, None, Some(-1.5))).unwrap();
+        writer.write(&row(0.001, Some(0.3), None)).unwrap();
         assert!(!path.exists());
         writer.finish().unwrap();
-        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi\n\
-                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,\n\
-                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3\n";
+        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi,blended\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,-1.5\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,\n";
         assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
     }
 
@@ -123,7 +136,7 @@ mod tests {
         let folder = Folder::new("size");
         let path = folder.0.join("trajectory.csv");
         let mut writer = TrajectoryWriter::create(&path, 3, Precision::Double).unwrap();
-        let error = writer.write(&row(0.5, None)).unwrap_err();
+        let error = writer.write(&row(0.5, None, None)).unwrap_err();
         assert!(error.to_string().contains("2 entries for 3 nodes at t = 0.5 s"), "{error}");
     }
 }

@@ -1,9 +1,9 @@
-//! All states over time, and the emergent trajectory.
+//! All states over time, the emergent trajectory and the blended dynamics.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::legend::{self, Entry};
+use super::legend::{self, Entry, Stroke};
 use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
 use super::thin::thin;
 use super::trace::Trace;
@@ -13,8 +13,8 @@ const SIZE: (u32, u32) = (1000, 520);
 /// Width of the legend, in pixels.
 const LEGEND: u32 = 130;
 
-/// The states `x_i` with the emergent trajectory `xi` dashed in black on top, as SVG text. Up to twelve
-/// nodes get a colour each; more are drawn alike.
+/// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
+/// figure, as SVG text. Up to twelve nodes get a colour each; more are drawn alike.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -39,7 +39,7 @@ fn curves<DB: DrawingBackend>(
     trace: &Trace,
     span: std::ops::Range<f64>,
 ) -> Result<(), PlotError> {
-    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).copied();
+    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).chain(&trace.blended).copied();
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -68,9 +68,19 @@ fn curves<DB: DrawingBackend>(
         let points = thin(&trace.t, |k| node.x[k]);
         chart.draw_series(LineSeries::new(points, style)).map_err(PlotError::new)?;
     }
-    let points = thin(&trace.t, |k| trace.xi[k]);
-    chart.draw_series(DashedLineSeries::new(points, px(7), px(4), line(BLACK, 2))).map_err(PlotError::new)?;
+    for (_, values, stroke) in predictions(trace) {
+        let (mark, space) = stroke.pattern().unwrap_or((1, 0));
+        let points = thin(&trace.t, |k| values[k]);
+        let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
+        chart.draw_series(series).map_err(PlotError::new)?;
+    }
     Ok(())
+}
+
+/// What is predicted, where it is known anywhere: its name, its values over time, and how it is drawn.
+fn predictions(trace: &Trace) -> impl Iterator<Item = (&'static str, &Vec<f64>, Stroke)> {
+    let all = [("blended", &trace.blended, Stroke::Dashed), ("emergent \u{3BE}", &trace.xi, Stroke::Dotted)];
+    all.into_iter().filter(|(_, values, _)| values.iter().any(|v| v.is_finite()))
 }
 
 fn entries(trace: &Trace) -> Vec<Entry> {
@@ -79,14 +89,14 @@ fn entries(trace: &Trace) -> Vec<Entry> {
         let entry = |(k, id): (usize, usize)| Entry {
             label: format!("node {id}"),
             style: line(colour(k), 2),
-            dashed: false,
+            stroke: Stroke::Solid,
         };
         trace.nodes.iter().map(|n| n.id).enumerate().map(entry).collect()
     } else {
-        vec![Entry { label: format!("{count} nodes"), style: line(CROWD, 1), dashed: false }]
+        vec![Entry { label: format!("{count} nodes"), style: line(CROWD, 1), stroke: Stroke::Solid }]
     };
-    if trace.has_xi() {
-        entries.push(Entry { label: "emergent \u{3BE}".into(), style: line(BLACK, 2), dashed: true });
-    }
+    let black =
+        |(name, _, stroke): (&str, _, _)| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };
+    entries.extend(predictions(trace).map(black));
     entries
 }

@@ -11,6 +11,7 @@ pub struct Trace {
     pub(super) t: Vec<f64>,
     pub(super) nodes: Vec<Node>,
     pub(super) xi: Vec<f64>,
+    pub(super) blended: Vec<f64>,
 }
 
 /// One node's curves.
@@ -38,6 +39,7 @@ impl Trace {
         }
         self.t.push(row.t);
         self.xi.push(row.xi.unwrap_or(f64::NAN));
+        self.blended.push(row.blended.unwrap_or(f64::NAN));
         for (i, node) in self.nodes.iter_mut().enumerate() {
             let at = |table: &[f64]| table.get(i).copied().unwrap_or(f64::NAN);
             let (nu, psi) = (at(&row.nu), at(&row.psi));
@@ -54,10 +56,5 @@ impl Trace {
             (Some(&first), Some(&last)) if last > first => Ok((first, last)),
             _ => Err(PlotError::new("it needs rows at two times or more")),
         }
-    }
-
-    /// Whether an emergent trajectory is known anywhere.
-    pub(super) fn has_xi(&self) -> bool {
-        self.xi.iter().any(|v| v.is_finite())
     }
 }

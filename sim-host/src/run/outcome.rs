@@ -1,6 +1,7 @@
 //! What a run came to, before and after it is judged.
 
 use super::options::Fidelity;
+use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
 use crate::record::{
     BusSummary, EmergentSummary, Expectation, FunnelSummary, ReferenceSummary, Row, Summary, SyncSummary,
@@ -18,8 +19,8 @@ pub struct Outcome {
     pub last: Vec<f64>,
     /// Widest funnel at the end, as the nodes had it: floored at the resolution of `nu`, where it is.
     pub widest: f64,
-    /// `xi` at the end.
-    pub xi_final: Option<f64>,
+    /// What was predicted: at the end, and over the recorded rows.
+    pub prediction: Prediction,
     /// Largest `|nu| / psi` over all nodes and ticks.
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
@@ -42,9 +43,7 @@ impl Outcome {
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
         let final_spread = spread(&self.last);
-        let emergent = self
-            .xi_final
-            .map(|xi_final| EmergentSummary { final_error: distance(&self.last, xi_final), xi_final });
+        let emergent = self.emergent();
         Summary {
             scenario: scenario.title.clone(),
             seed: scenario.seed,
@@ -59,11 +58,25 @@ impl Outcome {
                 bound: scenario.sync_bound(self.widest),
                 lambda2: scenario.graph.lambda2(),
             }),
-            emergent,
+            expect: self.expectations(scenario, final_spread, &emergent),
+            emergent: Some(emergent),
             reference: self.reference,
             bus: self.bus.clone(),
-            expect: self.expectations(scenario, final_spread, emergent),
             wall_s: 0.0,
+        }
+    }
+
+    fn emergent(&self) -> EmergentSummary {
+        let prediction = &self.prediction;
+        let distance = |to: f64| self.last.iter().map(|x| (x - to).abs()).fold(0.0, f64::max);
+        EmergentSummary {
+            final_error: prediction.xi.map(distance),
+            xi_final: prediction.xi,
+            blended_error: prediction.blended.map(distance),
+            blended_final: prediction.blended,
+            contraction: prediction.contraction,
+            steady_ratio: prediction.steady_ratio.clone(),
+            steady_ratio_max: prediction.steady_ratio_max.clone(),
         }
     }
 
@@ -71,13 +84,14 @@ impl Outcome {
         &self,
         scenario: &Scenario,
         final_spread: f64,
-        emergent: Option<EmergentSummary>,
+        emergent: &EmergentSummary,
     ) -> Vec<Expectation> {
         let expect = &scenario.expect;
         let judged = [
             ("funnel_ratio", expect.funnel_ratio, Some(self.max_ratio)),
             ("final_spread", expect.final_spread, Some(final_spread)),
-            ("emergent_error", expect.emergent_error, emergent.map(|emergent| emergent.final_error)),
+            ("emergent_error", expect.emergent_error, emergent.final_error),
+            ("blended_error", expect.blended_error, emergent.blended_error),
             ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
         ];
         let judge = |(name, limit, value): (&str, Option<f64>, _)| {
@@ -91,8 +105,4 @@ fn spread(states: &[f64]) -> f64 {
     let largest = states.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let smallest = states.iter().copied().fold(f64::INFINITY, f64::min);
     largest - smallest
-}
-
-fn distance(states: &[f64], xi: f64) -> f64 {
-    states.iter().map(|x| (x - xi).abs()).fold(0.0, f64::max)
 }
