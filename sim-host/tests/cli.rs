@@ -240,7 +240,7 @@ fn check_gives_json_for_machines() {
 fn warnings_come_with_what_to_change() {
     let (code, out, _) = run(&["check", "scenarios/narrow-ring.toml", "--set", "time.tick=10ms"]);
     assert_eq!(code, Some(0));
-    assert!(out.contains("WARN  Tick: 10ms can hold funnels down to about"), "{out}");
+    assert!(out.contains("WARN  Tick              10ms holds funnels down to about"), "{out}");
     assert!(out.contains("-> |nu| may leave the funnel; use a tick of"), "{out}");
     assert!(out.contains("1 warning and 0 failures"), "{out}");
 }

@@ -27,16 +27,17 @@ fn narrowest(subject: &Subject<'_>) -> Finding {
     let tick = subject.scenario.time.tick_s();
     let floor = if seen.taken > 0.0 { seen.taken * seen.taken_of } else { 0.0 };
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
-    let longest = (seen.taken > 0.0).then(|| tick * (TIGHT / seen.taken).sqrt());
-    let text = if seen.taken > 0.0 {
-        format!(
-            "{name} holds funnels down to about {} at node {node} (the tightest), where psi is {} at t = {} s",
+    let longest = longest_tick(subject, seen.taken);
+    let text = match longest {
+        None => format!("{name} holds any funnel: no field drifts apart from those of its neighbours"),
+        Some(longest) => format!(
+            "{name} holds funnels down to about {} at node {node} (the tightest), where psi is {} at t = {} s; the longest \
+             tick for this scenario is about {} s",
             about(floor),
             figure(seen.taken_of),
-            figure(seen.taken_at)
-        )
-    } else {
-        format!("{name} holds any funnel: no field drifts apart from those of its neighbours")
+            figure(seen.taken_at),
+            about(longest)
+        ),
     };
     let values = json!({
         "node": node, "narrowest": seen.floor, "psi_min": subject.narrowest(index),
@@ -52,6 +53,15 @@ fn narrowest(subject: &Subject<'_>) -> Finding {
         about(2.0 * floor / TIGHT)
     );
     found.advise(Status::Warn, advice)
+}
+
+/// The tick that leaves [`TIGHT`] of the funnel and resolves the fields, s; none where any tick holds the funnel.
+fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
+    let tick = subject.scenario.time.tick_s();
+    let rates =
+        subject.scenario.nodes.iter().map(|node| node.dynamics.slope.abs().max(fastest(&node.dynamics)));
+    let resolved = FAST / rates.fold(0.0, f64::max);
+    (taken > 0.0).then(|| (tick * (TIGHT / taken).sqrt()).min(resolved))
 }
 
 /// The fastest sine of a field, rad/s.
