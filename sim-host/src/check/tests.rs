@@ -364,9 +364,3 @@ fn every_node_has_its_row() {
     assert!(text.contains("\n   11        1"), "{text}");
     assert!(!load("head-count-20.toml", &[]).to_string().contains("\n   11"), "20 rows are too many to read");
 }
-
-#[test]
-fn a_check_is_repeatable() {
-    let text = || serde_json::to_string(&load("leader.toml", &[])).unwrap();
-    assert_eq!(text(), text());
-}
