@@ -1,24 +1,27 @@
 //! `sim-host check`: what can be said about a scenario without running it.
 //!
-//! The paper's assumptions and bounds (named in the README), and the limits of the sampled law in f32
-//! (LAW.md section 4).
+//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (LAW.md section 4), and
+//! what the emergent dynamics predict.
 
+mod assumptions;
+mod bus;
 mod capacity;
+mod contraction;
 mod forecast;
-
-use std::fmt;
+mod limits;
+mod nodes;
+mod predictions;
+mod start;
+mod subject;
+mod text;
+mod widths;
 
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use crate::emergent::EmergentTrajectory;
-use crate::scenario::{BusModel, FunnelSpec, GainSpec, NodeSpec, Scenario, format_duration, initial_ratios};
-use forecast::Forecast;
-use funnel_core::params::FLOOR_ULPS;
-
-/// Share of the funnel that the floor of the tick may take up before it is warned about: the floor is known
-/// only to "about" (LAW.md 4, where a share of 1 meant leaving the funnel by a factor of two).
-const TIGHT: f64 = 0.5;
+use crate::scenario::{LARGEST_RUN, Scenario};
+pub use nodes::NodeRow;
+use subject::Subject;
 
 /// How a finding stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -39,6 +42,8 @@ pub enum Status {
 pub struct Finding {
     /// A stable name for machines.
     pub name: &'static str,
+    /// What was looked at, for people.
+    pub title: &'static str,
     /// How it stands.
     pub status: Status,
     /// What was found, for people.
@@ -48,6 +53,22 @@ pub struct Finding {
     pub advice: Option<String>,
     /// The figures, in SI units.
     pub values: Value,
+}
+
+impl Finding {
+    fn new(name: &'static str, title: &'static str, text: String, values: Value) -> Self {
+        Self { name, title, status: Status::Ok, text, advice: None, values }
+    }
+
+    /// The same, standing otherwise.
+    fn stands(self, status: Status) -> Self {
+        Self { status, ..self }
+    }
+
+    /// The same, standing otherwise, with what to change.
+    fn advise(self, status: Status, advice: String) -> Self {
+        Self { status, advice: Some(advice), ..self }
+    }
 }
 
 /// Everything that was checked. `Display` is the text for people, `Serialize` the form for machines.
@@ -69,6 +90,8 @@ pub struct Report {
     pub ticks: u64,
     /// The findings, assumptions first.
     pub findings: Vec<Finding>,
+    /// The figures of every node, by index.
+    pub per_node: Vec<NodeRow>,
     /// No finding failed; warnings do not count.
     pub pass: bool,
 }
@@ -77,21 +100,14 @@ pub struct Report {
 /// funnel.
 #[must_use]
 pub fn check(scenario: &Scenario) -> Report {
-    let forecast = Forecast::of(scenario);
-    let mut findings = vec![
-        graph(scenario),
-        fields(scenario),
-        funnels(scenario),
-        gains(scenario),
-        emergent(scenario),
-        start(scenario),
-        sync_bound(scenario, &forecast),
-        narrowest(scenario, &forecast),
-        resolution(scenario, &forecast),
-    ];
-    findings.extend(margin(scenario, &forecast));
-    findings.extend(bus(scenario));
+    let subject = Subject::of(scenario);
+    let mut findings = assumptions::findings(&subject);
+    findings.extend(start::findings(&subject));
+    findings.extend(limits::findings(&subject));
+    findings.extend(predictions::findings(&subject));
+    findings.extend(bus::findings(scenario));
     findings.push(capacity::finding(scenario));
+    findings.extend(size(scenario));
     Report {
         scenario: scenario.title.clone(),
         path: scenario.path.display().to_string(),
@@ -102,308 +118,36 @@ pub fn check(scenario: &Scenario) -> Report {
         ticks: scenario.time.ticks,
         pass: findings.iter().all(|finding| finding.status != Status::Fail),
         findings,
+        per_node: nodes::rows(&subject),
     }
 }
 
-fn finding(name: &'static str, status: Status, text: String, values: Value) -> Finding {
-    Finding { name, status, text, advice: None, values }
+/// A scenario that can be checked, but not run.
+fn size(scenario: &Scenario) -> Option<Finding> {
+    let nodes = scenario.nodes.len();
+    let text = format!(
+        "{nodes} nodes can be checked, not run: an id is 7 bits on the wire and 0 means all, which leaves {LARGEST_RUN}"
+    );
+    let values = serde_json::json!({ "nodes": nodes, "largest_run": LARGEST_RUN });
+    (nodes > LARGEST_RUN).then(|| Finding::new("size", "Size", text, values).stands(Status::Note))
 }
 
-/// Assumption 1.
-fn graph(scenario: &Scenario) -> Finding {
-    let spectrum = scenario.graph.spectrum();
-    let lambda2 = spectrum.get(1).copied().unwrap_or(0.0);
-    let lambda_max = spectrum.last().copied().unwrap_or(0.0);
-    let degrees: Vec<_> = (0..scenario.graph.nodes).map(|i| scenario.graph.degree(i)).collect();
-    let (low, high) = extremes(&degrees);
-    let text = format!(
-        "Assumption 1: the graph is undirected and connected; lambda2 = {}, lambda_max = {}, \
-         degrees {} to {}",
-        figure(lambda2),
-        figure(lambda_max),
-        figure(low),
-        figure(high)
-    );
-    finding(
-        "graph",
-        Status::Ok,
-        text,
-        json!({ "lambda2": lambda2, "lambda_max": lambda_max, "degree": degrees }),
+/// Lowest and highest of some values.
+fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    values
+        .into_iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// Index and value of the largest; index 0 where there is none.
+fn largest(values: impl IntoIterator<Item = f64>) -> (usize, f64) {
+    let first = (0, f64::NEG_INFINITY);
+    values.into_iter().enumerate().fold(
+        first,
+        |best, (index, value)| {
+            if value > best.1 { (index, value) } else { best }
+        },
     )
-}
-
-/// Assumptions 2 and 4: affine fields are globally Lipschitz, so nothing escapes in finite time.
-fn fields(scenario: &Scenario) -> Finding {
-    let lipschitz = scenario.nodes.iter().map(|node| node.dynamics.slope.abs()).fold(0.0, f64::max);
-    let text = format!(
-        "Assumptions 2 and 4: the fields are affine, Lipschitz with {}/s, so no state escapes in finite time",
-        figure(lipschitz)
-    );
-    finding("fields", Status::Ok, text, json!({ "lipschitz": lipschitz }))
-}
-
-/// The largest slope `|psi'|` of a funnel (state units / s); infinite where the funnel has none.
-fn steepest(funnel: &FunnelSpec) -> f64 {
-    match *funnel {
-        FunnelSpec::Exponential { start, end, rate, factor } => factor * rate * (start - end).abs(),
-        FunnelSpec::Constant { .. } => 0.0,
-        FunnelSpec::ReciprocalTime { .. } => f64::INFINITY,
-        FunnelSpec::FiniteTime { start, at_ns, power, factor } if power >= 1.0 => {
-            factor * start * power / (at_ns as f64 * 1e-9)
-        }
-        FunnelSpec::FiniteTime { .. } => f64::INFINITY,
-    }
-}
-
-/// Assumption 3, the funnels.
-fn funnels(scenario: &Scenario) -> Finding {
-    let end = scenario.time.end_s();
-    let bound = scenario.widest_funnel(0.0).max(scenario.widest_funnel(end));
-    let theta = scenario.nodes.iter().map(|node| steepest(&node.funnel)).fold(0.0, f64::max);
-    let text = format!(
-        "Assumption 3: 0 < psi <= {} and |psi'| <= {}/s; at the end psi is {} at most",
-        figure(bound),
-        figure(theta),
-        figure(scenario.widest_funnel(end))
-    );
-    let values =
-        json!({ "psi_bound": bound, "psi_slope_bound": theta, "psi_end": scenario.widest_funnel(end) });
-    finding("funnels", Status::Ok, text, values)
-}
-
-/// Assumption 3, the gains.
-fn gains(scenario: &Scenario) -> Finding {
-    let grows = |gain: &GainSpec| matches!(gain, GainSpec::Reciprocal { .. } | GainSpec::Logarithmic { .. });
-    let mut names: Vec<_> = scenario.nodes.iter().map(|node| gain_name(&node.gain)).collect();
-    names.sort_unstable();
-    names.dedup();
-    let holds = scenario.nodes.iter().all(|node| grows(&node.gain));
-    let (status, what) = match holds {
-        true => (Status::Ok, "are non-decreasing and unbounded at the funnel's edge"),
-        false => (Status::Warn, "include one that is not known to be non-decreasing and unbounded"),
-    };
-    let text = format!("Assumption 3: the gains ({}) {what}", names.join(", "));
-    finding("gains", status, text, json!({ "kinds": names }))
-}
-
-fn gain_name(gain: &GainSpec) -> &'static str {
-    match gain {
-        GainSpec::Reciprocal { .. } => "reciprocal",
-        GainSpec::Logarithmic { .. } => "logarithmic",
-        GainSpec::LocallyLinear { .. } => "locally-linear",
-        GainSpec::Median { .. } => "median",
-        GainSpec::Linear { .. } => "linear",
-    }
-}
-
-/// Assumption 5 and the contraction that the prediction by the emergent dynamics rests on.
-fn emergent(scenario: &Scenario) -> Finding {
-    let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope).collect();
-    let (_, largest) = extremes(&slopes);
-    let end = scenario.time.end_s();
-    let ratio = |t: f64| {
-        let widths: Vec<_> = scenario.nodes.iter().map(|node| node.funnel.width(t)).collect();
-        let (low, high) = extremes(&widths);
-        high / low
-    };
-    let spread = ratio(0.0).max(ratio(end));
-    let values = json!({ "largest_slope": largest, "funnel_ratio_bound": spread });
-    if largest < 0.0 {
-        let text = format!(
-            "Assumption 5: every field contracts by {}/s or more, so do the emergent dynamics; \
-             funnels within a \
-             factor of {}",
-            figure(-largest),
-            figure(spread)
-        );
-        return finding("emergent", Status::Ok, text, values);
-    }
-    let text = format!(
-        "Assumption 5: a field with slope {}/s does not contract; whether the emergent dynamics do \
-         is not decided \
-         here",
-        figure(largest)
-    );
-    let mut finding = finding("emergent", Status::Note, text, values);
-    finding.advice =
-        Some("trust emergent_error only where xi is seen to forget its initial value".to_owned());
-    finding
-}
-
-/// The theorem's condition on the start.
-fn start(scenario: &Scenario) -> Finding {
-    let ratios = initial_ratios(scenario);
-    let worst = ratios.iter().copied().fold(0.0, f64::max);
-    let node = ratios.iter().position(|ratio| *ratio == worst).map_or(1, |index| index + 1);
-    let each: Vec<_> = ratios.iter().map(|ratio| figure(*ratio)).collect();
-    let list = if each.len() <= 16 { format!(" (by id: {})", each.join(", ")) } else { String::new() };
-    let text = format!("Start: |nu| / psi is {} at most, at node {node}{list}", figure(worst));
-    finding("start", Status::Ok, text, json!({ "ratio": ratios, "worst": worst, "node": node }))
-}
-
-/// The paper's bound on the distance between any two states.
-fn sync_bound(scenario: &Scenario, forecast: &Forecast) -> Finding {
-    let widest = |t: f64| {
-        let kept = |(index, node): (usize, &NodeSpec)| node.funnel.width(t).max(forecast.resolution(index));
-        scenario.nodes.iter().enumerate().map(kept).fold(0.0, f64::max)
-    };
-    let [first, last] = [0.0, scenario.time.end_s()].map(|t| scenario.sync_bound(widest(t)));
-    let text = format!(
-        "Bound: |x_i - x_j| < 2 sqrt(N) / lambda2 max psi = {} at the start, {} at the end",
-        figure(first),
-        figure(last)
-    );
-    let mut found = finding("sync-bound", Status::Ok, text, json!({ "start": first, "end": last }));
-    if let Some(limit) = scenario.expect.final_spread.filter(|limit| *limit < last) {
-        found.status = Status::Note;
-        let text = format!(
-            "final_spread = {} asks for more than this bound promises; it may well hold",
-            figure(limit)
-        );
-        found.advice = Some(text);
-    }
-    found
-}
-
-/// LAW.md 4: one exchange per tick cannot hold a funnel narrower than `T^2 d max|d/dt (f_i - f_j)|`.
-fn narrowest(scenario: &Scenario, forecast: &Forecast) -> Finding {
-    let (mut worst, mut floor, mut width) = (0, 0.0, f64::INFINITY);
-    let mut excess = 0.0;
-    let end = scenario.time.end_s();
-    for (index, node) in scenario.nodes.iter().enumerate() {
-        let needed = forecast.floor(index);
-        let offered = node.funnel.width(end).min(node.funnel.width(0.0));
-        if needed / offered > excess || index == 0 {
-            (worst, floor, width, excess) = (index, needed, offered, needed / offered);
-        }
-    }
-    let tick = format_duration(scenario.time.tick_ns);
-    let text = format!(
-        "Tick: {tick} can hold funnels down to about {} at node {}, where psi falls to {}",
-        figure(floor),
-        worst + 1,
-        figure(width)
-    );
-    let values = json!({ "node": worst + 1, "narrowest": floor, "psi_min": width });
-    let mut found = finding("narrowest-funnel", Status::Ok, text, values);
-    if excess >= TIGHT {
-        found.status = Status::Warn;
-        let tick = scenario.time.tick_s() / (2.0 * excess / TIGHT).sqrt();
-        found.advice = Some(format!(
-            "|nu| may leave the funnel; use a tick of {} s or less, or let psi end at {} or more",
-            figure(tick),
-            figure(2.0 * floor / TIGHT)
-        ));
-    }
-    found
-}
-
-/// LAW.md 4: the f32 resolution of `nu` against the funnel.
-fn resolution(scenario: &Scenario, forecast: &Forecast) -> Finding {
-    let end = scenario.time.end_s();
-    let relative = |index: &usize| forecast.resolution(*index) / scenario.nodes[*index].funnel.width(end);
-    let worst = (0..scenario.nodes.len()).max_by(|a, b| relative(a).total_cmp(&relative(b))).unwrap_or(0);
-    let (step, width) = (forecast.resolution(worst), scenario.nodes[worst].funnel.width(end));
-    let text = format!(
-        "f32: |x| up to about {} floors the funnel at {} at node {}, where psi ends at {}",
-        figure(forecast.largest_state),
-        figure(step),
-        worst + 1,
-        figure(width)
-    );
-    let largest = forecast.largest_state;
-    let values = json!({ "node": worst + 1, "resolution": step, "psi_end": width, "largest_state": largest });
-    let mut found = finding("resolution", Status::Ok, text, values);
-    if step >= width {
-        found.status = Status::Warn;
-        found.advice = Some(format!(
-            "below that nu has no digits left, so the node keeps its funnel there and reports it; end the \
-             run earlier, or let psi end at {}",
-            figure(2.0 * step)
-        ));
-    }
-    found
-}
-
-/// How far the rounding of `nu` was seen to move it, in units of the last place of the largest state.
-const ROUNDING_ULPS: f64 = 5.0;
-/// Points in time at which the margin is looked at.
-const MARGIN_SAMPLES: u64 = 500;
-
-/// The margin `1 - |s_i|` that the emergent dynamics leave while the funnel is at its floor, against the rounding of `nu`
-/// there. `None` where no funnel reaches its floor.
-fn margin(scenario: &Scenario, forecast: &Forecast) -> Option<Finding> {
-    let mut xi = EmergentTrajectory::new(scenario)?;
-    let (end, steps) = (scenario.time.end_s(), scenario.time.ticks.min(MARGIN_SAMPLES));
-    let floored = |index: usize, t: f64| scenario.nodes[index].funnel.width(t) <= forecast.resolution(index);
-    let mut tightest: Option<(f64, usize, f64, f64)> = None;
-    for t in (0..=steps).map(|step| end * step as f64 / steps as f64) {
-        let at_floor: Vec<_> = (0..scenario.nodes.len()).map(|index| floored(index, t)).collect();
-        if !at_floor.contains(&true) {
-            continue;
-        }
-        xi.advance(t);
-        for (index, ratio) in xi.steady_ratios().enumerate().filter(|(index, _)| at_floor[*index]) {
-            let needed = ROUNDING_ULPS / FLOOR_ULPS / scenario.nodes[index].funnel.factor();
-            let margin = 1.0 - ratio.abs();
-            if tightest.is_none_or(|(before, _, wanted, _)| margin / needed < before / wanted) {
-                tightest = Some((margin, index, needed, t));
-            }
-        }
-    }
-    let (margin, index, needed, t) = tightest?;
-    let text = format!(
-        "Margin: at the floor of its funnel node {} settles {} inside it (t = {} s); rounding takes up to about {}",
-        index + 1,
-        share(margin),
-        figure(t),
-        share(needed)
-    );
-    let values = json!({ "node": index + 1, "margin": margin, "rounding": needed, "t": t });
-    let mut found = finding("margin", Status::Ok, text, values);
-    if margin < needed {
-        found.status = Status::Warn;
-        found.advice = Some(
-            "|nu| may leave the floored funnel; raise the gain's scale, or let psi end above its floor"
-                .to_owned(),
-        );
-    }
-    Some(found)
-}
-
-fn share(part: f64) -> String {
-    format!("{} %", figure(100.0 * part))
-}
-
-/// Delay of the bus against the tick.
-fn bus(scenario: &Scenario) -> Option<Finding> {
-    let bus = &scenario.bus;
-    let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
-    if bus.loss == 0.0 && delay == 0 {
-        return None;
-    }
-    let text = format!(
-        "Bus: {} % of the frames lost per receiver, delay from {} to {}",
-        figure(100.0 * bus.loss),
-        format_duration(bus.latency_ns),
-        format_duration(delay)
-    );
-    let (latency, jitter) = (bus.latency_ns as f64 * 1e-9, bus.jitter_ns as f64 * 1e-9);
-    let values = json!({ "loss": bus.loss, "latency_s": latency, "jitter_s": jitter });
-    let mut found = finding("bus", Status::Note, text, values);
-    if delay >= scenario.time.tick_ns {
-        found.status = Status::Warn;
-        found.advice = Some(format!(
-            "frames come a tick or more late, which a narrow funnel does not survive; keep the delay below the tick of {}",
-            format_duration(scenario.time.tick_ns)
-        ));
-    }
-    Some(found)
-}
-
-fn extremes(values: &[f64]) -> (f64, f64) {
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    (low, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
 }
 
 /// Four significant digits.
@@ -411,44 +155,19 @@ fn figure(value: f64) -> String {
     crate::figure::figure(value, 4)
 }
 
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let tick_ns = (self.tick_s * 1e9).round() as u64;
-        writeln!(f, "{} ({})", self.scenario, self.path)?;
-        writeln!(
-            f,
-            "{} nodes, {} edges, {} ticks of {}, seed {}",
-            self.nodes,
-            self.edges,
-            self.ticks,
-            format_duration(tick_ns),
-            self.seed
-        )?;
-        for finding in &self.findings {
-            let mark = match finding.status {
-                Status::Ok => "ok  ",
-                Status::Note => "note",
-                Status::Warn => "WARN",
-                Status::Fail => "FAIL",
-            };
-            write!(f, "\n  {mark}  {}", finding.text)?;
-            if let Some(advice) = &finding.advice {
-                write!(f, "\n        -> {advice}")?;
-            }
-        }
-        let count = |status| self.findings.iter().filter(|finding| finding.status == status).count();
-        let (warnings, failures) = (count(Status::Warn), count(Status::Fail));
-        write!(f, "\n\n{} and {}", plural(warnings, "warning"), plural(failures, "failure"))
-    }
+/// Two significant digits, for what is only known to about.
+fn about(value: f64) -> String {
+    crate::figure::figure(value, 2)
 }
 
-fn plural(count: usize, word: &str) -> String {
-    if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
+/// `low to high`, or the one value that both are.
+fn range(low: f64, high: f64) -> String {
+    let (low, high) = (figure(low), figure(high));
+    if low == high { low } else { format!("{low} to {high}") }
 }
 
-/// Whether the bus has a capacity that can be exceeded.
-fn limited(model: BusModel) -> bool {
-    model != BusModel::Ideal
+fn share(part: f64) -> String {
+    format!("{} %", about(100.0 * part))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
-use crate::scenario::{Edge, FunnelSpec, GainSpec, NodeSpec, Scenario};
+use crate::scenario::{Edge, FunnelSpec, GainSpec, LARGEST_RUN, NodeSpec, Scenario};
 use funnel_protocol::NodeConfig;
 use funnel_protocol::config::{
     BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, SineConfig,
@@ -26,7 +26,7 @@ pub struct Drive {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TooMuch {
     /// Id of the node.
-    pub node: u8,
+    pub node: u16,
     /// What there is too much of.
     pub what: &'static str,
     /// Most that a node takes.
@@ -61,7 +61,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
         });
         let edges = scenario.graph.edges.iter().filter_map(|edge| seen_from(index, edge));
         Ok(NodeConfig {
-            id: node.id,
+            id: u8::try_from(node.id).map_err(|_| too_much("nodes before it", LARGEST_RUN))?,
             tick_ns,
             tick_source: drive.tick_source,
             initial_state: scalar(node.state as f32),

@@ -83,7 +83,7 @@ impl<'a> EmergentTrajectory<'a> {
     }
 }
 
-fn gain(spec: &GainSpec) -> Option<BuiltinGain<f64>> {
+pub(crate) fn gain(spec: &GainSpec) -> Option<BuiltinGain<f64>> {
     match *spec {
         GainSpec::Reciprocal { scale } => Some(BuiltinGain::Reciprocal(Reciprocal { scale })),
         GainSpec::Logarithmic { scale } => Some(BuiltinGain::Logarithmic(Logarithmic { scale })),

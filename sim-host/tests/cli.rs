@@ -45,10 +45,28 @@ fn every_scenario_that_is_shipped_passes_its_check() {
         let path = entry.unwrap().path();
         let (code, out, err) = run(&["check", path.to_str().unwrap()]);
         assert_eq!((code, err.as_str()), (Some(0), ""), "{}", path.display());
-        assert!(out.contains("Assumption 1: the graph is undirected and connected"), "{out}");
+        assert!(out.contains("Assumption 1      undirected and connected"), "{out}");
         count += 1;
     }
     assert!(count >= 10);
+}
+
+#[test]
+fn a_network_too_large_to_run_is_checked_and_not_run() {
+    let set = ["--set", "graph.nodes=128"];
+    let scenario = "scenarios/head-count-20.toml";
+    for on in ["loopback", "reference"] {
+        let (code, out, err) = run(&[&["run", scenario, "--on", on], set.as_slice()].concat());
+        assert_eq!((code, out.as_str()), (Some(2), ""));
+        assert!(
+            err.contains("graph.nodes = 128: a run takes 127 nodes at most, since an id is 7 bits"),
+            "{err}"
+        );
+    }
+    let (code, out, _) = run(&[&["check", scenario], set.as_slice()].concat());
+    assert_eq!(code, Some(0));
+    assert!(out.contains("128 nodes can be checked, not run"), "{out}");
+    assert!(!run(&["check", scenario]).1.contains("not run"));
 }
 
 #[test]
@@ -164,8 +182,8 @@ fn each_class_of_bad_value_is_refused_with_its_range() {
 
 #[test]
 fn networks_that_cannot_be_are_refused() {
-    for nodes in ["0", "200"] {
-        let range = "must be an integer from 1 to 127 (ids are 7 bits on the wire, and 0 means all)";
+    for nodes in ["0", "2001"] {
+        let range = "must be an integer from 1 to 2000 (and a run takes 127 at most)";
         refused_set(&format!("graph.nodes={nodes}"), &format!("graph.nodes = {nodes}: {range}"));
     }
     refused_set(
@@ -222,7 +240,7 @@ fn check_gives_json_for_machines() {
 fn warnings_come_with_what_to_change() {
     let (code, out, _) = run(&["check", "scenarios/narrow-ring.toml", "--set", "time.tick=10ms"]);
     assert_eq!(code, Some(0));
-    assert!(out.contains("WARN  Tick: 10ms can hold funnels down to about"), "{out}");
+    assert!(out.contains("WARN  Tick              10ms holds funnels down to about"), "{out}");
     assert!(out.contains("-> |nu| may leave the funnel; use a tick of"), "{out}");
     assert!(out.contains("1 warning and 0 failures"), "{out}");
 }

@@ -2,8 +2,8 @@
 
 use serde_json::json;
 
-use super::{Finding, Status, figure, limited};
-use crate::scenario::Scenario;
+use super::{Finding, Status, figure};
+use crate::scenario::{BusModel, Scenario};
 
 /// Load that a bus is planned for.
 const PLANNED_LOAD: f64 = 0.7;
@@ -28,26 +28,24 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     let rate = 1.0 / scenario.time.tick_s();
     let (slow, fast) = (highest_rate(nodes, 5e5), highest_rate(nodes, 1e6));
     let load = PLANNED_LOAD * rate / fast;
-    let over = limited(scenario.bus.model) && rate > fast;
+    let over = scenario.bus.model != BusModel::Ideal && rate > fast;
     let text = format!(
-        "Capacity: the ideal bus has no limit; on classic CAN at 1 Mbit/s the states would be {} % \
-         load ({} Hz tick; \
-         70 % allows {} Hz, at 500 kbit/s {} Hz)",
+        "no limit on the ideal bus; classic CAN at 1 Mbit/s would be loaded to {} % by a tick of {} Hz, and carries {} Hz at \
+         70 % ({} Hz at 500 kbit/s)",
         figure(100.0 * load),
         figure(rate),
         figure(fast.floor()),
         figure(slow.floor())
     );
-    Finding {
-        name: "capacity",
-        status: if over { Status::Fail } else { Status::Note },
-        text,
-        advice: over.then(|| format!("lengthen the tick to {} s or more", figure(1.0 / fast))),
-        values: json!({
-            "tick_hz": rate,
-            "can_1m_load": load,
-            "can_1m_highest_hz": fast,
-            "can_500k_highest_hz": slow,
-        }),
+    let values = json!({
+        "tick_hz": rate,
+        "can_1m_load": load,
+        "can_1m_highest_hz": fast,
+        "can_500k_highest_hz": slow,
+    });
+    let found = Finding::new("capacity", "Capacity", text, values);
+    match over {
+        true => found.advise(Status::Fail, format!("lengthen the tick to {} s or more", figure(1.0 / fast))),
+        false => found.stands(Status::Note),
     }
 }

@@ -1,105 +1,135 @@
-//! Rough figures of the motion to come, from the mean of the fields (the paper's blended dynamics).
+//! What the emergent dynamics predict, without running the nodes: first the motion of the whole, then what it asks of each node.
 
-use funnel_core::{math, params};
+mod forcing;
+mod motion;
+mod seen;
 
-use crate::scenario::{Affine, NodeSpec, Scenario};
+use super::widths::Widths;
+use crate::emergent;
+use crate::scenario::{CouplingKind, Scenario};
+use funnel_core::gain::BuiltinGain;
+use funnel_core::params;
+use motion::Motion;
+pub(super) use seen::{AtFloor, NodeSeen};
 
-/// Points in time that are looked at.
-const SAMPLES: u64 = 5_000;
+/// Node-steps that are spent on a prediction; it decides how many steps a large or long scenario gets, so that `check` stays
+/// quick and its result depends on the scenario only.
+const NODE_STEPS: usize = 2_000_000;
+/// Most steps.
+const MOST_STEPS: usize = 50_000;
+/// Fewest steps, where the tick allows them.
+const FEWEST_STEPS: f64 = 1_000.0;
+/// Steps per shortest time constant or radian of the fields.
+const STEPS_PER_CONSTANT: f64 = 8.0;
 
-/// What is expected of a run, without running it.
+/// Points in time that a prediction steps through.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    /// Seconds.
+    pub step: f64,
+    pub steps: usize,
+}
+
+impl Grid {
+    /// Steps that resolve the fields, none shorter than the tick, which resolves them for the nodes. A run that is too long
+    /// for them is looked at up to where they end.
+    fn of(scenario: &Scenario) -> Self {
+        let end = scenario.time.end_s();
+        let rates = scenario.nodes.iter().flat_map(|node| {
+            node.dynamics.sines.iter().map(|sine| sine.frequency.abs()).chain([node.dynamics.slope.abs()])
+        });
+        let fastest = rates.fold(0.0, f64::max);
+        let wanted =
+            (1.0 / (STEPS_PER_CONSTANT * fastest)).min(end / FEWEST_STEPS).max(scenario.time.tick_s());
+        let steps = (end / wanted - 1e-9).ceil().max(1.0);
+        let step = end / steps;
+        let most = (NODE_STEPS / scenario.nodes.len().max(1)).min(MOST_STEPS);
+        Self { step, steps: (steps as usize).min(most) }
+    }
+
+    /// The time of a step, s.
+    pub fn at(&self, index: usize) -> f64 {
+        index as f64 * self.step
+    }
+
+    /// The end of what is looked at, s.
+    pub fn end(&self) -> f64 {
+        self.at(self.steps)
+    }
+}
+
+/// What is expected of a run.
 pub(super) struct Forecast {
-    /// Largest `|x|` of the initial states and of the mean dynamics (state units).
+    pub grid: Grid,
+    /// The emergent dynamics are those of the scenario; otherwise `xi` is the blended dynamics.
+    pub predicts: bool,
+    /// The emergent trajectory, one per step (state units).
+    pub xi: Vec<f64>,
+    /// The blended dynamics at the end of the grid (state units).
+    pub blended_end: f64,
+    /// The bound that the escape estimate (Assumption 4) gives on every `|x_i|` up to the end of the grid (state units).
+    pub reach: f64,
+    /// Largest `|x|` of the initial states, of `xi`, and of the contracting nodes left to themselves (state units).
     pub largest_state: f64,
-    /// Per node: the largest `|d/dt (f_i - f_j)|` over its neighbours j (state units / s^2).
-    divergence: Vec<f64>,
-    degree: Vec<f64>,
-    factor: Vec<f64>,
-    tick_s: f64,
+    /// The width at which a node floors its funnel, as `funnel_core::params` has it, by index (state units).
+    pub resolution: Vec<f64>,
+    /// By index.
+    pub nodes: Vec<NodeSeen>,
+    /// `df_em / dxi` along `xi`: the largest, when (s), and the mean (1/s).
+    pub slope_largest: f64,
+    pub slope_largest_at: f64,
+    pub slope_mean: f64,
+    /// The tightest node while at the floor of its funnel; none where no funnel gets there.
+    pub at_floor: Option<AtFloor>,
 }
 
 impl Forecast {
-    /// Takes every node to move with the mean of the fields, and its state to stay below that of the mean
-    /// and of the nodes left to themselves.
-    pub fn of(scenario: &Scenario) -> Self {
-        let graph = &scenario.graph;
-        let steps = scenario.time.ticks.min(SAMPLES);
-        let h = scenario.time.end_s() / steps as f64;
-        let states = scenario.initial_states();
-        let mut mean = Motion::of_mean(scenario, &states);
-        let mut alone = contracting(scenario);
-        let mut largest_state = states.iter().map(|x| x.abs()).fold(0.0, f64::max);
-        let mut divergence = vec![0.0f64; graph.nodes];
-        for step in 0..steps {
-            let t = step as f64 * h;
-            let velocity = mean.velocity(t);
-            let rate = |node: &NodeSpec| node.dynamics.slope * velocity + node.dynamics.rate_of_forcing(t);
-            let rates: Vec<_> = scenario.nodes.iter().map(rate).collect();
-            for edge in &graph.edges {
-                let apart = (rates[edge.a] - rates[edge.b]).abs();
-                divergence[edge.a] = divergence[edge.a].max(apart);
-                divergence[edge.b] = divergence[edge.b].max(apart);
-            }
-            for motion in alone.iter_mut().chain([&mut mean]) {
-                motion.advance(t, h);
-                largest_state = largest_state.max(motion.x.abs());
-            }
+    pub fn of(scenario: &Scenario, widths: &Widths, degrees: &[f64]) -> Self {
+        let gains = gains(scenario);
+        let motion = Motion::of(scenario, widths, gains.as_deref());
+        let ulps = params::FLOOR_ULPS * f64::from(f32::EPSILON) * motion.largest_state;
+        let resolution: Vec<_> = scenario.nodes.iter().map(|node| ulps * node.funnel.factor()).collect();
+        let seen = seen::along(&motion, scenario, widths, gains.as_deref(), degrees, &resolution);
+        Self {
+            grid: motion.grid,
+            predicts: gains.is_some(),
+            xi: motion.xi,
+            blended_end: motion.blended,
+            reach: motion.reach,
+            largest_state: motion.largest_state,
+            resolution,
+            nodes: seen.nodes,
+            slope_largest: seen.slope_largest,
+            slope_largest_at: seen.slope_largest_at,
+            slope_mean: seen.slope_mean,
+            at_floor: seen.at_floor,
         }
-        let degree = (0..graph.nodes).map(|i| graph.degree(i)).collect();
-        let factor = scenario.nodes.iter().map(|node| node.funnel.factor()).collect();
-        Self { largest_state, divergence, degree, factor, tick_s: scenario.time.tick_s() }
     }
 
-    /// The narrowest funnel that one exchange per tick can hold: `T^2 d max|d/dt (f_i - f_j)|` (state units).
-    pub fn floor(&self, index: usize) -> f64 {
-        self.tick_s * self.tick_s * self.degree[index] * self.divergence[index]
-    }
-
-    /// The width at which a node floors its funnel, as `funnel_core::params` has it (state units).
-    pub fn resolution(&self, index: usize) -> f64 {
-        params::FLOOR_ULPS * f64::from(f32::EPSILON) * self.factor[index] * self.largest_state
+    /// `xi` at the end of the grid (state units).
+    pub fn xi_end(&self) -> f64 {
+        self.xi.last().copied().unwrap_or(0.0)
     }
 }
 
-/// A scalar affine system, followed exactly in its linear part and with the midpoint's forcing.
-struct Motion<'s> {
-    x: f64,
-    slope: f64,
-    fields: Vec<&'s Affine>,
+/// The gains, where the emergent dynamics of the coupling are known here.
+fn gains(scenario: &Scenario) -> Option<Vec<BuiltinGain<f64>>> {
+    let known = scenario.coupling == CouplingKind::NodeWise;
+    let gains = scenario.nodes.iter().map(|node| emergent::gain(&node.gain));
+    known.then(|| gains.collect::<Option<_>>()).flatten()
 }
 
-impl<'s> Motion<'s> {
-    /// The paper's blended dynamics: the mean field from the mean state.
-    fn of_mean(scenario: &'s Scenario, states: &[f64]) -> Self {
-        let fields: Vec<_> = scenario.nodes.iter().map(|node| &node.dynamics).collect();
-        let count = fields.len() as f64;
-        let slope = fields.iter().map(|field| field.slope).sum::<f64>() / count;
-        Self { x: states.iter().sum::<f64>() / count, slope, fields }
+/// Relative widths `psi_i / max_j psi_j` at time `t` (s), which is all that the emergent dynamics depend on (paper, remark on
+/// time-invariant emergent dynamics); the factors where all funnels are closed.
+fn relative_widths(scenario: &Scenario, widths: &Widths, t: f64, relative: &mut Vec<f64>) {
+    relative.clear();
+    // Just after the start, where a funnel that is infinite at t = 0 has a width.
+    relative.extend(widths.at(t.max(1e-9)));
+    let widest = relative.iter().copied().fold(0.0, f64::max);
+    if widest > 0.0 {
+        relative.iter_mut().for_each(|width| *width /= widest);
+    } else {
+        relative.clear();
+        relative.extend(scenario.nodes.iter().map(|node| node.funnel.factor()));
     }
-
-    fn forcing(&self, t: f64) -> f64 {
-        self.fields.iter().map(|field| field.forcing(t)).sum::<f64>() / self.fields.len() as f64
-    }
-
-    fn velocity(&self, t: f64) -> f64 {
-        self.slope * self.x + self.forcing(t)
-    }
-
-    fn advance(&mut self, t: f64, h: f64) {
-        let z = self.slope * h;
-        self.x = self.x * math::exp(z) + h * growth(z) * self.forcing(t + 0.5 * h);
-    }
-}
-
-/// The nodes that stay bounded when left to themselves.
-fn contracting(scenario: &Scenario) -> Vec<Motion<'_>> {
-    let stable = scenario.nodes.iter().filter(|node| node.dynamics.slope < 0.0);
-    stable
-        .map(|node| Motion { x: node.state, slope: node.dynamics.slope, fields: vec![&node.dynamics] })
-        .collect()
-}
-
-/// `(e^z - 1) / z`.
-fn growth(z: f64) -> f64 {
-    if z.abs() < 1e-12 { 1.0 } else { math::exp_m1(z) / z }
 }

@@ -3,16 +3,57 @@
 use std::path::Path;
 
 use super::*;
-use crate::scenario::Override;
+use crate::emergent::EmergentTrajectory;
+use crate::scenario::{GainSpec, Override};
+use funnel_core::math;
+use funnel_core::params::FLOOR_ULPS;
+use serde_json::json;
 
-fn load(file: &str, sets: &[&str]) -> Report {
+fn scenario(file: &str, sets: &[&str]) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios").join(file);
     let overrides: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
-    check(&Scenario::load(&path, &overrides).unwrap())
+    Scenario::load(&path, &overrides).unwrap()
+}
+
+fn load(file: &str, sets: &[&str]) -> Report {
+    check(&scenario(file, sets))
+}
+
+/// Two nodes whose fields swing against each other: `10 sin(5 t)` and `-10 sin(5 t)`.
+const PAIR: &str = r#"
+version = 1
+time = { tick = "1ms", duration = "10s" }
+graph = { kind = "path", nodes = 2 }
+[coupling]
+kind = "node-wise"
+gain = { kind = "reciprocal", scale = 1.0 }
+funnel = { kind = "constant", width = 1.0 }
+[[node]]
+id = 1
+dynamics = { kind = "affine", sines = [{ amplitude = 10.0, frequency = 5.0 }] }
+[[node]]
+id = 2
+dynamics = { kind = "affine", sines = [{ amplitude = -10.0, frequency = 5.0 }] }
+"#;
+
+fn pair(sets: &[&str]) -> Report {
+    let overrides: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    check(&Scenario::parse(PAIR, Path::new("pair.toml"), &overrides).unwrap())
 }
 
 fn find<'r>(report: &'r Report, name: &str) -> &'r Finding {
     report.findings.iter().find(|finding| finding.name == name).unwrap()
+}
+
+/// A figure of a finding.
+fn value(report: &Report, name: &str, key: &str) -> f64 {
+    let found = find(report, name);
+    found.values[key].as_f64().unwrap_or_else(|| panic!("{key} of {found:?}"))
+}
+
+#[track_caller]
+fn near(found: f64, expected: f64, relative: f64) {
+    assert!((found - expected).abs() <= relative * expected.abs(), "{found} is not {expected}");
 }
 
 #[test]
@@ -80,4 +121,246 @@ fn capacity_is_that_of_the_wire() {
 fn late_frames_are_warned_about() {
     assert_eq!(find(&load("five-agents.toml", &["bus.latency=1ms"]), "bus").status, Status::Warn);
     assert_eq!(find(&load("five-agents.toml", &["bus.latency=100us"]), "bus").status, Status::Note);
+}
+
+#[test]
+fn heavy_loss_is_warned_about() {
+    assert_eq!(find(&load("lossy-ring.toml", &[]), "bus").status, Status::Note);
+    assert_eq!(find(&load("lossy-ring.toml", &["bus.loss=0.3"]), "bus").status, Status::Warn);
+    assert!(load("five-agents.toml", &[]).findings.iter().all(|finding| finding.name != "bus"));
+}
+
+#[test]
+fn a_lambda2_that_is_lost_in_rounding_is_warned_about() {
+    let report = load("five-agents-path.toml", &[]);
+    assert_eq!(find(&report, "graph").status, Status::Ok);
+    near(value(&report, "graph", "lambda_max"), 2.0 + 2.0 * math::cos(std::f64::consts::PI / 5.0), 1e-12);
+    let lost = "graph={kind='edges',nodes=5,edges=[[1,2,1e-9],[2,3,1e3],[3,4],[4,5]]}";
+    assert_eq!(find(&load("average.toml", &[lost]), "graph").status, Status::Warn);
+}
+
+#[test]
+fn the_escape_estimate_bounds_the_states() {
+    let report = load("average.toml", &[]);
+    assert_eq!(find(&report, "fields").status, Status::Ok);
+    near(value(&report, "fields", "state_bound"), 15.0 * (1.0 - math::exp(-20.0)), 1e-6);
+    // Above 0.75 the largest field is x + 1.5, from the largest state, 4.
+    let report = load("unstable-held.toml", &[]);
+    assert_eq!(find(&report, "fields").status, Status::Note);
+    near(value(&report, "fields", "state_bound"), 5.5 * math::exp(20.0) - 1.5, 1e-4);
+}
+
+#[test]
+fn funnels_outside_the_assumption_are_noted() {
+    let report = load("five-agents.toml", &[]);
+    assert_eq!(find(&report, "funnels").status, Status::Ok);
+    assert_eq!(
+        (value(&report, "funnels", "psi_bound"), value(&report, "funnels", "psi_slope_bound")),
+        (40.0, 38.0)
+    );
+    near(value(&report, "funnels", "psi_min"), 2.0 + 38.0 * math::exp(-20.0), 1e-9);
+    for (file, word) in [("finite-time.toml", "closes"), ("infinite-start.toml", "infinite")] {
+        let report = load(file, &[]);
+        let found = find(&report, "funnels");
+        assert_eq!(found.status, Status::Note);
+        assert!(found.advice.as_ref().is_some_and(|advice| advice.contains(word)), "{found:?}");
+    }
+}
+
+#[test]
+fn gains_are_known_at_zero_and_at_the_edge() {
+    for (file, gamma0) in
+        [("five-agents.toml", 1.0), ("average.toml", 80.0), ("median-11.toml", 0.1 * 0.05 / 0.95)]
+    {
+        let report = load(file, &[]);
+        assert_eq!(find(&report, "gains").status, Status::Ok);
+        near(value(&report, "gains", "gamma0_min"), gamma0, 1e-12);
+    }
+    // 2 / (N + 1) is 1/6.
+    assert_eq!(find(&load("median-11.toml", &["coupling.gain.eps=0.166"]), "gains").status, Status::Ok);
+    assert_eq!(find(&load("median-11.toml", &["coupling.gain.eps=0.167"]), "gains").status, Status::Warn);
+    let mut linear = scenario("five-agents.toml", &[]);
+    linear.nodes[2].gain = GainSpec::Linear { slope: 3.0 };
+    let report = check(&linear);
+    assert_eq!(find(&report, "gains").status, Status::Warn);
+    assert!(find(&report, "gains").advice.as_ref().unwrap().contains("node 3"));
+    assert!(report.findings.iter().all(|finding| finding.name != "input"), "nothing is predicted");
+}
+
+#[test]
+fn assumption_5_has_its_constants() {
+    let report = load("five-agents.toml", &[]);
+    assert_eq!(find(&report, "regularity").status, Status::Ok);
+    near(value(&report, "regularity", "theta_f"), 10.0 + 0.13 + 96.0, 1e-12);
+    near(value(&report, "regularity", "lambda_psi"), 38.0 / 40.0, 1e-12);
+    near(value(&load("leader.toml", &[]), "regularity", "r_psi"), 100.0, 1e-12);
+    // Between a rate of 1 and one of 2 the ratio is largest on the way, at e^-t = (sqrt(3240) - 18) / 162.
+    let funnel = "coupling.funnel={kind='exponential',start=10,end=1,rate=1}";
+    let report = load("average.toml", &[funnel, "node.1.funnel={rate=2}"]);
+    let y = (3240f64.sqrt() - 18.0) / 162.0;
+    near(value(&report, "regularity", "r_psi"), (9.0 * y + 1.0) / (9.0 * y * y + 1.0), 1e-4);
+    assert_eq!(find(&load("finite-time.toml", &[]), "regularity").status, Status::Note);
+    let open = "node.1.funnel={kind='constant',width=40}";
+    assert_eq!(find(&load("finite-time.toml", &[open]), "regularity").status, Status::Warn);
+}
+
+#[test]
+fn contraction_is_decided_along_the_way() {
+    let report = load("contractive-together.toml", &[]);
+    assert_eq!(find(&report, "emergent").status, Status::Ok);
+    // In the linear part of the gain all weigh the same: (1 - 3 + 1 - 3 + 1) / 5.
+    near(value(&report, "emergent", "slowest_rate"), 0.6, 1e-9);
+    near(value(&report, "emergent", "mean_rate"), 0.6, 1e-9);
+    assert_eq!(value(&report, "emergent", "largest_slope"), 1.0);
+    let steeper = ["node.1.dynamics.slope=3", "node.3.dynamics.slope=2"];
+    assert_eq!(find(&load("contractive-together.toml", &steeper), "emergent").status, Status::Warn);
+    // Two unstable agents swing about a stable one, which weighs the most but when they meet: then all weigh the same.
+    let report = pair(&[
+        "graph.nodes=3",
+        "node.1.dynamics.slope=1",
+        "node.2.dynamics.slope=1",
+        "node.3.dynamics={kind='affine',slope=-1}",
+    ]);
+    assert_eq!(find(&report, "emergent").status, Status::Note, "{report}");
+    near(value(&report, "emergent", "slowest_rate"), -1.0 / 3.0, 1e-9);
+    assert!(value(&report, "emergent", "mean_rate") > 0.5);
+}
+
+#[test]
+fn a_start_at_the_edge_is_warned_about() {
+    let report = load("five-agents.toml", &[]);
+    assert_eq!(find(&report, "start").status, Status::Ok);
+    let terms = scenario("five-agents.toml", &[])
+        .graph
+        .diffusive_terms(&scenario("five-agents.toml", &[]).initial_states());
+    let largest = terms.iter().map(|nu| nu.abs()).fold(0.0, f64::max);
+    near(value(&report, "start", "worst"), largest / 40.0, 1e-12);
+    let report = load("five-agents.toml", &["coupling.funnel.start=16"]);
+    let found = find(&report, "start");
+    assert_eq!(found.status, Status::Warn);
+    // What the advice names does what it says.
+    let advised = load("five-agents.toml", &["coupling.funnel.start=16", "coupling.funnel.factor=2.084"]);
+    assert!(found.advice.as_ref().unwrap().contains("factor = 2.083"), "{found:?}");
+    near(value(&advised, "start", "worst"), 0.45, 1e-3);
+}
+
+#[test]
+fn the_bound_is_followed_over_time() {
+    let report = load("finite-time.toml", &[]);
+    let found = find(&report, "sync-bound");
+    assert_eq!(found.status, Status::Ok);
+    let per_width = 2.0 * 5f64.sqrt() / 1.381_966_011_250_105;
+    near(value(&report, "sync-bound", "per_width"), per_width, 1e-9);
+    // 40 (1 - t / 5)^2 is the width that the bound allows for 1e-3.
+    let when = 5.0 * (1.0 - (1e-3 / per_width / 40.0).sqrt());
+    near(value(&report, "sync-bound", "below_final_spread_at"), when, 1e-9);
+    let rows = found.values["times"].as_array().unwrap();
+    assert_eq!((rows.len(), &rows[3]["t"]), (6, &json!(2.0)));
+    near(rows[3]["bound"].as_f64().unwrap(), per_width * 40.0 * 0.36, 1e-9);
+    let report = load("average.toml", &[]);
+    assert_eq!(find(&report, "sync-bound").status, Status::Note);
+    assert!(find(&report, "sync-bound").values["below_final_spread_at"].is_null());
+}
+
+#[test]
+fn the_tick_holds_what_the_fields_leave() {
+    // xi rests; f_1 - f_2 = 20 sin(5 t) changes by 100 at most, from the start on; both degrees are 1.
+    let report = pair(&[]);
+    assert_eq!(find(&report, "narrowest-funnel").status, Status::Ok);
+    near(value(&report, "narrowest-funnel", "narrowest"), 1e-4, 1e-9);
+    near(value(&report, "narrowest-funnel", "share"), 1e-4, 1e-9);
+    near(value(&report, "narrowest-funnel", "longest_tick_s"), 1e-3 * (0.5f64 / 1e-4).sqrt(), 1e-9);
+    assert_eq!(find(&pair(&["time.tick=100ms"]), "narrowest-funnel").status, Status::Warn);
+    // A narrow funnel counts when it is narrow: the same floor, in a funnel that has closed to it.
+    let report = pair(&["coupling.funnel={kind='exponential',start=1,end=1.5e-4,rate=10}"]);
+    assert_eq!(find(&report, "narrowest-funnel").status, Status::Warn);
+    assert!(value(&report, "narrowest-funnel", "t") > 0.5, "{report}");
+}
+
+#[test]
+fn fields_too_fast_for_the_tick_are_warned_about() {
+    let report = load("five-agents.toml", &[]);
+    assert_eq!(find(&report, "speed").status, Status::Ok);
+    near(value(&report, "speed", "tick_slope"), 1.24e-3, 1e-12);
+    near(value(&report, "speed", "tick_frequency"), 0.01, 1e-12);
+    let report = load("five-agents.toml", &["time.tick=100ms"]);
+    assert_eq!(find(&report, "speed").status, Status::Warn);
+    assert!(find(&report, "speed").advice.as_ref().unwrap().contains("0.05 s or less"), "{report}");
+    let report = load("average.toml", &["agent.dynamics.slope=-600"]);
+    assert_eq!((find(&report, "speed").status, report.pass), (Status::Warn, true));
+    let report = load("average.toml", &["agent.dynamics.slope=-2000"]);
+    assert_eq!((find(&report, "speed").status, report.pass), (Status::Fail, false));
+    // Growing fast is no instability of the step.
+    let report = load("average.toml", &["node.1.dynamics.slope=2000", "time.duration=1ms"]);
+    assert_eq!(find(&report, "speed").status, Status::Warn);
+}
+
+#[test]
+fn the_prediction_is_that_of_the_emergent_dynamics() {
+    for file in
+        ["five-agents.toml", "unstable-held.toml", "leader.toml", "head-count-20.toml", "infinite-start.toml"]
+    {
+        let expected = EmergentTrajectory::new(&scenario(file, &[])).unwrap().advance(20.0);
+        near(value(&load(file, &["time.duration=20s"]), "prediction", "xi_end"), expected, 1e-4);
+    }
+    let report = load("unstable-held.toml", &[]);
+    assert_eq!(find(&report, "prediction").status, Status::Ok);
+    near(value(&report, "prediction", "xi_min"), 0.9, 1e-12);
+    // The fields add up to -3 x + 8.5.
+    near(value(&report, "prediction", "blended_end"), 8.5 / 3.0 + (0.9 - 8.5 / 3.0) * math::exp(-12.0), 1e-9);
+}
+
+#[test]
+fn a_motion_that_no_node_follows_is_warned_about() {
+    let report = load("average.toml", &["agent.dynamics.slope=2"]);
+    assert_eq!(find(&report, "prediction").status, Status::Warn);
+    assert!(value(&report, "prediction", "until") < 20.0, "not followed for ever");
+}
+
+#[test]
+fn a_run_too_long_to_predict_is_predicted_as_far_as_it_goes() {
+    let report = load("five-agents.toml", &["time.duration=10000s"]);
+    assert_eq!(find(&report, "prediction").status, Status::Note);
+    // 50,000 steps of an eighth of a radian of 10 rad/s.
+    near(value(&report, "prediction", "until"), 625.0, 1e-6);
+}
+
+#[test]
+fn the_tightest_node_is_named() {
+    let report = load("asymptotic-path-11.toml", &[]);
+    assert_eq!(find(&report, "input").status, Status::Ok);
+    let (xi, input) = (value(&report, "prediction", "xi_end"), value(&report, "input", "largest_input"));
+    near(input, 100.0 - xi, 1e-6);
+    near(value(&report, "input", "margin"), 5.0 / (5.0 + input), 1e-9);
+    assert_eq!(value(&report, "input", "node"), 5.0);
+    let report = load("malicious-11.toml", &[]);
+    let found = find(&report, "input");
+    assert_eq!((found.status, value(&report, "input", "node")), (Status::Warn, 4.0));
+    near(value(&report, "input", "margin"), 0.05 / 0.9 / 1005.0, 1e-2);
+    assert!(found.advice.as_ref().unwrap().contains("eta = 185"), "{found:?}");
+    let advised = load("malicious-11.toml", &["coupling.gain.eta=185"]);
+    near(value(&advised, "input", "margin"), 0.02, 0.05);
+}
+
+#[test]
+fn inputs_outside_the_linear_part_are_warned_about() {
+    let report = load("average.toml", &[]);
+    assert_eq!(find(&report, "linear-part").status, Status::Ok);
+    near(value(&report, "linear-part", "share"), 10.0 / 40.0, 1e-9);
+    let report = load("average.toml", &["coupling.gain.bound=4"]);
+    assert_eq!(find(&report, "linear-part").status, Status::Warn);
+    assert!(load("five-agents.toml", &[]).findings.iter().all(|finding| finding.name != "linear-part"));
+}
+
+#[test]
+fn every_node_has_its_row() {
+    let report = load("asymptotic-path-11.toml", &[]);
+    let row = report.per_node[4];
+    assert_eq!((row.id, row.degree, row.start_ratio, row.tick_floor), (5, 2.0, 0.0, 0.0));
+    assert_eq!(row.psi_min, row.resolution);
+    near(row.margin.unwrap() + row.steady_ratio.unwrap(), 1.0, 1e-12);
+    assert_eq!(row.margin.unwrap(), value(&report, "input", "margin"));
+    let text = report.to_string();
+    assert!(text.contains("\n   11        1"), "{text}");
+    assert!(!load("head-count-20.toml", &[]).to_string().contains("\n   11"), "20 rows are too many to read");
 }

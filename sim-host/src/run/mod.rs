@@ -13,7 +13,7 @@ pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::Outcome;
 
 use crate::record::Summary;
-use crate::scenario::Scenario;
+use crate::scenario::{LARGEST_RUN, Scenario};
 use output::Outputs;
 use std::io::Write;
 use std::time::Instant;
@@ -24,6 +24,7 @@ use std::time::Instant;
 /// See [`RunError`]; outputs appear whole or not at all.
 pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
     let begin = Instant::now();
+    fits(scenario)?;
     let outputs = Outputs::open(scenario, options)?;
     let outcome = simulate(scenario, options)?;
     if options.verbosity == Verbosity::Verbose {
@@ -42,9 +43,23 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
 /// # Errors
 /// See [`RunError`].
 pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+    fits(scenario)?;
     match options.on {
         Fidelity::Loopback => fidelity::loopback(scenario, options),
         Fidelity::Emulator => fidelity::emulator(scenario, options),
         Fidelity::Reference => reference::run(scenario, options),
     }
+}
+
+/// Refuses more nodes than have an id on the wire.
+fn fits(scenario: &Scenario) -> Result<(), RunError> {
+    let nodes = scenario.nodes.len();
+    if nodes <= LARGEST_RUN {
+        return Ok(());
+    }
+    Err(RunError::bad_input(format!(
+        "{}: graph.nodes = {nodes}: a run takes {LARGEST_RUN} nodes at most, since an id is 7 bits on the wire and 0 means all; \
+         `sim-host check` takes this scenario",
+        scenario.path.display()
+    )))
 }

@@ -42,7 +42,7 @@ pub(super) fn read<'a>(
         log.report(root.place().diagnostic(problem, "agent.dynamics", allowed));
     }
     let node = |id| read_node(id, &defaults, overrides.get(&u64::from(id)), root.place(), log);
-    (1..=u8::try_from(count).unwrap_or(u8::MAX)).filter_map(node).unzip()
+    (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip()
 }
 
 fn read_agent<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>) -> Given<'a> {
@@ -84,7 +84,7 @@ fn read_overrides<'a>(root: &mut Section<'a>, count: u64) -> BTreeMap<u64, Given
 }
 
 fn read_node(
-    id: u8,
+    id: u16,
     defaults: &Given<'_>,
     given: Option<&Given<'_>>,
     root: &Place,

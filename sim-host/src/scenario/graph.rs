@@ -1,6 +1,8 @@
 //! The communication graph: weights, Laplacian and its spectrum (the paper's Assumption 1).
 
-use nalgebra::DMatrix;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{self, ComputeEigenvectors};
+use faer::{Mat, Par, diag::Diag};
 
 /// An undirected edge between two different nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,13 +25,18 @@ pub struct Graph {
 }
 
 impl Graph {
-    /// The weighted degree `d_i`, the sum of `alpha_ij`.
+    /// The weighted degrees `d_i`, the sums of `alpha_ij`, one per node.
     #[must_use]
-    pub fn degree(&self, index: usize) -> f64 {
-        self.neighbours(index).iter().map(|(_, weight)| weight).sum()
+    pub fn degrees(&self) -> Vec<f64> {
+        let mut degrees = vec![0.0; self.nodes];
+        for edge in &self.edges {
+            degrees[edge.a] += edge.weight;
+            degrees[edge.b] += edge.weight;
+        }
+        degrees
     }
 
-    /// The neighbours of a node with their weights, by index.
+    /// The neighbours of a node with their weights, by index. Looks at every edge: not for a loop over the nodes.
     #[must_use]
     pub fn neighbours(&self, index: usize) -> Vec<(usize, f64)> {
         let other = |edge: &Edge| match index {
@@ -44,8 +51,8 @@ impl Graph {
 
     /// The Laplacian `L = D - A`, N by N.
     #[must_use]
-    pub fn laplacian(&self) -> DMatrix<f64> {
-        let mut matrix = DMatrix::zeros(self.nodes, self.nodes);
+    pub fn laplacian(&self) -> Mat<f64> {
+        let mut matrix = Mat::zeros(self.nodes, self.nodes);
         for edge in &self.edges {
             matrix[(edge.a, edge.a)] += edge.weight;
             matrix[(edge.b, edge.b)] += edge.weight;
@@ -55,10 +62,34 @@ impl Graph {
         matrix
     }
 
-    /// The eigenvalues of the Laplacian, ascending; the first is zero up to rounding.
+    /// The eigenvalues of the Laplacian, ascending; the first is zero up to rounding, which is some N ulp of the largest.
+    ///
+    /// Dense, O(N^3): a small `lambda2` (a path of 1,000 has 1e-5) is where iterations on the sparse matrix converge badly.
+    /// On one thread, so that the bits do not depend on the number of cores.
     #[must_use]
     pub fn spectrum(&self) -> Vec<f64> {
-        let mut values: Vec<f64> = self.laplacian().symmetric_eigenvalues().iter().copied().collect();
+        let mut values = Diag::zeros(self.nodes);
+        let scratch = evd::self_adjoint_evd_scratch::<f64>(
+            self.nodes,
+            ComputeEigenvectors::No,
+            Par::Seq,
+            Default::default(),
+        );
+        let mut memory = MemBuffer::new(scratch);
+        let stack = MemStack::new(&mut memory);
+        let laplacian = self.laplacian();
+        let solved = evd::self_adjoint_evd(
+            laplacian.as_ref(),
+            values.as_mut(),
+            None,
+            Par::Seq,
+            stack,
+            Default::default(),
+        );
+        let mut values: Vec<f64> = values.column_vector().iter().copied().collect();
+        if solved.is_err() {
+            values.fill(f64::NAN);
+        }
         values.sort_by(f64::total_cmp);
         values
     }
@@ -90,14 +121,28 @@ impl Graph {
     /// The connected components as sorted lists of indices; one for a connected graph.
     #[must_use]
     pub fn components(&self) -> Vec<Vec<usize>> {
-        let mut label: Vec<usize> = (0..self.nodes).collect();
+        let mut parent: Vec<usize> = (0..self.nodes).collect();
         for edge in &self.edges {
-            let (keep, drop) = (label[edge.a].min(label[edge.b]), label[edge.a].max(label[edge.b]));
-            label.iter_mut().filter(|l| **l == drop).for_each(|l| *l = keep);
+            let (a, b) = (root(&mut parent, edge.a), root(&mut parent, edge.b));
+            // The lowest index names its component, so that components come in the order of it.
+            parent[a.max(b)] = a.min(b);
         }
-        let members = |root| (0..self.nodes).filter(|i| label[*i] == root).collect::<Vec<_>>();
-        (0..self.nodes).map(members).filter(|part| !part.is_empty()).collect()
+        let mut parts = vec![Vec::new(); self.nodes];
+        for index in 0..self.nodes {
+            parts[root(&mut parent, index)].push(index);
+        }
+        parts.retain(|part| !part.is_empty());
+        parts
     }
+}
+
+/// The root of a node's tree, which is flattened on the way (union-find by path halving).
+fn root(parent: &mut [usize], mut index: usize) -> usize {
+    while parent[index] != index {
+        parent[index] = parent[parent[index]];
+        index = parent[index];
+    }
+    index
 }
 
 #[cfg(test)]
@@ -129,13 +174,43 @@ mod tests {
     }
 
     #[test]
+    fn a_large_path_keeps_six_digits_of_lambda2() {
+        let half_step = math::sin(PI / 2000.0);
+        let relative = graph(Topology::Path, 1000).lambda2() / (4.0 * half_step * half_step) - 1.0;
+        assert!(relative.abs() < 1e-6, "{relative:e}");
+    }
+
+    /// Against another library's eigenvalues, and on random graphs, which have no closed form.
+    #[test]
+    fn spectra_match_an_independent_solver() {
+        for (topology, nodes) in [
+            (Topology::RandomRegular { degree: 4 }, 150),
+            (Topology::ErdosRenyi { probability: 0.1 }, 120),
+            (Topology::Ring, 101),
+            (Topology::Star, 60),
+        ] {
+            let mut graph = graph(topology, nodes);
+            for (k, edge) in graph.edges.iter_mut().enumerate() {
+                edge.weight = math::exp10((k % 7) as f64 / 3.0 - 1.0);
+            }
+            let laplacian = graph.laplacian();
+            let dense = nalgebra::DMatrix::from_fn(nodes, nodes, |i, j| laplacian[(i, j)]);
+            let mut expected: Vec<f64> = dense.symmetric_eigenvalues().iter().copied().collect();
+            expected.sort_by(f64::total_cmp);
+            let (lambda2, lambda_max) = (graph.lambda2(), graph.lambda_max());
+            assert!((lambda2 / expected[1] - 1.0).abs() < 1e-9, "{topology:?}: {lambda2}");
+            assert!((lambda_max / expected[nodes - 1] - 1.0).abs() < 1e-12, "{topology:?}: {lambda_max}");
+        }
+    }
+
+    #[test]
     fn diffusive_terms_are_minus_the_laplacian() {
         let graph = Graph {
             nodes: 3,
             edges: vec![Edge { a: 0, b: 1, weight: 2.0 }, Edge { a: 1, b: 2, weight: 0.5 }],
         };
         assert_eq!(graph.diffusive_terms(&[1.0, 2.0, 6.0]), vec![2.0, 0.0, -2.0]);
-        assert_eq!(graph.degree(1), 2.5);
+        assert_eq!(graph.degrees(), [2.0, 2.5, 0.5]);
         assert_eq!(graph.neighbours(1), vec![(0, 2.0), (2, 0.5)]);
     }
 

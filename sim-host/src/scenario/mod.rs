@@ -32,6 +32,9 @@ pub use overrides::Override;
 use reader::{Log, Range, Section, later, ready, unsupported};
 use tree::{Item, Place};
 
+/// The most nodes of a run: ids are 7 bits on the wire, and 0 means all (protocol/README.md). A larger scenario can be checked.
+pub const LARGEST_RUN: usize = funnel_protocol::NodeId::MAX as usize;
+
 /// Node-ticks that a run may have: about two weeks at a million per second.
 const MAX_NODE_TICKS: u64 = 1 << 40;
 

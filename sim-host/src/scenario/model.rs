@@ -99,8 +99,8 @@ pub enum CouplingKind {
 /// One node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NodeSpec {
-    /// 1..=127; the index in `Scenario::nodes` plus one.
-    pub id: u8,
+    /// The index in `Scenario::nodes` plus one; more than a run takes where the scenario can only be checked.
+    pub id: u16,
     /// Initial state (state units).
     pub state: f64,
     /// The node's own vector field.

@@ -9,8 +9,8 @@ use super::topology::Topology;
 use super::tree::{Item, Place, Value};
 use funnel_core::params;
 
-/// The largest network: ids are 7 bits, and 0 means all nodes (protocol/README.md).
-pub(super) const MAX_NODES: u64 = 127;
+/// The largest network that can be read, and checked. A run takes fewer: see [`super::LARGEST_RUN`].
+pub(super) const MAX_NODES: u64 = 2_000;
 
 const EDGE_WEIGHT: Range = Range::positive("edge weight").up_to(params::LARGEST_WEIGHT);
 
@@ -53,7 +53,7 @@ pub(super) struct Network<'a> {
 /// Reads `[graph]`; `None`, reported, where the kind is not known.
 pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Network<'a>> {
     let kind = section.choice("kind", &KINDS, None)?;
-    let nodes = section.integer("nodes", None, (1, MAX_NODES), "ids are 7 bits on the wire, and 0 means all");
+    let nodes = section.integer("nodes", None, (1, MAX_NODES), "and a run takes 127 at most");
     let weight = section.number("weight", Some(1.0), EDGE_WEIGHT);
     let mut network =
         Network { nodes, weight, shape: None, parameter: None, edges: &[], place: section.place().clone() };
@@ -121,8 +121,8 @@ fn complain(network: &Network<'_>, allowed: String, log: &Log) {
 
 /// The weights of a node's edges do not add up to more than it takes.
 fn light(graph: &Graph, network: &Network<'_>, log: &Log) {
-    let degrees = (0..graph.nodes).map(|index| graph.degree(index));
-    let heavy = degrees.enumerate().find(|(_, degree)| *degree > params::LARGEST_WEIGHT);
+    let degrees = graph.degrees();
+    let heavy = degrees.iter().enumerate().find(|(_, degree)| **degree > params::LARGEST_WEIGHT);
     if let Some((index, degree)) = heavy {
         let (id, most) = (index + 1, params::LARGEST_WEIGHT);
         let allowed = format!("the weights of node {id} add up to {degree:e}; a node takes {most:e} at most");

@@ -113,8 +113,8 @@ fn a_wrong_value_names_place_key_value_and_range() {
 fn unknown_keys_come_with_the_known_ones() {
     assert_eq!(
         errors("nodes = 3", "nodse = 3"),
-        "dir/a.toml:8:1: missing key 'nodes' in [graph] of kind 'path': must be an integer from 1 to 127 \
-         (ids are 7 bits on the wire, and 0 means all)\n\
+        "dir/a.toml:8:1: missing key 'nodes' in [graph] of kind 'path': must be an integer from 1 to 2000 \
+         (and a run takes 127 at most)\n\
          dir/a.toml:10:1: unknown key 'nodse' in [graph] of kind 'path'; known: kind, nodes, weight; \
          did you mean 'nodes'?"
     );
@@ -203,9 +203,11 @@ fn graphs_that_are_no_network_are_refused() {
         errors("nodes = 3", "nodes = 3\nweight = -1")
             .contains("graph.weight = -1: must be > 0 (edge weight)")
     );
-    assert!(errors("nodes = 3", "nodes = 0").contains("must be an integer from 1 to 127 (ids are 7 bits"));
     assert!(
-        errors("nodes = 3", "nodes = 200").contains("graph.nodes = 200: must be an integer from 1 to 127")
+        errors("nodes = 3", "nodes = 0").contains("must be an integer from 1 to 2000 (and a run takes 127")
+    );
+    assert!(
+        errors("nodes = 3", "nodes = 2001").contains("graph.nodes = 2001: must be an integer from 1 to 2000")
     );
     let lattice = "kind = \"ring-lattice\"\ndegree = 3";
     assert!(
@@ -282,7 +284,7 @@ fn overrides_from_the_command_line_apply_and_are_blamed() {
         FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 0.5, factor: 2.0 }
     );
     assert!(scenario.nodes.iter().all(|node| node.dynamics.sines.is_empty()));
-    assert_eq!(scenario.graph.degree(0), 2.0);
+    assert_eq!(scenario.graph.degrees()[0], 2.0);
     assert_eq!(scenario.bus.loss, 0.25);
     assert_eq!(scenario.title, "Two words");
     assert_eq!(

@@ -128,7 +128,7 @@ impl Value {
 /// # Errors
 /// The first syntax error, at its line and column.
 pub(super) fn parse_file(text: &str, file: &str) -> Result<Item, Box<Diagnostic>> {
-    let source = Source { text, file: Arc::from(file), on_command_line: false };
+    let source = Source::new(text, file, false);
     match DeTable::parse(text) {
         Ok(table) => Ok(Item {
             value: Value::Table(source.table(table.get_ref(), "")),
@@ -147,7 +147,7 @@ pub(super) fn parse_file(text: &str, file: &str) -> Result<Item, Box<Diagnostic>
 
 /// Parses one value from the command line; what is not TOML is taken as a bare string.
 pub(super) fn parse_argument(text: &str, option: &str, path: &str) -> Item {
-    let source = Source { text, file: Arc::from(option), on_command_line: true };
+    let source = Source::new(text, option, true);
     let place = Place::whole(option);
     match DeValue::parse(text) {
         Ok(value) => source.item(&value, place, path.to_owned()),
@@ -166,17 +166,25 @@ struct Source<'t> {
     text: &'t str,
     file: Arc<str>,
     on_command_line: bool,
+    /// Where each line ends, ascending: a file of thousands of nodes is not counted through for every value.
+    line_ends: Vec<usize>,
 }
 
-impl Source<'_> {
+impl<'t> Source<'t> {
+    fn new(text: &'t str, file: &str, on_command_line: bool) -> Self {
+        let line_ends = text.match_indices('\n').map(|(at, _)| at).collect();
+        Self { text, file: Arc::from(file), on_command_line, line_ends }
+    }
+
     fn place(&self, offset: usize) -> Place {
         if self.on_command_line {
             return Place { file: self.file.clone(), line: 0, column: 0 };
         }
-        let before = self.text.get(..offset).unwrap_or(self.text);
-        let line = before.matches('\n').count() + 1;
-        let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
-        Place { file: self.file.clone(), line, column }
+        let ends_before = self.line_ends.partition_point(|end| *end < offset);
+        let start =
+            ends_before.checked_sub(1).and_then(|last| self.line_ends.get(last)).map_or(0, |end| end + 1);
+        let column = self.text.get(start..offset).unwrap_or("").chars().count() + 1;
+        Place { file: self.file.clone(), line: ends_before + 1, column }
     }
 
     fn table(&self, table: &DeTable<'_>, path: &str) -> Table {

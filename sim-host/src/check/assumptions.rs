@@ -1,0 +1,261 @@
+//! The paper's Assumptions 1 to 5, and the contraction that the theorem on emergent behaviour asks for.
+
+use serde_json::json;
+
+use super::subject::Subject;
+use super::{Finding, Status, extremes, figure, largest, range};
+use crate::scenario::{FunnelSpec, GainSpec};
+use funnel_core::params;
+
+/// Share of the largest eigenvalue below which `lambda2` is lost in the rounding of the spectrum.
+const LOST: f64 = 1e-9;
+
+pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
+    vec![
+        graph(subject),
+        fields(subject),
+        funnels(subject),
+        gains(subject),
+        regularity(subject),
+        contraction(subject),
+    ]
+}
+
+/// Assumption 1.
+fn graph(subject: &Subject<'_>) -> Finding {
+    let (lambda2, lambda_max) = (subject.lambda2, subject.lambda_max);
+    let (low, high) = extremes(subject.degrees.iter().copied());
+    let text = format!(
+        "undirected and connected; lambda2 = {}, lambda_max = {}, degrees {}",
+        figure(lambda2),
+        figure(lambda_max),
+        range(low, high)
+    );
+    let values = json!({ "lambda2": lambda2, "lambda_max": lambda_max, "degree": subject.degrees });
+    let found = Finding::new("graph", "Assumption 1", text, values);
+    if subject.scenario.nodes.len() > 1 && lambda2 < LOST * lambda_max {
+        let advice = format!(
+            "lambda2 is lost in rounding, and with it the bound on |x_i - x_j|; bring the edge weights closer together \
+             (lambda2 above {})",
+            figure(LOST * lambda_max)
+        );
+        return found.advise(Status::Warn, advice);
+    }
+    found
+}
+
+/// Assumptions 2 and 4: affine fields are globally Lipschitz, so nothing escapes in finite time.
+fn fields(subject: &Subject<'_>) -> Finding {
+    let slopes = subject.scenario.nodes.iter().map(|node| node.dynamics.slope.abs());
+    let lipschitz = slopes.fold(0.0, f64::max);
+    let (reach, until) = (subject.forecast.reach, subject.forecast.grid.end());
+    let text = format!(
+        "affine fields, Lipschitz with {}/s: no state escapes in finite time, |x_i| < {} up to {} s",
+        figure(lipschitz),
+        figure(reach),
+        figure(until)
+    );
+    let values = json!({ "lipschitz": lipschitz, "state_bound": reach, "until": until });
+    let found = Finding::new("fields", "Assumptions 2, 4", text, values);
+    if reach <= params::LARGEST {
+        return found;
+    }
+    let advice = format!(
+        "a node stops at |x| = {}; this bound is the worst case, the prediction below what to expect",
+        figure(params::LARGEST)
+    );
+    found.advise(Status::Note, advice)
+}
+
+/// The largest slope `|psi'|` of a funnel (state units / s); infinite where the funnel has none.
+fn steepest(funnel: &FunnelSpec) -> f64 {
+    match *funnel {
+        FunnelSpec::Exponential { start, end, rate, factor } => factor * rate * (start - end).abs(),
+        FunnelSpec::Constant { .. } => 0.0,
+        FunnelSpec::ReciprocalTime { .. } => f64::INFINITY,
+        FunnelSpec::FiniteTime { start, at_ns, power, factor } if power >= 1.0 => {
+            factor * start * power / (at_ns as f64 * 1e-9)
+        }
+        FunnelSpec::FiniteTime { .. } => f64::INFINITY,
+    }
+}
+
+/// Assumption 3, the funnels.
+fn funnels(subject: &Subject<'_>) -> Finding {
+    let (scenario, end) = (subject.scenario, subject.scenario.time.end_s());
+    let bound = scenario.widest_funnel(0.0).max(scenario.widest_funnel(end));
+    let theta = scenario.nodes.iter().map(|node| steepest(&node.funnel)).fold(0.0, f64::max);
+    let last = scenario.widest_funnel(end);
+    let text = format!(
+        "0 < psi <= {} and |psi'| <= {}/s; at the end psi is {} at most",
+        figure(bound),
+        figure(theta),
+        figure(last)
+    );
+    let (_, narrowest) = largest(subject.widths.narrowest.iter().map(|width| -width));
+    let values = json!({
+        "psi_bound": bound, "psi_slope_bound": theta, "psi_end": last, "psi_min": -narrowest,
+    });
+    let found = Finding::new("funnels", "Assumption 3", text, values);
+    if bound.is_infinite() {
+        return found.advise(
+            Status::Note,
+            "a funnel is infinite at t = 0, so that any start is allowed (paper, remark on the pseudo-global property); the \
+             assumption holds from the first tick on"
+                .to_owned(),
+        );
+    }
+    if narrowest == 0.0 {
+        return found.advise(
+            Status::Note,
+            "a funnel closes within the run (paper, remark on finite-time synchronisation): the guarantee ends there, and the \
+             node goes on at the floor of its funnel"
+                .to_owned(),
+        );
+    }
+    found
+}
+
+/// `gamma(0)` (state units / s) and whether `gamma` is non-decreasing and unbounded.
+fn at_zero(gain: &GainSpec) -> (f64, bool) {
+    match *gain {
+        GainSpec::Reciprocal { scale } | GainSpec::Logarithmic { scale } => (scale, true),
+        GainSpec::LocallyLinear { bound } => (4.0 * bound, true),
+        GainSpec::Median { eta, eps } => (median_scale(eta, eps), true),
+        GainSpec::Linear { slope } => (slope, false),
+    }
+}
+
+/// The scale of the reciprocal gain that the median gain is.
+pub(super) fn median_scale(eta: f64, eps: f64) -> f64 {
+    eta * eps / (1.0 - eps)
+}
+
+/// Assumption 3, the gains.
+fn gains(subject: &Subject<'_>) -> Finding {
+    let nodes = &subject.scenario.nodes;
+    let mut names: Vec<_> = nodes.iter().map(|node| gain_name(&node.gain)).collect();
+    names.sort_unstable();
+    names.dedup();
+    let (low, high) = extremes(nodes.iter().map(|node| at_zero(&node.gain).0));
+    let bounded = nodes.iter().find(|node| !at_zero(&node.gain).1);
+    let what = match bounded {
+        None => "non-decreasing and unbounded at the funnel's edge",
+        Some(_) => "not all unbounded at the funnel's edge",
+    };
+    let text = format!("gains ({}) {what}; gamma(0) = {}", names.join(", "), range(low, high));
+    let values = json!({ "kinds": names, "gamma0_min": low, "gamma0_max": high });
+    let found = Finding::new("gains", "Assumption 3", text, values);
+    if let Some(node) = bounded {
+        let advice =
+            format!("nothing keeps node {} inside its funnel; give it another kind of gain", node.id);
+        return found.advise(Status::Warn, advice);
+    }
+    match loose_median(subject) {
+        Some(advice) => found.advise(Status::Warn, advice),
+        None => found,
+    }
+}
+
+/// The paper's condition on the median gain, `eps < 2 / (N + 1)`.
+fn loose_median(subject: &Subject<'_>) -> Option<String> {
+    let most = 2.0 / (subject.scenario.nodes.len() as f64 + 1.0);
+    let loose = subject.scenario.nodes.iter().find_map(|node| match node.gain {
+        GainSpec::Median { eps, .. } if eps >= most => Some((node.id, eps)),
+        _ => None,
+    })?;
+    Some(format!(
+        "the median is only within eta where eps < 2 / (N + 1) = {}; node {} has {}",
+        figure(most),
+        loose.0,
+        figure(loose.1)
+    ))
+}
+
+fn gain_name(gain: &GainSpec) -> &'static str {
+    match gain {
+        GainSpec::Reciprocal { .. } => "reciprocal",
+        GainSpec::Logarithmic { .. } => "logarithmic",
+        GainSpec::LocallyLinear { .. } => "locally-linear",
+        GainSpec::Median { .. } => "median",
+        GainSpec::Linear { .. } => "linear",
+    }
+}
+
+/// `sup |psi'| / psi` of a funnel up to `end` (s), in 1/s; infinite where there is none.
+///
+/// That of an exponential funnel is at the start: `|psi'| / psi` falls with the exponential in it.
+fn decay(funnel: &FunnelSpec, end: f64) -> f64 {
+    match *funnel {
+        FunnelSpec::Exponential { start, end, rate, .. } => rate * (start - end).abs() / start,
+        FunnelSpec::Constant { .. } => 0.0,
+        FunnelSpec::ReciprocalTime { .. } => f64::INFINITY,
+        FunnelSpec::FiniteTime { at_ns, power, .. } => {
+            let left = at_ns as f64 * 1e-9 - end;
+            if left > 0.0 { power / left } else { f64::INFINITY }
+        }
+    }
+}
+
+/// Assumption 5.
+fn regularity(subject: &Subject<'_>) -> Finding {
+    let (nodes, end) = (&subject.scenario.nodes, subject.scenario.time.end_s());
+    let lambda = nodes.iter().map(|node| decay(&node.funnel, end)).fold(0.0, f64::max);
+    let speed = |node: &crate::scenario::NodeSpec| {
+        node.dynamics.sines.iter().map(|sine| (sine.amplitude * sine.frequency).abs()).sum::<f64>()
+    };
+    let theta = nodes.iter().map(speed).fold(0.0, f64::max);
+    let spread = subject.widths.spread;
+    let text = format!(
+        "theta_f = max |df/dt| = {}, lambda_psi = max |psi'| / psi = {}/s, r_psi = max psi_i / psi_j = {}",
+        figure(theta),
+        figure(lambda),
+        figure(spread)
+    );
+    let values = json!({ "theta_f": theta, "lambda_psi": lambda, "r_psi": spread });
+    let found = Finding::new("regularity", "Assumption 5", text, values);
+    if spread.is_infinite() {
+        let advice = "some funnels close while others stay open, so that only the nodes of the open ones shape the emergent \
+                      dynamics; let all close at the same pace, as r_i psi(t)";
+        return found.advise(Status::Warn, advice.to_owned());
+    }
+    if lambda.is_infinite() {
+        let advice = "lambda_psi is finite away from the instant at which a funnel opens or closes; the prediction is not \
+                      covered by the theorem there";
+        return found.advise(Status::Note, advice.to_owned());
+    }
+    found
+}
+
+/// The contraction that the prediction by the emergent dynamics rests on, along the predicted `xi`.
+fn contraction(subject: &Subject<'_>) -> Finding {
+    let forecast = &subject.forecast;
+    let (_, steepest) = extremes(subject.scenario.nodes.iter().map(|node| node.dynamics.slope));
+    let (slowest, mean, at) = (-forecast.slope_largest, -forecast.slope_mean, forecast.slope_largest_at);
+    let values = json!({
+        "largest_slope": steepest, "funnel_ratio_bound": subject.widths.spread,
+        "slowest_rate": slowest, "slowest_at": at, "mean_rate": mean,
+    });
+    let by_itself = match steepest < 0.0 {
+        true => "every field contracts".to_owned(),
+        false => format!("not every field contracts (slopes up to {}/s)", figure(steepest)),
+    };
+    let text = format!(
+        "the emergent dynamics contract along xi by {}/s on average, by {}/s at the slowest (t = {} s); {by_itself}",
+        figure(mean),
+        figure(slowest),
+        figure(at)
+    );
+    let found = Finding::new("emergent", "Contraction", text, values);
+    if slowest > 0.0 {
+        return found;
+    }
+    if mean > 0.0 {
+        let advice = "they expand now and then but contract on average: an error in xi shrinks in the long run, the theorem \
+                      does not cover it";
+        return found.advise(Status::Note, advice.to_owned());
+    }
+    let advice = "they do not forget their initial value, so emergent_error says little; make some fields more stable, or give \
+                  the nodes with stable fields a wider funnel (factor), which is more weight";
+    found.advise(Status::Warn, advice.to_owned())
+}

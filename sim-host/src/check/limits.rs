@@ -1,0 +1,148 @@
+//! What the sampled law in f32 cannot do (LAW.md 4).
+
+use serde_json::{Value, json};
+
+use super::subject::Subject;
+use super::{Finding, Status, about, figure, largest, share};
+use crate::scenario::{Affine, Sine, format_duration};
+
+/// Share of the funnel that the floor of the tick may take up before it is warned about: the floor is known
+/// only to "about" (LAW.md 4, where a share of 1 meant leaving the funnel by a factor of two).
+const TIGHT: f64 = 0.5;
+/// Angle or decay within one tick that is fast: the node's midpoint step is then off by some 2 %.
+const FAST: f64 = 0.5;
+/// Decay within one tick from which the node's midpoint step grows instead.
+const UNSTABLE: f64 = 2.0;
+
+pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
+    let mut found = vec![narrowest(subject), speed(subject), resolution(subject)];
+    found.extend(margin(subject));
+    found
+}
+
+/// One exchange per tick cannot hold a funnel narrower than `T^2 d max|d/dt (f_i - f_j)|`.
+fn narrowest(subject: &Subject<'_>) -> Finding {
+    let (index, _) = largest(subject.forecast.nodes.iter().map(|node| node.taken));
+    let seen = &subject.forecast.nodes[index];
+    let tick = subject.scenario.time.tick_s();
+    let floor = if seen.taken > 0.0 { seen.taken * seen.taken_of } else { 0.0 };
+    let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
+    let longest = longest_tick(subject, seen.taken);
+    let text = match longest {
+        None => format!("{name} holds any funnel: no field drifts apart from those of its neighbours"),
+        Some(longest) => format!(
+            "{name} holds funnels down to about {} at node {node} (the tightest), where psi is {} at t = {} s; the longest \
+             tick for this scenario is about {} s",
+            about(floor),
+            figure(seen.taken_of),
+            figure(seen.taken_at),
+            about(longest)
+        ),
+    };
+    let values = json!({
+        "node": node, "narrowest": seen.floor, "psi_min": subject.narrowest(index),
+        "share": seen.taken, "t": seen.taken_at, "longest_tick_s": longest,
+    });
+    let found = Finding::new("narrowest-funnel", "Tick", text, values);
+    if seen.taken < TIGHT {
+        return found;
+    }
+    let advice = format!(
+        "|nu| may leave the funnel; use a tick of {} s or less, or let psi be {} or more there",
+        about(tick * (TIGHT / (2.0 * seen.taken)).sqrt()),
+        about(2.0 * floor / TIGHT)
+    );
+    found.advise(Status::Warn, advice)
+}
+
+/// The tick that leaves [`TIGHT`] of the funnel and resolves the fields, s; none where any tick holds the funnel.
+fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
+    let tick = subject.scenario.time.tick_s();
+    let rates =
+        subject.scenario.nodes.iter().map(|node| node.dynamics.slope.abs().max(fastest(&node.dynamics)));
+    let resolved = FAST / rates.fold(0.0, f64::max);
+    (taken > 0.0).then(|| (tick * (TIGHT / taken).sqrt()).min(resolved))
+}
+
+/// The fastest sine of a field, rad/s.
+fn fastest(field: &Affine) -> f64 {
+    field.sines.iter().map(|sine: &Sine| sine.frequency.abs()).fold(0.0, f64::max)
+}
+
+/// The fields against the tick: the node advances its state by a midpoint step.
+fn speed(subject: &Subject<'_>) -> Finding {
+    let (nodes, tick) = (&subject.scenario.nodes, subject.scenario.time.tick_s());
+    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.slope.abs()));
+    let (quick, angle) = largest(nodes.iter().map(|node| tick * fastest(&node.dynamics)));
+    let text = format!(
+        "in one tick a field decays or grows by {} (node {}) and turns by {} rad (node {}) at most",
+        about(decay),
+        steep + 1,
+        about(angle),
+        quick + 1
+    );
+    let values = json!({
+        "tick_slope": decay, "slope_node": steep + 1, "tick_frequency": angle, "frequency_node": quick + 1,
+    });
+    let found = Finding::new("speed", "Fields and tick", text, values);
+    let stiffest = nodes.iter().map(|node| -tick * node.dynamics.slope).fold(0.0, f64::max);
+    if decay.max(angle) <= FAST {
+        return found;
+    }
+    let advice = format!("use a tick of {} s or less", about(tick * FAST / decay.max(angle)));
+    if stiffest >= UNSTABLE {
+        let why =
+            format!("a node's own step grows where T |slope| is {} or more; {advice}", figure(UNSTABLE));
+        return found.advise(Status::Fail, why);
+    }
+    found.advise(Status::Warn, format!("too fast for the node's midpoint step; {advice}"))
+}
+
+/// The f32 resolution of `nu` against the funnel.
+fn resolution(subject: &Subject<'_>) -> Finding {
+    let (forecast, end) = (&subject.forecast, subject.scenario.time.end_s());
+    let last: Vec<_> = subject.widths.at(end).collect();
+    let (worst, _) = largest(forecast.resolution.iter().zip(&last).map(|(step, width)| step / width));
+    let (step, width) = (forecast.resolution[worst], last[worst]);
+    let text = format!(
+        "|x| up to about {} floors the funnel at {} at node {}, where psi ends at {}",
+        figure(forecast.largest_state),
+        figure(step),
+        worst + 1,
+        figure(width)
+    );
+    let values = json!({
+        "node": worst + 1, "resolution": step, "psi_end": width, "largest_state": forecast.largest_state,
+    });
+    let found = Finding::new("resolution", "f32", text, values);
+    if step < width {
+        return found;
+    }
+    let advice = format!(
+        "below that nu has no digits left, so the node keeps its funnel there and reports it; end the run earlier, or let \
+         psi end at {}",
+        figure(2.0 * step)
+    );
+    found.advise(Status::Warn, advice)
+}
+
+/// The margin `1 - |s_i|` that the emergent dynamics leave while the funnel is at its floor, against the rounding of `nu`
+/// there. `None` where no funnel reaches its floor.
+fn margin(subject: &Subject<'_>) -> Option<Finding> {
+    let tight = subject.forecast.at_floor?;
+    let text = format!(
+        "at the floor of its funnel node {} settles {} inside it (t = {} s); rounding takes up to about {}",
+        tight.index + 1,
+        share(tight.margin),
+        figure(tight.t),
+        share(tight.needed)
+    );
+    let values: Value =
+        json!({ "node": tight.index + 1, "margin": tight.margin, "rounding": tight.needed, "t": tight.t });
+    let found = Finding::new("margin", "Margin at floor", text, values);
+    if tight.margin >= tight.needed {
+        return Some(found);
+    }
+    let advice = "|nu| may leave the floored funnel; raise the gain's scale, or let psi end above its floor";
+    Some(found.advise(Status::Warn, advice.to_owned()))
+}

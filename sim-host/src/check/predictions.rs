@@ -1,0 +1,135 @@
+//! What the emergent dynamics predict: where the network goes, and how hard each node has to push.
+
+use serde_json::json;
+
+use super::assumptions::median_scale;
+use super::subject::Subject;
+use super::{Finding, Status, about, extremes, figure, largest, share};
+use crate::scenario::GainSpec;
+use funnel_core::{math, params};
+
+/// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
+/// (LAW.md 4).
+const TIGHT_MARGIN: f64 = 1e-3;
+/// The margin that advice aims at.
+const GOOD_MARGIN: f64 = 0.02;
+
+pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
+    let mut found = vec![trajectory(subject)];
+    if subject.forecast.predicts {
+        found.push(input(subject));
+        found.extend(linear_part(subject));
+    }
+    found
+}
+
+/// `xi`, and the blended dynamics beside it.
+fn trajectory(subject: &Subject<'_>) -> Finding {
+    let forecast = &subject.forecast;
+    let (until, xi, blended) = (forecast.grid.end(), forecast.xi_end(), forecast.blended_end);
+    let (low, high) = extremes(forecast.xi.iter().copied());
+    let text = format!(
+        "xi is {} at {} s, between {} and {} on the way; the blended dynamics (the average) end at {}, {} from it",
+        figure(xi),
+        figure(until),
+        figure(low),
+        figure(high),
+        figure(blended),
+        about((xi - blended).abs())
+    );
+    let values = json!({
+        "xi_min": low, "xi_max": high, "xi_end": xi, "until": until, "steps": forecast.grid.steps,
+        "blended_end": blended, "blended_distance": (xi - blended).abs(),
+    });
+    let found = Finding::new("prediction", "Prediction", text, values);
+    if xi.is_nan() || low.abs().max(high.abs()) > params::LARGEST {
+        let advice = format!(
+            "a node stops at |x| = {}; make some fields more stable, or end the run earlier",
+            figure(params::LARGEST)
+        );
+        return found.advise(Status::Warn, advice);
+    }
+    let end = subject.scenario.time.end_s();
+    if until < end * (1.0 - 1e-9) {
+        let advice = format!(
+            "the run is {} s, which is too long for steps that resolve the fields; later times were not looked at",
+            figure(end)
+        );
+        return found.advise(Status::Note, advice);
+    }
+    found
+}
+
+/// How close to its funnel each node has to be for its input.
+fn input(subject: &Subject<'_>) -> Finding {
+    let nodes = &subject.forecast.nodes;
+    let (index, margin) = largest(nodes.iter().map(|node| -node.margin));
+    let margin = -margin;
+    let (pushing, most) = largest(nodes.iter().map(|node| node.input));
+    let text = format!(
+        "node {} is the tightest: |nu|/psi settles at {}, {} inside the funnel (t = {} s); the largest input |f_em - f_i| is \
+         {}, at node {}",
+        index + 1,
+        figure(1.0 - margin),
+        share(margin),
+        figure(nodes[index].margin_at),
+        figure(most),
+        pushing + 1
+    );
+    let values = json!({
+        "node": index + 1, "margin": margin, "steady_ratio": 1.0 - margin, "t": nodes[index].margin_at,
+        "largest_input": most, "input_node": pushing + 1,
+    });
+    let found = Finding::new("input", "Steady margin", text, values);
+    if margin >= TIGHT_MARGIN {
+        return found;
+    }
+    let advice = format!(
+        "one tick can carry |nu| across a margin this small; {}",
+        wider(&subject.scenario.nodes[index].gain, nodes[index].input)
+    );
+    found.advise(Status::Warn, advice)
+}
+
+/// The parameter that leaves [`GOOD_MARGIN`] at an input (state units / s), in words.
+fn wider(gain: &GainSpec, input: f64) -> String {
+    // mu^-1(u) = |u| / (scale + |u|) leaves scale / (scale + |u|).
+    let scale = input * GOOD_MARGIN / (1.0 - GOOD_MARGIN);
+    let what = match *gain {
+        GainSpec::Reciprocal { .. } => format!("gain scale = {}", about(scale)),
+        GainSpec::Logarithmic { .. } => format!("gain scale = {}", about(input / -math::ln(GOOD_MARGIN))),
+        GainSpec::LocallyLinear { .. } => format!("gain bound = {}", about(0.5 * input)),
+        GainSpec::Median { eta, eps } => {
+            return format!(
+                "that is what a gain close to a sign function costs (eta = {} would leave {}); a shorter tick or a wider funnel \
+                 keeps the excess small",
+                about(scale / median_scale(eta, eps) * eta),
+                share(GOOD_MARGIN)
+            );
+        }
+        GainSpec::Linear { .. } => return "give it a gain that is unbounded at the funnel's edge".to_owned(),
+    };
+    format!("{what} would leave {}", share(GOOD_MARGIN))
+}
+
+/// The locally linear gain averages only while every input is in its linear part, `|u| <= 2 M_f`.
+fn linear_part(subject: &Subject<'_>) -> Option<Finding> {
+    let nodes = subject.scenario.nodes.iter().zip(&subject.forecast.nodes).enumerate();
+    let shares = nodes.filter_map(|(index, (node, seen))| match node.gain {
+        GainSpec::LocallyLinear { bound } => Some((index, seen.input / (2.0 * bound), seen.input)),
+        _ => None,
+    });
+    let (index, taken, input) = shares.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let text = format!(
+        "node {} uses {} of the linear part of its gain, in which the emergent dynamics are the average",
+        index + 1,
+        share(taken)
+    );
+    let values = json!({ "node": index + 1, "share": taken });
+    let found = Finding::new("linear-part", "Linear part", text, values);
+    if taken <= 1.0 {
+        return Some(found);
+    }
+    let advice = format!("outside it they are not; gain bound = {} or more would do", about(0.5 * input));
+    Some(found.advise(Status::Warn, advice))
+}

@@ -1,0 +1,56 @@
+//! What every finding looks at, computed once.
+
+use super::forecast::Forecast;
+use super::widths::Widths;
+use crate::scenario::{Scenario, initial_ratios};
+
+/// A scenario with what follows from it.
+pub(super) struct Subject<'s> {
+    pub scenario: &'s Scenario,
+    /// Second eigenvalue of the Laplacian; 0 for a single node.
+    pub lambda2: f64,
+    /// Largest eigenvalue of the Laplacian.
+    pub lambda_max: f64,
+    /// Weighted degrees, by index.
+    pub degrees: Vec<f64>,
+    /// `|nu_i| / psi_i` at the start, by index.
+    pub ratios: Vec<f64>,
+    pub widths: Widths,
+    pub forecast: Forecast,
+}
+
+impl<'s> Subject<'s> {
+    pub fn of(scenario: &'s Scenario) -> Self {
+        let spectrum = scenario.graph.spectrum();
+        let widths = Widths::of(scenario);
+        let degrees = scenario.graph.degrees();
+        Self {
+            lambda2: spectrum.get(1).copied().unwrap_or(0.0),
+            lambda_max: spectrum.last().copied().unwrap_or(0.0),
+            ratios: initial_ratios(scenario),
+            forecast: Forecast::of(scenario, &widths, &degrees),
+            degrees,
+            widths,
+            scenario,
+        }
+    }
+
+    /// The paper's bound on `|x_i - x_j|` per width of the widest funnel: `2 sqrt(N) / lambda2`; 0 for a single node.
+    pub fn bound_per_width(&self) -> f64 {
+        match self.scenario.nodes.len() {
+            0 | 1 => 0.0,
+            nodes => 2.0 * (nodes as f64).sqrt() / self.lambda2,
+        }
+    }
+
+    /// The widest funnel that a node keeps at time `t` (s): its own, or its floor (state units).
+    pub fn widest_kept(&self, t: f64) -> f64 {
+        let kept = self.widths.at(t).zip(&self.forecast.resolution).map(|(psi, floor)| psi.max(*floor));
+        kept.fold(0.0, f64::max)
+    }
+
+    /// The narrowest funnel that a node keeps (state units).
+    pub fn narrowest(&self, index: usize) -> f64 {
+        self.widths.narrowest[index].max(self.forecast.resolution[index])
+    }
+}

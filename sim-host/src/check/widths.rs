@@ -1,0 +1,60 @@
+//! The funnels over the whole run.
+
+use crate::scenario::{FunnelSpec, Scenario};
+
+/// Points in time at which funnels are compared.
+const SAMPLES: u32 = 1_000;
+
+/// All funnels; nodes with the same funnel share its evaluation.
+pub(super) struct Widths {
+    kinds: Vec<FunnelSpec>,
+    /// Which kind each node has, by index.
+    of_node: Vec<usize>,
+    /// Narrowest funnel of each node over the run, by index (state units).
+    pub narrowest: Vec<f64>,
+    /// `r_psi`: the largest `psi_i / min_j psi_j` over the run (Assumption 5 (d)); infinite where only some funnels close.
+    pub spread: f64,
+}
+
+impl Widths {
+    pub fn of(scenario: &Scenario) -> Self {
+        let mut kinds: Vec<FunnelSpec> = Vec::new();
+        let mut of_node = Vec::with_capacity(scenario.nodes.len());
+        for node in &scenario.nodes {
+            let known = kinds.iter().position(|kind| *kind == node.funnel);
+            of_node.push(known.unwrap_or(kinds.len()));
+            if known.is_none() {
+                kinds.push(node.funnel);
+            }
+        }
+        let mut narrowest = vec![f64::INFINITY; kinds.len()];
+        let mut spread = 1.0f64;
+        for t in instants(scenario.time.end_s()) {
+            let widths = kinds.iter().map(|kind| kind.width(t));
+            let (mut low, mut high) = (f64::INFINITY, 0.0f64);
+            for (narrowest, width) in narrowest.iter_mut().zip(widths) {
+                *narrowest = narrowest.min(width);
+                (low, high) = (low.min(width), high.max(width));
+            }
+            // Funnels that are all closed, or some infinite, have no ratio.
+            if high > 0.0 && high.is_finite() {
+                spread = spread.max(high / low);
+            }
+        }
+        Self { narrowest: of_node.iter().map(|kind| narrowest[*kind]).collect(), kinds, of_node, spread }
+    }
+
+    /// `psi_i(t)` by index, `t` in s (state units).
+    pub fn at(&self, t: f64) -> impl Iterator<Item = f64> {
+        let widths: Vec<_> = self.kinds.iter().map(|kind| kind.width(t)).collect();
+        self.of_node.iter().map(move |kind| widths[*kind])
+    }
+}
+
+/// Points in time from 0 to `end` (s), dense at the start, where funnels move.
+pub(super) fn instants(end: f64) -> impl Iterator<Item = f64> {
+    (0..=SAMPLES).map(move |k| {
+        let part = f64::from(k) / f64::from(SAMPLES);
+        end * part * part * part * part
+    })
+}
