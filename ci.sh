@@ -133,7 +133,7 @@ cmd_unit() { #: unit, property and golden tests on the host
     cargo test --locked --workspace
 }
 
-cmd_sweep() { #: every f32 through every gain, against f64: 6 minutes on two cores, not part of `test`
+cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of processor time, on all cores, not part of `test`
     cargo test --locked --release --package funnel-core --test sweep -- --include-ignored --nocapture
 }
 

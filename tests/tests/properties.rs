@@ -219,7 +219,8 @@ proptest! {
         let scenario = ring_or_path(scenario, closed);
         let to = permutation(scenario.nodes.len(), number);
         let (before, after) = (simulate(&scenario), simulate(&renamed(&scenario, &to)));
-        for column in [|row: &Row| &row.x[..], |row: &Row| &row.nu[..], |row: &Row| &row.psi[..], |row: &Row| &row.u[..]] {
+        let columns: [fn(&Row) -> &[f64]; 4] = [|row| &row.x, |row| &row.nu, |row| &row.psi, |row| &row.u];
+        for column in columns {
             prop_assert_eq!(apart(&before.rows, &after.rows, &to, column), 0.0);
         }
     }
