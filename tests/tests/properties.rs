@@ -74,7 +74,7 @@ fn network() -> impl Strategy<Value = Scenario> {
 fn build((graph, mut nodes): (Graph, Vec<NodeSpec>)) -> Scenario {
     let states: Vec<f64> = nodes.iter().map(|node| node.state).collect();
     for ((i, node), nu) in nodes.iter_mut().enumerate().zip(graph.diffusive_terms(&states)) {
-        node.id = i as u8 + 1;
+        node.id = i as u16 + 1;
         if let FunnelSpec::Exponential { start, end, factor, .. } = &mut node.funnel {
             *start = *end + 1.2 * nu.abs() / *factor + 1.0;
         }
@@ -103,7 +103,7 @@ fn with_the_tick_of_check(scenario: &Scenario) -> Scenario {
 fn renamed(scenario: &Scenario, to: &[usize]) -> Scenario {
     let mut nodes = scenario.nodes.clone();
     for (i, node) in scenario.nodes.iter().enumerate() {
-        nodes[to[i]] = NodeSpec { id: to[i] as u8 + 1, ..node.clone() };
+        nodes[to[i]] = NodeSpec { id: to[i] as u16 + 1, ..node.clone() };
     }
     let rename = |edge: &Edge| Edge {
         a: to[edge.a].min(to[edge.b]),
@@ -169,7 +169,7 @@ proptest! {
     /// What one end of an edge pulls by, the other is pulled by; the rest is the rounding of the sums and of the carry.
     #[test]
     fn diffusive_terms_add_up_to_nothing(scenario in network()) {
-        let degrees: f64 = (0..scenario.nodes.len()).map(|i| scenario.graph.degree(i)).sum();
+        let degrees: f64 = scenario.graph.degrees().iter().sum();
         for row in &simulate(&scenario).rows {
             let largest = row.x.iter().map(|x| x.abs()).fold(0.0, f64::max);
             let sum: f64 = row.nu.iter().sum();
