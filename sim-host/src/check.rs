@@ -12,8 +12,12 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::emergent::EmergentTrajectory;
-use crate::scenario::{BusModel, FunnelSpec, GainSpec, NodeSpec, Scenario, format_duration, initial_ratios};
+use crate::scenario::{
+    BusModel, CouplingKind, FunnelSpec, GainSpec, NodeSpec, NormalisedSpec, Scenario, format_duration,
+    initial_ratios,
+};
 use forecast::Forecast;
+use funnel_core::math;
 use funnel_core::params::FLOOR_ULPS;
 
 /// Share of the funnel that the floor of the tick may take up before it is warned about: the floor is known
@@ -77,19 +81,21 @@ pub struct Report {
 /// funnel.
 #[must_use]
 pub fn check(scenario: &Scenario) -> Report {
-    let forecast = Forecast::of(scenario);
-    let mut findings = vec![
-        graph(scenario),
-        fields(scenario),
-        funnels(scenario),
-        gains(scenario),
-        emergent(scenario),
-        start(scenario),
-        sync_bound(scenario, &forecast),
-        narrowest(scenario, &forecast),
-        resolution(scenario, &forecast),
-    ];
-    findings.extend(margin(scenario, &forecast));
+    let mut findings = vec![graph(scenario), fields(scenario), funnels(scenario), gains(scenario)];
+    match unpredicted(scenario) {
+        None => {
+            let forecast = Forecast::of(scenario);
+            findings.extend([
+                emergent(scenario),
+                start(scenario),
+                sync_bound(scenario, &forecast),
+                narrowest(scenario, &forecast),
+                resolution(scenario, &forecast),
+            ]);
+            findings.extend(margin(scenario, &forecast));
+        }
+        Some(note) => findings.extend([start(scenario), note]),
+    }
     findings.extend(bus(scenario));
     findings.push(capacity::finding(scenario));
     Report {
@@ -107,6 +113,30 @@ pub fn check(scenario: &Scenario) -> Report {
 
 fn finding(name: &'static str, status: Status, text: String, values: Value) -> Finding {
     Finding { name, status, text, advice: None, values }
+}
+
+/// What the predictions about the motion do not cover: they are those of the paper's law for scalar states.
+fn unpredicted(scenario: &Scenario) -> Option<Finding> {
+    let (coupling, components) = (scenario.coupling, scenario.components());
+    let scalar =
+        matches!(coupling, CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain);
+    if components == 1
+        && scalar
+        && !scenario.nodes.iter().any(|node| matches!(node.gain, GainSpec::Linear { .. }))
+    {
+        return None;
+    }
+    let promise = match coupling.keeps_funnels() {
+        true => "",
+        false => "; the law promises no funnel, so that ratios and breaches are counted and nothing more",
+    };
+    let text = format!(
+        "Predictions: none here for {} coupling of states with {}: neither contraction, bounds, nor what tick and f32 can hold{promise}",
+        coupling.name(),
+        plural(components, "component")
+    );
+    let values = json!({ "coupling": coupling.name(), "components": components });
+    Some(finding("predictions", Status::Note, text, values))
 }
 
 /// Assumption 1.
@@ -134,7 +164,7 @@ fn graph(scenario: &Scenario) -> Finding {
 
 /// Assumptions 2 and 4: affine fields are globally Lipschitz, so nothing escapes in finite time.
 fn fields(scenario: &Scenario) -> Finding {
-    let lipschitz = scenario.nodes.iter().map(|node| node.dynamics.slope.abs()).fold(0.0, f64::max);
+    let lipschitz = scenario.nodes.iter().map(|node| node.dynamics.lipschitz()).fold(0.0, f64::max);
     let text = format!(
         "Assumptions 2 and 4: the fields are affine, Lipschitz with {}/s, so no state escapes in finite time",
         figure(lipschitz)
@@ -152,6 +182,17 @@ fn steepest(funnel: &FunnelSpec) -> f64 {
             factor * start * power / (at_ns as f64 * 1e-9)
         }
         FunnelSpec::FiniteTime { .. } => f64::INFINITY,
+        FunnelSpec::Schedule { start, at_ns, eps, then, factor } => {
+            let at = at_ns as f64 * 1e-9;
+            let first = start.max(eps * then.width(at)) / at * math::ln(start / (eps * then.width(at))).abs();
+            let later = match then {
+                NormalisedSpec::Constant { .. } => 0.0,
+                NormalisedSpec::Exponential { start, end, rate } => {
+                    eps * rate * (start - end).abs() * math::exp(-rate * at)
+                }
+            };
+            factor * first.max(later)
+        }
     }
 }
 
@@ -198,7 +239,7 @@ fn gain_name(gain: &GainSpec) -> &'static str {
 
 /// Assumption 5 and the contraction that the prediction by the emergent dynamics rests on.
 fn emergent(scenario: &Scenario) -> Finding {
-    let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope).collect();
+    let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope()).collect();
     let (_, largest) = extremes(&slopes);
     let end = scenario.time.end_s();
     let ratio = |t: f64| {
@@ -234,9 +275,11 @@ fn emergent(scenario: &Scenario) -> Finding {
 fn start(scenario: &Scenario) -> Finding {
     let ratios = initial_ratios(scenario);
     let worst = ratios.iter().copied().fold(0.0, f64::max);
-    let node = ratios.iter().position(|ratio| *ratio == worst).map_or(1, |index| index + 1);
+    let count = scenario.components();
+    let node = ratios.iter().position(|ratio| *ratio == worst).map_or(1, |index| index / count + 1);
     let each: Vec<_> = ratios.iter().map(|ratio| figure(*ratio)).collect();
-    let list = if each.len() <= 16 { format!(" (by id: {})", each.join(", ")) } else { String::new() };
+    let list =
+        if each.len() <= 16 && count == 1 { format!(" (by id: {})", each.join(", ")) } else { String::new() };
     let text = format!("Start: |nu| / psi is {} at most, at node {node}{list}", figure(worst));
     finding("start", Status::Ok, text, json!({ "ratio": ratios, "worst": worst, "node": node }))
 }

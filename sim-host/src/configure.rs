@@ -62,11 +62,11 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             id: node.id,
             tick_ns,
             tick_source: drive.tick_source,
-            initial_state: node.state as f32,
+            initial_state: node.state[0] as f32,
             state_limit: STATE_LIMIT,
             field: FieldConfig {
-                slope: node.dynamics.slope as f32,
-                offset: node.dynamics.offset as f32,
+                slope: node.dynamics.slope() as f32,
+                offset: node.dynamics.offset() as f32,
                 sines: collect(sines).ok_or(too_much("sinusoids", funnel_protocol::config::MAX_SINES))?,
             },
             gain: gain(&node.gain).ok_or(too_much("kinds of gain: this one", 0))?,
@@ -138,6 +138,7 @@ fn funnel(funnel: &FunnelSpec) -> Option<FunnelConfig> {
             factor: factor as f32,
             shape: FunnelShape::ReciprocalTime { scale: scale as f32 },
         }),
+        FunnelSpec::Schedule { .. } => None,
         FunnelSpec::FiniteTime { start, at_ns, power, factor } => Some(FunnelConfig {
             factor: factor as f32,
             shape: FunnelShape::FiniteTime { start: start as f32, at_ns, power: power as f32 },

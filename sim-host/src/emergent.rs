@@ -14,7 +14,7 @@ const STEPS_PER_CONSTANT: f64 = 4.0;
 fn longest_step(scenario: &Scenario) -> f64 {
     let rates = scenario.nodes.iter().flat_map(|node| {
         let sines = node.dynamics.sines.iter().map(|sine| sine.frequency.abs());
-        sines.chain([node.dynamics.slope.abs()])
+        sines.chain([node.dynamics.lipschitz()])
     });
     let fastest = rates.fold(0.0, f64::max);
     (1.0 / (STEPS_PER_CONSTANT * fastest)).max(scenario.time.tick_s()).min(LONGEST_STEP)

@@ -33,7 +33,7 @@ impl Forecast {
         for step in 0..steps {
             let t = step as f64 * h;
             let velocity = mean.velocity(t);
-            let rate = |node: &NodeSpec| node.dynamics.slope * velocity + node.dynamics.rate_of_forcing(t);
+            let rate = |node: &NodeSpec| node.dynamics.slope() * velocity + node.dynamics.rate_of_forcing(t);
             let rates: Vec<_> = scenario.nodes.iter().map(rate).collect();
             for edge in &graph.edges {
                 let apart = (rates[edge.a] - rates[edge.b]).abs();
@@ -73,7 +73,7 @@ impl<'s> Motion<'s> {
     fn of_mean(scenario: &'s Scenario, states: &[f64]) -> Self {
         let fields: Vec<_> = scenario.nodes.iter().map(|node| &node.dynamics).collect();
         let count = fields.len() as f64;
-        let slope = fields.iter().map(|field| field.slope).sum::<f64>() / count;
+        let slope = fields.iter().map(|field| field.slope()).sum::<f64>() / count;
         Self { x: states.iter().sum::<f64>() / count, slope, fields }
     }
 
@@ -93,9 +93,9 @@ impl<'s> Motion<'s> {
 
 /// The nodes that stay bounded when left to themselves.
 fn contracting(scenario: &Scenario) -> Vec<Motion<'_>> {
-    let stable = scenario.nodes.iter().filter(|node| node.dynamics.slope < 0.0);
+    let stable = scenario.nodes.iter().filter(|node| node.dynamics.slope() < 0.0);
     stable
-        .map(|node| Motion { x: node.state, slope: node.dynamics.slope, fields: vec![&node.dynamics] })
+        .map(|node| Motion { x: node.state[0], slope: node.dynamics.slope(), fields: vec![&node.dynamics] })
         .collect()
 }
 

@@ -3,7 +3,9 @@
 //! Reading goes in steps, each of which stops where it found mistakes: the syntax, then every key by itself,
 //! then what only the whole shows (the graph, the number of ticks, the start inside the funnel).
 
+mod affine;
 mod agents;
+mod components;
 mod coupling;
 mod diagnostic;
 mod duration;
@@ -20,15 +22,18 @@ use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnel_core::params;
 use std::path::Path;
 
+pub use affine::{Affine, Sine};
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use model::{
-    Affine, BusModel, BusSpec, CouplingKind, Expect, FunnelSpec, GainSpec, NodeSpec, Scenario, Sine, TimeSpec,
+    BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FunnelSpec, GainSpec, NodeSpec,
+    NormalisedSpec, Scenario, TimeSpec,
 };
 pub use overrides::Override;
 
+use coupling::Coupling;
 use reader::{Log, Range, Section, later, ready, unsupported};
 use tree::{Item, Place};
 
@@ -100,7 +105,8 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     fresh(&bus, &time, root, &log);
     log.checkpoint()?;
     let path = path.to_owned();
-    let scenario = Scenario { title, seed, time, graph, coupling: coupling.kind, nodes, bus, expect, path };
+    let Coupling { kind: coupling, on_breach, .. } = coupling;
+    let scenario = Scenario { title, seed, time, graph, coupling, on_breach, nodes, bus, expect, path };
     initial::check(&scenario, &places)?;
     Ok(scenario)
 }
@@ -201,6 +207,14 @@ fn read_expect(file: &mut Section<'_>) -> Expect {
         final_spread: section.optional_number("final_spread", length),
         emergent_error: section.optional_number("emergent_error", length),
         reference_error: section.optional_number("reference_error", length),
+        final_value: section.section("final_value").map(|mut value| {
+            let final_value = FinalValue {
+                is: value.number("is", None, Range::any("state units").on_host()),
+                within: value.number("within", None, length),
+            };
+            value.finish();
+            final_value
+        }),
     };
     section.finish();
     expect
