@@ -1,7 +1,7 @@
 //! Performance funnels `psi(t)`, evaluated from the tick number, so that every node and the simulator agree bit for bit.
 
-use crate::math::Real;
-use funnel_protocol::config::{FunnelConfig, FunnelShape};
+use crate::math::{self, Real};
+use funnel_protocol::config::{FunnelConfig, FunnelShape, NormalisedShape};
 
 /// A funnel prepared for a tick period `T`: state units in, state units out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,6 +41,26 @@ pub enum Funnel<F> {
         /// `theta`.
         theta: F,
     },
+    /// `eps psibar(t)` from `t_1` on, and before the exponential that joins the initial width to it (paper, theorem on emergent
+    /// behaviour): continuous, with `|psi'| <= lambda psi` throughout.
+    Schedule {
+        /// `factor * start`.
+        start: F,
+        /// `ln(start / (eps psibar(t_1))) T / t_1`; below zero where the funnel widens.
+        decay_per_tick: F,
+        /// `exp` of minus `theta` times that.
+        partial_decay: F,
+        /// The first tick of the second part.
+        switch: u32,
+        /// `factor * eps *` the span of `psibar`.
+        span: F,
+        /// `factor * eps *` the limit of `psibar`.
+        end: F,
+        /// The rate of `psibar` times T.
+        later_decay: F,
+        /// `exp` of minus `theta` times that.
+        later_partial: F,
+    },
 }
 
 /// Funnel widths that one tick needs.
@@ -79,6 +99,24 @@ impl<F: Real> Funnel<F> {
                 power: F::from_f32(power),
                 theta: F::from_f64(theta),
             },
+            FunnelShape::Schedule { start, at_ns, eps, then } => {
+                let (start, at) = (f64::from(start), at_ns as f64 * 1e-9);
+                let (span, end, rate) = normalised(then);
+                let scale = factor * f64::from(eps);
+                let joined = f64::from(eps) * (span * Real::exp(-rate * at) + end);
+                let per_tick = math::ln(start / joined) * tick / at;
+                Self::Schedule {
+                    start: F::from_f64(factor * start),
+                    decay_per_tick: F::from_f64(per_tick),
+                    partial_decay: F::from_f64(Real::exp(-per_tick * theta)),
+                    // From the first tick at or after t_1 on; saturates, as a node's ticks do.
+                    switch: -math::floor(1e-9 - at / tick) as u32,
+                    span: F::from_f64(scale * span),
+                    end: F::from_f64(scale * end),
+                    later_decay: F::from_f64(rate * tick),
+                    later_partial: F::from_f64(Real::exp(-rate * theta * tick)),
+                }
+            }
         }
     }
 
@@ -101,6 +139,33 @@ impl<F: Real> Funnel<F> {
                 let width = |ticks: F| start * (F::ONE - ticks * per_tick).max(F::ZERO).pow(power);
                 Widths { now: width(ticks), ahead: width(ticks + theta) }
             }
+            Self::Schedule {
+                start,
+                decay_per_tick,
+                partial_decay,
+                switch,
+                span,
+                end,
+                later_decay,
+                later_partial,
+            } => {
+                if k < switch {
+                    let now = start * (-(decay_per_tick * F::from_u32(k))).exp();
+                    return Widths { now, ahead: now * partial_decay };
+                }
+                let transient = span * (-(later_decay * F::from_u32(k))).exp();
+                Widths { now: transient + end, ahead: transient * later_partial + end }
+            }
+        }
+    }
+}
+
+/// Span, limit and rate (1/s) of a normalised funnel.
+fn normalised(shape: NormalisedShape) -> (f64, f64, f64) {
+    match shape {
+        NormalisedShape::Constant { width } => (0.0, f64::from(width), 0.0),
+        NormalisedShape::Exponential { start, end, rate } => {
+            (f64::from(start) - f64::from(end), f64::from(end), f64::from(rate))
         }
     }
 }

@@ -16,6 +16,9 @@ pub struct Solution<F> {
     pub s: F,
 }
 
+/// Largest `|nu| / psi` from which an input is computed directly.
+const FIRST_RATIO: f64 = 0.99;
+
 /// A gain, odd in its argument.
 pub trait Gain<F: Real> {
     /// `mu^-1(u)` in (-1, 1), odd and strictly increasing; rounding may give exactly -1 or 1.
@@ -32,6 +35,14 @@ pub trait Gain<F: Real> {
 
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
+
+    /// The paper's law as it stands, `mu(nu / psi)`, state units / s, with the ratio held below [`FIRST_RATIO`]: what the very
+    /// first input is computed by.
+    #[inline]
+    fn input(&self, nu: F, psi: F) -> F {
+        let limit = F::from_f64(FIRST_RATIO);
+        self.apply((nu / psi).max(-limit).min(limit))
+    }
 
     /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (*)), for `psi > 0` and `b >= 0` (s).
     ///
@@ -238,6 +249,44 @@ pub fn median<F: Real>(eta: F, eps: F) -> Reciprocal<F> {
     Reciprocal { scale: eta * eps / (F::ONE - eps) }
 }
 
+/// The high-gain coupling `u = slope nu`, whatever the funnel is: what funnels are compared with (paper, Introduction).
+///
+/// It is no funnel gain, since it is bounded at the boundary (Assumption 3). `psi` does not enter: `mu^-1(u) = u / slope`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linear<F> {
+    /// 1/s.
+    pub slope: F,
+}
+
+impl<F: Real> Gain<F> for Linear<F> {
+    #[inline]
+    fn inverse(&self, u: F) -> F {
+        u / self.slope
+    }
+
+    #[inline]
+    fn inverse_slope(&self, _: F) -> F {
+        F::ONE / self.slope
+    }
+
+    #[inline]
+    fn apply(&self, s: F) -> F {
+        self.slope * s
+    }
+
+    #[inline]
+    fn input(&self, nu: F, _: F) -> F {
+        self.slope * nu
+    }
+
+    /// `u / slope + b u = r`.
+    #[inline]
+    fn solve(&self, _: F, b: F, r: F) -> Solution<F> {
+        let u = self.slope * r / (F::ONE + b * self.slope);
+        Solution { u, s: (u / self.slope).max(-F::ONE).min(F::ONE) }
+    }
+}
+
 /// The gains that a configuration can name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BuiltinGain<F> {
@@ -247,6 +296,8 @@ pub enum BuiltinGain<F> {
     Logarithmic(Logarithmic<F>),
     /// See [`LocallyLinear`].
     LocallyLinear(LocallyLinear<F>),
+    /// See [`Linear`].
+    Linear(Linear<F>),
 }
 
 impl<F: Real> Gain<F> for BuiltinGain<F> {
@@ -256,6 +307,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.inverse(u),
             Self::Logarithmic(gain) => gain.inverse(u),
             Self::LocallyLinear(gain) => gain.inverse(u),
+            Self::Linear(gain) => gain.inverse(u),
         }
     }
 
@@ -265,6 +317,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.inverse_slope(u),
             Self::Logarithmic(gain) => gain.inverse_slope(u),
             Self::LocallyLinear(gain) => gain.inverse_slope(u),
+            Self::Linear(gain) => gain.inverse_slope(u),
         }
     }
 
@@ -274,6 +327,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.inverse_with_slope(u),
             Self::Logarithmic(gain) => gain.inverse_with_slope(u),
             Self::LocallyLinear(gain) => gain.inverse_with_slope(u),
+            Self::Linear(gain) => gain.inverse_with_slope(u),
         }
     }
 
@@ -283,6 +337,7 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.apply(s),
             Self::Logarithmic(gain) => gain.apply(s),
             Self::LocallyLinear(gain) => gain.apply(s),
+            Self::Linear(gain) => gain.apply(s),
         }
     }
 
@@ -292,6 +347,16 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Reciprocal(gain) => gain.solve(psi, b, r),
             Self::Logarithmic(gain) => gain.solve(psi, b, r),
             Self::LocallyLinear(gain) => gain.solve(psi, b, r),
+            Self::Linear(gain) => gain.solve(psi, b, r),
+        }
+    }
+    #[inline]
+    fn input(&self, nu: F, psi: F) -> F {
+        match self {
+            Self::Reciprocal(gain) => gain.input(nu, psi),
+            Self::Logarithmic(gain) => gain.input(nu, psi),
+            Self::LocallyLinear(gain) => gain.input(nu, psi),
+            Self::Linear(gain) => gain.input(nu, psi),
         }
     }
 }

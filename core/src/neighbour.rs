@@ -1,11 +1,15 @@
-//! What a node knows of its neighbours: value, increment, age.
+//! What a node knows of its neighbours: value, increment, age, of every component of their states by itself, since each comes, is
+//! lost and expires by itself.
 //!
 //! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of ticks, and then
 //! its edge is dropped until it is heard again (LAW.md 4: holding instead costs up to thirty times the error).
 
+use crate::funnel::Widths;
+use crate::gain::Gain;
+use crate::law::edge_wise::{EdgeTerm, EdgeWise};
 use crate::math::Real;
 use funnel_protocol::config::MAX_NEIGHBOURS;
-use funnel_protocol::message::NodeId;
+use funnel_protocol::message::{Component, NodeId};
 use funnel_protocol::{Refusal, TickStamp};
 use heapless::Vec;
 
@@ -14,11 +18,14 @@ pub const WINDOW_BACK: u32 = 8;
 /// How far ahead a received tick may lie.
 pub const WINDOW_AHEAD: u32 = 2;
 
-/// One edge, as one end sees it.
+/// One component of one edge, as one end sees it.
 #[derive(Clone, Copy, Debug)]
 struct Edge<F> {
     id: u8,
+    component: u8,
     weight: F,
+    /// `alpha_ij (n_i + n_j)`, for edge-wise coupling.
+    stiffness: F,
     /// Value at `tick`, state units.
     value: F,
     /// Change of the value per tick, state units.
@@ -26,6 +33,34 @@ struct Edge<F> {
     tick: u32,
     /// Whether `value` means anything: heard, and not expired since.
     known: bool,
+    /// The last input of this edge (edge-wise coupling), state units / s.
+    last: Option<F>,
+}
+
+impl<F: Real> Edge<F> {
+    /// Ticks since `value`; below zero where it came early.
+    #[inline]
+    fn age(&self, k: u32) -> i32 {
+        k.wrapping_sub(self.tick) as i32
+    }
+
+    /// The value at tick `k`, extrapolated by the last increment.
+    #[inline]
+    fn value_at(&self, k: u32) -> F {
+        match self.age(k) {
+            0 => self.value,
+            age => self.value + F::from_i32(age) * self.increment,
+        }
+    }
+}
+
+/// What edge-wise coupling makes of one component at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EdgeInputs<F> {
+    /// The diffusive term of the edge where it is largest, state units.
+    pub nu: F,
+    /// Sum of the inputs of all edges, state units / s.
+    pub u: F,
 }
 
 /// What enters the sums of the node itself.
@@ -69,43 +104,80 @@ pub enum Heard {
 /// Table of neighbours with a fixed capacity.
 #[derive(Clone, Debug)]
 pub struct Neighbours<F> {
+    /// Neighbour by neighbour, and the components of each in order.
     edges: Vec<Edge<F>, MAX_NEIGHBOURS>,
-    /// Edge index by node id; `NONE` for strangers.
+    /// Index of the first component by node id; `NONE` for strangers.
     slot: [u8; 128],
+    components: u8,
     extrapolate_ticks: u32,
 }
 
 const NONE: u8 = u8::MAX;
 
 impl<F: Real> Neighbours<F> {
-    /// No neighbours yet; silent ones will be extrapolated for `extrapolate_ticks` ticks.
-    pub fn new(extrapolate_ticks: u32) -> Self {
-        Self { edges: Vec::new(), slot: [NONE; 128], extrapolate_ticks }
+    /// No neighbours yet; silent ones will be extrapolated for `extrapolate_ticks` ticks. States have `components` (1 to 8).
+    pub fn new(components: u8, extrapolate_ticks: u32) -> Self {
+        Self { edges: Vec::new(), slot: [NONE; 128], components, extrapolate_ticks }
     }
 
-    /// Adds an edge; `false` where the table is full or the neighbour is there already.
-    pub fn add(&mut self, id: NodeId, weight: F) -> bool {
+    /// Adds an edge with its weight and stiffness `alpha_ij (n_i + n_j)`; `false` where the table is full or the neighbour is there
+    /// already.
+    pub fn add(&mut self, id: NodeId, weight: F, stiffness: F) -> bool {
         let next = self.edges.len() as u8;
-        let Some(slot) = self.slot.get_mut(usize::from(id.get())) else { return false };
-        if *slot != NONE {
+        let room = self.edges.capacity() - self.edges.len() >= usize::from(self.components);
+        let Some(slot) = self.slot.get_mut(usize::from(id.get())).filter(|slot| **slot == NONE && room)
+        else {
             return false;
-        }
-        let edge = Edge { id: id.get(), weight, value: F::ZERO, increment: F::ZERO, tick: 0, known: false };
-        let added = self.edges.push(edge).is_ok();
-        if added {
-            *slot = next;
-        }
-        added
+        };
+        *slot = next;
+        (0..self.components).all(|component| {
+            let edge = Edge {
+                id: id.get(),
+                component,
+                weight,
+                stiffness,
+                value: F::ZERO,
+                increment: F::ZERO,
+                tick: 0,
+                known: false,
+                last: None,
+            };
+            self.edges.push(edge).is_ok()
+        })
     }
 
-    /// Takes a neighbour's state `x` (state units) stamped `tick`; `own` is the tick that the node computes next.
+    /// The edge to the `index`-th neighbour: its id and weight.
+    pub fn edge(&self, index: usize) -> Option<(NodeId, F)> {
+        let edge = self.edges.get(index * usize::from(self.components))?;
+        NodeId::new(edge.id).map(|id| (id, edge.weight))
+    }
+
+    /// The weight of the edge to `id`, if there is one.
+    pub fn weight(&self, id: NodeId) -> Option<F> {
+        let slot = self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE);
+        self.edges.get(usize::from(slot)).map(|edge| edge.weight)
+    }
+
+    /// Takes a component `x` of a neighbour's state (state units) stamped `tick`; `own` is the tick that the node computes next.
     ///
     /// # Errors
-    /// `UnknownSource`, `TickWindow`, `Stale` or `Duplicate`; then nothing has changed.
+    /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale` or `Duplicate`; then nothing has
+    /// changed.
     #[inline]
-    pub fn hear(&mut self, id: NodeId, tick: TickStamp, own: u32, x: F) -> Result<Heard, Refusal> {
+    pub fn hear(
+        &mut self,
+        id: NodeId,
+        component: Component,
+        tick: TickStamp,
+        own: u32,
+        x: F,
+    ) -> Result<Heard, Refusal> {
         let slot = self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE);
-        let edge = self.edges.get_mut(usize::from(slot)).ok_or(Refusal::UnknownSource)?;
+        if component.get() >= self.components {
+            return Err(Refusal::Value);
+        }
+        let index = usize::from(slot) + usize::from(component.get());
+        let edge = self.edges.get_mut(index).ok_or(Refusal::UnknownSource)?;
         let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
         if !edge.known {
             // Older than what is extrapolated, it would be dropped again at the next tick.
@@ -127,32 +199,54 @@ impl<F: Real> Neighbours<F> {
         Ok(Heard::Newer)
     }
 
-    /// Sums at tick `k`, for the node's own state.
+    /// Sums of one component at tick `k`, for the node's own state.
     #[inline]
-    pub fn sums(&mut self, k: u32, own: Own<F>) -> Sums<F> {
+    pub fn sums(&mut self, k: u32, component: u8, own: Own<F>) -> Sums<F> {
         let Own { x, carry, dx } = own;
+        let extrapolate_ticks = self.extrapolate_ticks as i32;
         let mut sums = Sums { largest: x.abs(), ..Sums::default() };
         for edge in &mut self.edges {
-            if !edge.known {
+            if !edge.known || edge.component != component {
                 continue;
             }
-            let mut value = edge.value;
-            let age = k.wrapping_sub(edge.tick) as i32;
-            if age != 0 {
-                if age > self.extrapolate_ticks as i32 {
-                    edge.known = false;
-                    sums.lost = NodeId::new(edge.id);
-                    sums.lost_count += 1;
-                    continue;
-                }
-                value += F::from_i32(age) * edge.increment;
-                // A value that came early is taken back to `k`, which is not for want of a fresh one.
-                sums.extrapolated += u32::from(age > 0);
+            let age = edge.age(k);
+            if age > extrapolate_ticks {
+                (edge.known, edge.last) = (false, None);
+                sums.lost = NodeId::new(edge.id);
+                sums.lost_count += 1;
+                continue;
             }
+            let value = edge.value_at(k);
+            // A value that came early is taken back to `k`, which is not for want of a fresh one.
+            sums.extrapolated += u32::from(age > 0);
             sums.nu += edge.weight * ((value - x) + carry);
             sums.dnu += edge.weight * (edge.increment - dx);
             sums.largest = sums.largest.max(value.abs());
         }
         sums
+    }
+
+    /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones. The carry stays out: the
+    /// other end does not know it, and the two inputs of an edge would not cancel.
+    pub fn edge_inputs<G: Gain<F>>(
+        &mut self,
+        k: u32,
+        component: u8,
+        own: Own<F>,
+        (law, gain): (&EdgeWise<F>, &G),
+        psi: Widths<F>,
+    ) -> EdgeInputs<F> {
+        let mut inputs: EdgeInputs<F> = EdgeInputs::default();
+        for edge in self.edges.iter_mut().filter(|edge| edge.known && edge.component == component) {
+            let nu = edge.weight * (edge.value_at(k) - own.x);
+            let dnu = edge.weight * (edge.increment - own.dx);
+            let u = law.step(gain, &EdgeTerm { nu, dnu, stiffness: edge.stiffness, last: edge.last }, psi);
+            edge.last = Some(u);
+            inputs.u += u;
+            if nu.abs() > inputs.nu.abs() {
+                inputs.nu = nu;
+            }
+        }
+        inputs
     }
 }

@@ -3,19 +3,21 @@
 //! Order of a tick `k`: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is advanced to
 //! `k + 1` and sent at once, so that it has a whole period to reach the neighbours (docs/notes/2026-11-23-first-light.md).
 
-use crate::field::{AffineSines, VectorField, midpoint_step};
+use crate::field::{AffineSines, State, VectorField, compensated_add, midpoint_step};
 use crate::funnel::Widths;
 use crate::gain::{BuiltinGain, Gain};
+use crate::law::max_gain::{self, Term};
 use crate::law::node_wise::Memory;
+use crate::law::{Coupling, EdgeWise};
 use crate::math::Real;
 use crate::neighbour::{Heard, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
-use crate::params::Params;
-use funnel_protocol::config::TickSource;
+use crate::params::{OnBreach, Params};
+use funnel_protocol::config::{MAX_COMPONENTS, TickSource};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, TickStamp};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, count};
-use heapless::Deque;
+use heapless::{Deque, Vec};
 
 /// Events that wait for the app at most; more are dropped, oldest first kept.
 const EVENT_CAPACITY: usize = 8;
@@ -40,21 +42,54 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     phase: Phase,
     /// Tick that is computed next.
     tick: u32,
+    /// One per component of the state.
+    parts: Vec<Part<F>, MAX_COMPONENTS>,
+    observations: Vec<Observation<F>, MAX_COMPONENTS>,
+    schedule: Schedule,
+    outgoing: Outgoing,
+    events: Deque<Event, EVENT_CAPACITY>,
+    in_breach: bool,
+    /// What a breach has added to the funnel, state units, at the tick that is computed next.
+    reopened: F,
+    floored: bool,
+    max_ratio: F,
+    counters: Counters,
+}
+
+/// One component of the state, and what belongs to it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Part<F> {
     x: F,
     /// What rounding has left behind in `x` (compensated summation).
     carry: F,
     /// Change of `x` over the last tick.
     dx: F,
+    /// Diffusive term and its change over the last tick.
+    nu: F,
+    dnu: F,
+    /// Input of this tick, state units / s.
+    u: F,
     memory: Memory<F>,
-    schedule: Schedule,
-    /// Latest value wins: a state that was not fetched before the next one is replaced.
-    outgoing: Option<Message>,
-    events: Deque<Event, EVENT_CAPACITY>,
-    observation: Observation<F>,
-    in_breach: bool,
-    floored: bool,
-    max_ratio: F,
-    counters: Counters,
+    /// Gain of a lambda-tracker, 1/s.
+    k: F,
+}
+
+impl<F: Real> Part<F> {
+    fn own(&self) -> Own<F> {
+        Own { x: self.x, carry: self.carry, dx: self.dx }
+    }
+}
+
+/// What waits for the link. Latest value wins: states that were not fetched before the next tick are replaced.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Outgoing {
+    fault: Option<Message>,
+    /// Components to send, by bit.
+    states: u8,
+    /// Edges announced so far.
+    announced: u8,
+    /// Whether the next edge may be announced at this tick.
+    announce: bool,
 }
 
 /// When the next tick is due.
@@ -71,18 +106,19 @@ enum Schedule {
 impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// A node in phase `Ready`.
     pub fn new(params: Params<F, V, G>) -> Self {
+        // A tracker starts from the slope of its linear gain.
+        let k = params.law.gain.apply(F::ONE);
+        let states = params.initial_state.iter();
         Self {
             phase: Phase::Ready,
             tick: 0,
-            x: params.initial_state,
-            carry: F::ZERO,
-            dx: F::ZERO,
-            memory: Memory::default(),
+            parts: states.clone().map(|&x| Part { x, k, ..Part::default() }).collect(),
+            observations: states.map(|&x| Observation { x, ..Observation::default() }).collect(),
             schedule: Schedule::Wait,
-            outgoing: None,
+            outgoing: Outgoing::default(),
             events: Deque::new(),
-            observation: Observation { x: params.initial_state, ..Observation::default() },
             in_breach: false,
+            reopened: F::ZERO,
             floored: false,
             max_ratio: F::ZERO,
             counters: Counters::default(),
@@ -100,9 +136,14 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.phase
     }
 
-    /// State at the tick that is computed next, state units.
-    pub fn state(&self) -> F {
-        self.x
+    /// Number of components of the state.
+    pub fn components(&self) -> usize {
+        self.parts.len()
+    }
+
+    /// State at the tick that is computed next, state units, component by component.
+    pub fn state(&self) -> impl Iterator<Item = F> {
+        self.parts.iter().map(|part| part.x)
     }
 
     /// Tick that is computed next.
@@ -110,9 +151,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.tick
     }
 
-    /// What the law did at the last tick.
-    pub fn observation(&self) -> &Observation<F> {
-        &self.observation
+    /// What the law did at the last tick, component by component.
+    pub fn observations(&self) -> &[Observation<F>] {
+        &self.observations
     }
 
     /// Counters.
@@ -132,7 +173,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// When [`Node::poll`] has something to do next, ns on the caller's clock; `None`: not before a message.
     pub fn poll_at(&self) -> Option<u64> {
-        if self.outgoing.is_some() || !self.events.is_empty() {
+        if self.has_outgoing() || !self.events.is_empty() {
             return Some(0);
         }
         match self.schedule {
@@ -158,6 +199,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             }
             Message::Ctrl { .. } => Ok(()),
             Message::Fault { source, .. } => self.on_fault(source),
+            Message::Edge { source, neighbour, weight } => self.on_edge(source, neighbour, weight),
         };
         match outcome {
             Ok(()) => count(&mut self.counters.accepted),
@@ -180,7 +222,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if let Some(event) = self.events.pop_front() {
             return Some(Action::Report(event));
         }
-        let message = self.outgoing.take()?;
+        let message = self.next_message()?;
         count(&mut self.counters.sent);
         Some(Action::Send(message))
     }
@@ -196,18 +238,16 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             self.fault(FaultCode::DUPLICATE_ID);
             return Err(Refusal::OwnId);
         }
-        if component != Component::FIRST {
-            return Err(Refusal::Value);
-        }
         if !x.is_finite() {
             return Err(Refusal::NotFinite);
         }
         if x.abs() > self.params.state_limit {
             return Err(Refusal::OutOfRange);
         }
-        match self.params.neighbours.hear(source, tick, self.tick, x)? {
-            Heard::First => self.report_event(Event::NeighbourFound(source)),
-            Heard::Newer => {}
+        let heard = self.params.neighbours.hear(source, component, tick, self.tick, x)?;
+        // Once per neighbour, whatever its number of components.
+        if heard == Heard::First && component == Component::FIRST {
+            self.report_event(Event::NeighbourFound(source));
         }
         Ok(())
     }
@@ -238,7 +278,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
-                self.outgoing = Some(self.state_message());
+                self.outgoing.states = self.all_components();
                 self.schedule = match self.params.tick_source {
                     TickSource::Sync => Schedule::Wait,
                     // One period for the announced initial states to arrive, then tick 0.
@@ -264,6 +304,23 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         Ok(())
     }
 
+    /// Compares an announced weight with the node's own (paper, Assumption 1). The law goes on; people must act.
+    fn on_edge(&mut self, source: NodeId, neighbour: NodeId, weight: f32) -> Result<(), Refusal> {
+        if source == self.params.id {
+            self.fault(FaultCode::DUPLICATE_ID);
+            return Err(Refusal::OwnId);
+        }
+        if neighbour != self.params.id {
+            return Ok(());
+        }
+        let own = self.params.neighbours.weight(source).map_or(0.0, F::to_f32);
+        if own != weight {
+            count(&mut self.counters.weights_differ);
+            self.report_event(Event::WeightsDiffer { node: source, own, theirs: weight });
+        }
+        Ok(())
+    }
+
     fn tick_is_due(&mut self, now: u64) -> bool {
         match self.schedule {
             Schedule::Wait => false,
@@ -285,27 +342,123 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     fn run_tick(&mut self) {
         let k = self.tick;
-        let own = Own { x: self.x, carry: self.carry, dx: self.dx };
-        let sums = self.params.neighbours.sums(k, own);
-        self.note_neighbours(&sums);
-        let psi = self.floored_widths(k, sums.largest);
-        let ratio = sums.nu.abs() / psi.now;
-        self.judge(k, ratio);
-        let solution = self.params.law.step(&mut self.memory, sums.nu, sums.dnu, psi);
-        self.observation =
-            Observation { tick: k, x: self.x, nu: sums.nu, psi: psi.now, ratio, u: solution.u };
+        let largest = self.listen(k);
+        let mut psi = self.widths(k, largest);
+        if let Coupling::EdgeWise(law) = self.params.coupling {
+            self.edge_inputs(k, &law, psi);
+        }
+        let ratio = self.parts.iter().fold(F::ZERO, |most, part| most.max(part.nu.abs())) / psi.now;
+        let breach = self.judge(k, ratio);
+        if breach && self.params.on_breach == OnBreach::Stop {
+            self.parts.iter_mut().for_each(|part| part.u = F::ZERO);
+            self.observe(k, psi);
+            self.tick = k.wrapping_add(1);
+            count(&mut self.counters.ticks);
+            self.fault(FaultCode::FUNNEL_LEFT);
+            return;
+        }
+        self.observe(k, psi);
+        if breach {
+            psi = self.reopen(k, ratio, psi);
+        }
+        self.inputs(psi);
+        self.observations.iter_mut().zip(&self.parts).for_each(|(seen, part)| seen.u = part.u);
+        self.advance(k);
+    }
 
-        let before = self.x;
-        midpoint_step(&self.params.field, self.params.tick, k, &mut self.x, &mut self.carry, solution.u);
+    /// Diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself.
+    fn listen(&mut self, k: u32) -> F {
+        let mut largest = F::ZERO;
+        for component in 0..self.parts.len() {
+            let Some(part) = self.parts.get_mut(component) else { continue };
+            let sums = self.params.neighbours.sums(k, component as u8, part.own());
+            (part.nu, part.dnu) = (sums.nu, sums.dnu);
+            largest = largest.max(sums.largest);
+            self.note_neighbours(component, &sums);
+        }
+        largest
+    }
+
+    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4), and what a breach has added to it.
+    fn widths(&mut self, k: u32, largest: F) -> Widths<F> {
+        let psi = self.floored_widths(k, largest);
+        let OnBreach::Reopen { decay, partial_decay, .. } = self.params.on_breach else { return psi };
+        let added = self.reopened;
+        self.reopened = added * decay;
+        Widths { now: psi.now + added, ahead: psi.ahead + added * partial_decay }
+    }
+
+    /// After a breach under the policy `reopen`: as much wider as the margin asks for (LAW.md 5). Otherwise the same funnel.
+    fn reopen(&mut self, k: u32, ratio: F, psi: Widths<F>) -> Widths<F> {
+        let OnBreach::Reopen { margin, decay, partial_decay } = self.params.on_breach else { return psi };
+        let added = psi.now * (ratio * margin - F::ONE);
+        self.reopened += added * decay;
+        count(&mut self.counters.reopened);
+        let now = psi.now + added;
+        self.report_event(Event::FunnelReopened { tick: k, width: now.to_f32() });
+        Widths { now, ahead: psi.ahead + added * partial_decay }
+    }
+
+    /// Edge-wise coupling: the input of every component, and as its diffusive term that of the edge where it is largest.
+    fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>, psi: Widths<F>) {
+        for (component, part) in self.parts.iter_mut().enumerate() {
+            let law = (law, &self.params.law.gain);
+            let inputs = self.params.neighbours.edge_inputs(k, component as u8, part.own(), law, psi);
+            (part.nu, part.u) = (inputs.nu, inputs.u);
+        }
+    }
+
+    /// The input of every component (docs/notes/2026-11-23-whole-paper.md).
+    fn inputs(&mut self, psi: Widths<F>) {
+        let law = &self.params.law;
+        match self.params.coupling {
+            Coupling::NodeWise => {
+                for part in &mut self.parts {
+                    part.u = law.step(&mut part.memory, part.nu, part.dnu, psi).u;
+                }
+            }
+            Coupling::MaxGain => {
+                let term = |part: &Part<F>| Term { nu: part.nu, dnu: part.dnu, u: part.u };
+                let mut terms: Vec<_, MAX_COMPONENTS> = self.parts.iter().map(term).collect();
+                max_gain::step(law, &mut terms, self.counters.ticks == 0, psi);
+                self.parts.iter_mut().zip(&terms).for_each(|(part, term)| part.u = term.u);
+            }
+            Coupling::LambdaTracker(tracker) => {
+                for part in &mut self.parts {
+                    part.u = tracker.step(law, &mut part.memory, &mut part.k, part.nu, part.dnu);
+                }
+            }
+            // Found already, and zero from the beginning.
+            Coupling::EdgeWise(_) | Coupling::None => {}
+        }
+    }
+
+    fn observe(&mut self, k: u32, psi: Widths<F>) {
+        for (seen, part) in self.observations.iter_mut().zip(&self.parts) {
+            let ratio = part.nu.abs() / psi.now;
+            *seen = Observation { tick: k, x: part.x, nu: part.nu, psi: psi.now, ratio, u: part.u };
+        }
+    }
+
+    /// Advances the state by a tick, unless that leads beyond its limit.
+    fn advance(&mut self, k: u32) {
+        let before: State<F> = self.parts.iter().map(|part| part.x).collect();
+        let Params { field, tick, .. } = &self.params;
+        match self.parts.as_mut_slice() {
+            [part] => midpoint_step(field, *tick, k, &mut part.x, &mut part.carry, part.u),
+            parts => vector_step(field, *tick, k, parts),
+        }
         // Of `x` as neighbours see it: their `dnu` and this node's then add up to zero, as `nu` must, which the carry
         // would spoil (28 times the emergent error on scenarios/asymptotic-path-11.toml).
-        self.dx = self.x - before;
+        self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.dx = part.x - before);
         self.tick = k.wrapping_add(1);
         count(&mut self.counters.ticks);
-        if self.x.abs() <= self.params.state_limit {
-            self.outgoing = Some(self.state_message());
+        let limit = self.params.state_limit;
+        if self.parts.iter().all(|part| part.x.abs() <= limit) {
+            self.outgoing.states = self.all_components();
+            self.outgoing.announce = true;
         } else {
-            self.x = before;
+            self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.x = before);
             self.fault(FaultCode::STATE_LIMIT);
         }
     }
@@ -325,8 +478,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         Widths { now: psi.now.max(floor), ahead: floor }
     }
 
-    /// Counts a breach and says when it begins and ends; the law rides on (LAW.md 5).
-    fn judge(&mut self, k: u32, ratio: F) {
+    /// Counts a breach and says when it begins and ends; what follows from it is up to the policy (LAW.md 5).
+    fn judge(&mut self, k: u32, ratio: F) -> bool {
         self.max_ratio = self.max_ratio.max(ratio);
         let breach = ratio >= F::ONE;
         if breach {
@@ -339,29 +492,64 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 false => Event::BreachEnded { tick: k },
             });
         }
+        breach
     }
 
-    fn note_neighbours(&mut self, sums: &Sums<F>) {
+    fn note_neighbours(&mut self, component: usize, sums: &Sums<F>) {
         self.counters.extrapolated = self.counters.extrapolated.saturating_add(sums.extrapolated);
         self.counters.neighbours_lost = self.counters.neighbours_lost.saturating_add(sums.lost_count);
-        if let Some(id) = sums.lost {
+        // Once per neighbour, whatever its number of components.
+        if let Some(id) = sums.lost.filter(|_| component == 0) {
             self.report_event(Event::NeighbourLost(id));
         }
     }
 
-    fn state_message(&self) -> Message {
-        Message::State {
-            source: self.params.id,
-            component: Component::FIRST,
-            tick: TickStamp::full(self.tick),
-            x: self.x.to_f32(),
+    fn has_outgoing(&self) -> bool {
+        let Outgoing { fault, states, .. } = self.outgoing;
+        fault.is_some() || states != 0 || self.next_announcement().is_some()
+    }
+
+    /// The next message for the link: a fault, then the components of the state, then an edge.
+    fn next_message(&mut self) -> Option<Message> {
+        if let Some(fault) = self.outgoing.fault.take() {
+            return Some(fault);
         }
+        if self.outgoing.states != 0 {
+            let component = self.outgoing.states.trailing_zeros() as u8;
+            self.outgoing.states &= self.outgoing.states.wrapping_sub(1);
+            return self.state_message(component);
+        }
+        let edge = self.next_announcement()?;
+        self.outgoing.announced = self.outgoing.announced.saturating_add(1);
+        self.outgoing.announce = false;
+        Some(edge)
+    }
+
+    /// The edge to announce at this tick, until all have been.
+    fn next_announcement(&self) -> Option<Message> {
+        let Outgoing { announce, announced, .. } = self.outgoing;
+        let (neighbour, weight) = self.params.neighbours.edge(usize::from(announced)).filter(|_| announce)?;
+        Some(Message::Edge { source: self.params.id, neighbour, weight: weight.to_f32() })
+    }
+
+    fn state_message(&self, component: u8) -> Option<Message> {
+        Some(Message::State {
+            source: self.params.id,
+            component: Component::new(component)?,
+            tick: TickStamp::full(self.tick),
+            x: self.parts.get(usize::from(component))?.x.to_f32(),
+        })
+    }
+
+    /// A bit for each component.
+    fn all_components(&self) -> u8 {
+        (0..self.parts.len()).fold(0, |bits, component| bits | 1 << component)
     }
 
     fn halt(&mut self, phase: Phase) {
         self.phase = phase;
         self.schedule = Schedule::Wait;
-        self.outgoing = None;
+        self.outgoing = Outgoing { announced: self.outgoing.announced, ..Outgoing::default() };
     }
 
     /// Stops, says so once on the link, and stays silent.
@@ -370,7 +558,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             return;
         }
         self.halt(Phase::Faulted(code));
-        self.outgoing = Some(Message::Fault {
+        self.outgoing.fault = Some(Message::Fault {
             source: self.params.id,
             code,
             severity: Severity::Stopped,
@@ -383,5 +571,19 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn report_event(&mut self, event: Event) {
         // A full queue keeps the oldest events: they tell the cause.
         let _ = self.events.push_back(event);
+    }
+}
+
+/// The midpoint step of [`midpoint_step`] for all components at once.
+fn vector_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u32, parts: &mut [Part<F>]) {
+    let half_ticks = u64::from(k) << 1;
+    let now: State<F> = parts.iter().map(|part| part.x).collect();
+    let to_middle = |(index, part): (usize, &Part<F>)| {
+        part.x + tick * F::HALF * (field.component(half_ticks, &now, index) + part.u)
+    };
+    let middle: State<F> = parts.iter().enumerate().map(to_middle).collect();
+    for (index, part) in parts.iter_mut().enumerate() {
+        let rate = field.component(half_ticks | 1, &middle, index) + part.u;
+        compensated_add(&mut part.x, &mut part.carry, tick * rate);
     }
 }

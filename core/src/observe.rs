@@ -47,6 +47,22 @@ pub enum Event {
         /// The floor, state units.
         width: f32,
     },
+    /// The node has widened its own funnel after a breach (LAW.md 5, `reopen`).
+    FunnelReopened {
+        /// Tick number.
+        tick: u32,
+        /// The new width, state units.
+        width: f32,
+    },
+    /// A neighbour announces another weight for the edge than the node has (0: no edge at all).
+    WeightsDiffer {
+        /// The neighbour.
+        node: NodeId,
+        /// The node's own weight.
+        own: f32,
+        /// The neighbour's.
+        theirs: f32,
+    },
     /// A SYNC skipped ticks.
     SyncGap {
         /// How many.
@@ -71,6 +87,17 @@ macro_rules! say {
             Event::FunnelFloored { tick, width } => {
                 $($write)::+!($f, "keeps its funnel at {} from tick {} on, the resolution of nu", width, tick)
             }
+            Event::FunnelReopened { tick, width } => {
+                $($write)::+!($f, "reopens its funnel to {} at tick {}", width, tick)
+            }
+            Event::WeightsDiffer { node, own, theirs } => $($write)::+!(
+                $f,
+                "gives the edge to node {} the weight {}, which node {} gives {}: the graph is not undirected",
+                node.get(),
+                own,
+                node.get(),
+                theirs
+            ),
             Event::SyncGap { missed } => $($write)::+!($f, "skips {} ticks that SYNC has skipped", missed),
             Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
         }
@@ -90,14 +117,14 @@ impl defmt::Format for Event {
     }
 }
 
-/// What the law did at the last tick.
+/// What the law did at the last tick to one component of the state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observation<F> {
     /// Tick number `k`.
     pub tick: u32,
     /// State at `k`, state units.
     pub x: F,
-    /// Diffusive term at `k`, state units.
+    /// Diffusive term at `k`, state units; with edge-wise coupling that of the edge where it is largest.
     pub nu: F,
     /// Funnel at `k`, after flooring, state units.
     pub psi: F,

@@ -3,14 +3,16 @@
 //! The ranges are wide enough for any bench and narrow enough that no product in the law can overflow an f32
 //! (`tests/law.rs` sweeps their corners).
 
-use crate::field::AffineSines;
+use crate::field::{AffineSines, State};
 use crate::funnel::Funnel;
-use crate::gain::{self, BuiltinGain, LocallyLinear, Logarithmic, Reciprocal};
+use crate::gain::{self, BuiltinGain, Linear, LocallyLinear, Logarithmic, Reciprocal};
 use crate::law::node_wise::{NodeWise, THETA};
+use crate::law::{Coupling, EdgeWise, LambdaTracker};
 use crate::math::Real;
 use crate::neighbour::Neighbours;
 use funnel_protocol::config::{
-    ConfigError, ConfigField, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
+    BreachPolicy, ConfigError, ConfigField, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape,
+    GainConfig, MAX_COMPONENTS, MAX_NEIGHBOURS, NodeConfig, NormalisedShape, TickSource,
 };
 use funnel_protocol::message::NodeId;
 
@@ -41,21 +43,43 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     pub tick: F,
     /// What makes the node tick.
     pub tick_source: TickSource,
-    /// Initial state, state units.
-    pub initial_state: F,
+    /// Initial state, state units, 1 to 8 components.
+    pub initial_state: State<F>,
     /// States beyond this are refused, state units.
     pub state_limit: F,
     /// Own vector field.
     pub field: V,
-    /// Coupling law.
+    /// Which law makes inputs.
+    pub coupling: Coupling<F>,
+    /// Gain and step (*) of the node.
     pub law: NodeWise<F, G>,
     /// Funnel.
     pub funnel: Funnel<F>,
     /// Funnel floor per unit of the largest `|x|`: `FLOOR_ULPS * epsilon * factor`, so that floored funnels
     /// keep their ratios, and with them the emergent dynamics.
     pub floor_per_state: F,
+    /// What to do outside the funnel.
+    pub on_breach: OnBreach<F>,
     /// Neighbour table, nobody heard yet.
     pub neighbours: Neighbours<F>,
+}
+
+/// A breach policy, prepared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OnBreach<F> {
+    /// See [`BreachPolicy::Ride`].
+    Ride,
+    /// See [`BreachPolicy::Reopen`].
+    Reopen {
+        /// Width over `|nu|` right after.
+        margin: F,
+        /// `exp(-rate T)`.
+        decay: F,
+        /// `exp(-rate theta T)`.
+        partial_decay: F,
+    },
+    /// See [`BreachPolicy::Stop`].
+    Stop,
 }
 
 impl<F: Real> Params<F> {
@@ -64,8 +88,10 @@ impl<F: Real> Params<F> {
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
     pub fn new(config: &NodeConfig) -> Result<Self, ConfigError> {
+        check_components(config)?;
         let field = check_field(&config.field)?;
         let gain = check_gain(&config.gain)?;
+        check_gain_of_coupling(&config.gain, &config.coupling)?;
         Self::with_field_and_gain(config, |tick| AffineSines::new(field, tick), gain)
     }
 }
@@ -85,7 +111,10 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
         check(ConfigField::Tick, 0, f64::from(tick_ns), f64::from(SHORTEST_TICK_NS), f64::from(u32::MAX))?;
         let limit = f64::from(config.state_limit);
         check(ConfigField::StateLimit, 0, limit, SMALLEST, LARGEST)?;
-        check(ConfigField::InitialState, 0, f64::from(config.initial_state), -limit, limit)?;
+        check_components(config)?;
+        for (index, &x) in config.initial_state.iter().enumerate() {
+            check(ConfigField::InitialState, index, f64::from(x), -limit, limit)?;
+        }
         check_funnel(&config.funnel)?;
         let tick = f64::from(tick_ns) * 1e-9;
         let (neighbours, degree) = check_neighbours(config, id)?;
@@ -94,12 +123,14 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             tick_ns: u64::from(tick_ns),
             tick: F::from_f64(tick),
             tick_source: config.tick_source,
-            initial_state: F::from_f32(config.initial_state),
+            initial_state: config.initial_state.iter().map(|&x| F::from_f32(x)).collect(),
             state_limit: F::from_f64(limit),
             field: field(tick),
+            coupling: check_coupling(&config.coupling, tick)?,
             law: NodeWise::new(gain, tick, degree),
             funnel: Funnel::new(&config.funnel, tick, THETA),
             floor_per_state: F::from_f64(FLOOR_ULPS * f64::from(config.funnel.factor)) * F::EPSILON,
+            on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
             neighbours,
         })
     }
@@ -125,9 +156,30 @@ fn check_id(field: ConfigField, index: usize, id: u8) -> Result<NodeId, ConfigEr
     })
 }
 
+/// The number of components, and what has to fit it.
+fn check_components(config: &NodeConfig) -> Result<(), ConfigError> {
+    let n = config.initial_state.len();
+    let whole =
+        |field, found: usize, low: usize, high: usize| check(field, 0, found as f64, low as f64, high as f64);
+    whole(ConfigField::Components, n, 1, MAX_COMPONENTS)?;
+    whole(ConfigField::Entries, config.neighbours.len() * n, 0, MAX_NEIGHBOURS)?;
+    whole(ConfigField::Offsets, config.field.offset.len(), n, n)?;
+    if config.field.slope.len() != 1 {
+        whole(ConfigField::Matrix, config.field.slope.len(), n * n, n * n)?;
+    }
+    for (index, sine) in config.field.sines.iter().enumerate() {
+        check(ConfigField::SineComponent, index, f64::from(sine.component), 0.0, (n - 1) as f64)?;
+    }
+    Ok(())
+}
+
 fn check_field(field: &FieldConfig) -> Result<&FieldConfig, ConfigError> {
-    check(ConfigField::Slope, 0, f64::from(field.slope), -LARGEST_RATE, LARGEST_RATE)?;
-    check(ConfigField::Offset, 0, f64::from(field.offset), -LARGEST, LARGEST)?;
+    for (index, &slope) in field.slope.iter().enumerate() {
+        check(ConfigField::Slope, index, f64::from(slope), -LARGEST_RATE, LARGEST_RATE)?;
+    }
+    for (index, &offset) in field.offset.iter().enumerate() {
+        check(ConfigField::Offset, index, f64::from(offset), -LARGEST, LARGEST)?;
+    }
     for (index, sine) in field.sines.iter().enumerate() {
         check(ConfigField::SineAmplitude, index, f64::from(sine.amplitude), -LARGEST, LARGEST)?;
         check(ConfigField::SineFrequency, index, sine.frequency, -LARGEST_RATE, LARGEST_RATE)?;
@@ -154,6 +206,54 @@ fn check_gain<F: Real>(gain: &GainConfig) -> Result<BuiltinGain<F>, ConfigError>
             check(ConfigField::GainEps, 0, f64::from(eps), SMALLEST, 0.9999)?;
             BuiltinGain::Reciprocal(gain::median(eta, F::from_f32(eps)))
         }
+        GainConfig::Linear { slope } => {
+            BuiltinGain::Linear(Linear { slope: positive(ConfigField::GainSlope, slope)? })
+        }
+    })
+}
+
+/// A tracker starts from a linear gain, and funnels that are not node-wise need a gain that grows without bound.
+fn check_gain_of_coupling(gain: &GainConfig, coupling: &CouplingConfig) -> Result<(), ConfigError> {
+    let linear = matches!(gain, GainConfig::Linear { .. });
+    let fits = match coupling {
+        CouplingConfig::NodeWise | CouplingConfig::None => true,
+        CouplingConfig::MaxGain | CouplingConfig::EdgeWise => !linear,
+        CouplingConfig::LambdaTracker { .. } => linear,
+    };
+    if fits { Ok(()) } else { Err(ConfigError::GainOfCoupling) }
+}
+
+fn check_coupling<F: Real>(coupling: &CouplingConfig, tick: f64) -> Result<Coupling<F>, ConfigError> {
+    Ok(match *coupling {
+        CouplingConfig::NodeWise => Coupling::NodeWise,
+        CouplingConfig::MaxGain => Coupling::MaxGain,
+        CouplingConfig::EdgeWise => Coupling::EdgeWise(EdgeWise::new(tick, THETA)),
+        CouplingConfig::LambdaTracker { eta } => {
+            check(ConfigField::Eta, 0, f64::from(eta), 0.0, LARGEST)?;
+            Coupling::LambdaTracker(LambdaTracker::new(F::from_f32(eta), tick))
+        }
+        CouplingConfig::None => Coupling::None,
+    })
+}
+
+fn check_policy<F: Real>(
+    policy: &BreachPolicy,
+    coupling: &CouplingConfig,
+    tick: f64,
+) -> Result<OnBreach<F>, ConfigError> {
+    Ok(match *policy {
+        BreachPolicy::Ride => OnBreach::Ride,
+        // The other end of an edge would not know of it.
+        BreachPolicy::Reopen { .. } if *coupling == CouplingConfig::EdgeWise => {
+            return Err(ConfigError::PolicyOfCoupling);
+        }
+        BreachPolicy::Reopen { margin, rate } => {
+            check(ConfigField::BreachMargin, 0, f64::from(margin), 1.001, LARGEST)?;
+            check(ConfigField::BreachRate, 0, f64::from(rate), 0.0, LARGEST_RATE)?;
+            let decay = |share: f64| F::from_f64(Real::exp(-f64::from(rate) * share * tick));
+            OnBreach::Reopen { margin: F::from_f32(margin), decay: decay(1.0), partial_decay: decay(THETA) }
+        }
+        BreachPolicy::Stop => OnBreach::Stop,
     })
 }
 
@@ -176,12 +276,29 @@ fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
             check(ConfigField::FunnelAt, 0, at_ns as f64, 1.0, 1e18)?;
             check(ConfigField::FunnelPower, 0, f64::from(power), 0.09, 10.1)
         }
+        FunnelShape::Schedule { start, at_ns, eps, then } => {
+            check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
+            check(ConfigField::FunnelAt, 0, at_ns as f64, 1.0, 1e18)?;
+            check(ConfigField::FunnelEps, 0, f64::from(eps), SMALLEST, 1.0)?;
+            match then {
+                NormalisedShape::Constant { width } => {
+                    check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST)
+                }
+                NormalisedShape::Exponential { start, end, rate } => {
+                    check(ConfigField::FunnelStart, 1, f64::from(start), SMALLEST, LARGEST)?;
+                    check(ConfigField::FunnelEnd, 1, f64::from(end), 0.0, LARGEST)?;
+                    check(ConfigField::FunnelRate, 1, f64::from(rate), 0.0, LARGEST_RATE)
+                }
+            }
+        }
     }
 }
 
 /// The neighbour table and the weighted degree `d`.
 fn check_neighbours<F: Real>(config: &NodeConfig, own: NodeId) -> Result<(Neighbours<F>, f64), ConfigError> {
-    let mut neighbours = Neighbours::new(u32::from(config.extrapolate_ticks));
+    let components = config.initial_state.len() as u8;
+    let mut neighbours = Neighbours::new(components, u32::from(config.extrapolate_ticks));
+    let own_edges = config.neighbours.len();
     let mut degree = 0.0;
     for (index, edge) in config.neighbours.iter().enumerate() {
         let id = check_id(ConfigField::NeighbourId, index, edge.id)?;
@@ -190,7 +307,11 @@ fn check_neighbours<F: Real>(config: &NodeConfig, own: NodeId) -> Result<(Neighb
         }
         let weight = f64::from(edge.weight);
         check(ConfigField::Weight, index, weight, SMALLEST, LARGEST_WEIGHT)?;
-        if !neighbours.add(id, F::from_f32(edge.weight)) {
+        if config.coupling == CouplingConfig::EdgeWise {
+            check(ConfigField::NeighbourEdges, index, f64::from(edge.edges), 1.0, MAX_NEIGHBOURS as f64)?;
+        }
+        let stiffness = weight * (own_edges + usize::from(edge.edges)) as f64;
+        if !neighbours.add(id, F::from_f32(edge.weight), F::from_f64(stiffness)) {
             return Err(ConfigError::DuplicateNeighbour { id: edge.id });
         }
         degree += weight;

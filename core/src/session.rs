@@ -31,8 +31,8 @@ pub struct Session {
     /// Counters of a blank node.
     counters: Counters,
     telemetry_every: u32,
-    /// Tick after the last one that telemetry was considered for.
-    reported: u32,
+    /// Tick after the last one that telemetry was considered for, and how many components of it have been told.
+    reported: (u32, u8),
     reply: Option<Reply>,
 }
 
@@ -40,7 +40,7 @@ impl Session {
     /// A blank node.
     pub fn new(identity: Identity) -> Self {
         let counters = Counters::default();
-        Self { identity, node: None, counters, telemetry_every: 0, reported: 0, reply: None }
+        Self { identity, node: None, counters, telemetry_every: 0, reported: (0, 0), reply: None }
     }
 
     /// The node, once it is configured.
@@ -113,7 +113,7 @@ impl Session {
         }
         self.node = Some(Node::new(Params::new(config)?));
         self.telemetry_every = config.telemetry_every;
-        self.reported = 0;
+        self.reported = (0, 0);
         Ok(())
     }
 
@@ -124,20 +124,19 @@ impl Session {
         }
     }
 
-    /// Telemetry of the last tick, once per tick and where the configuration asks for it.
+    /// Telemetry of the last tick, once per tick and component, where the configuration asks for it.
     fn telemetry(&mut self) -> Option<Telemetry> {
         let node = self.node.as_ref()?;
-        if self.telemetry_every == 0 || node.tick() == self.reported {
+        let (tick, told) = self.reported;
+        let component = if tick == node.tick() { told } else { 0 };
+        let seen = node.observations().get(usize::from(component))?;
+        // Before tick 0 nothing has been seen.
+        let wanted = self.telemetry_every != 0 && node.tick() != 0;
+        if !wanted || !seen.tick.is_multiple_of(self.telemetry_every) {
             return None;
         }
-        self.reported = node.tick();
-        let seen = node.observation();
-        seen.tick.is_multiple_of(self.telemetry_every).then_some(Telemetry {
-            tick: seen.tick,
-            nu: seen.nu,
-            psi: seen.psi,
-            u: seen.u,
-        })
+        self.reported = (node.tick(), component + 1);
+        Some(Telemetry { tick: seen.tick, component, nu: seen.nu, psi: seen.psi, u: seen.u })
     }
 
     fn refuse(&mut self, reason: Refusal) {

@@ -13,15 +13,19 @@ const SAMPLE: f64 = 0.004;
 
 fn field(i: usize, tick: f64) -> AffineSines<f64> {
     let part = |seed: f64| funnel_core::math::sin(seed * (i as f64 + 1.0));
-    let sine =
-        |amplitude: f64, frequency, phase| SineConfig { amplitude: amplitude as f32, frequency, phase };
+    let sine = |amplitude: f64, frequency, phase| SineConfig {
+        component: 0,
+        amplitude: amplitude as f32,
+        frequency,
+        phase,
+    };
     let sines = [
         sine(10.0, 1.0, 0.0),
         sine(10.0 * part(1.3), 0.1, part(2.1)),
         sine(10.0 * part(0.7), 10.0, part(3.7)),
     ];
     let slope = (-1.0 + 0.3 * part(5.0)) as f32;
-    AffineSines::new(&FieldConfig { slope, offset: 0.0, sines: sines.into_iter().collect() }, tick)
+    AffineSines::new(&FieldConfig::scalar(slope, 0.0, sines), tick)
 }
 
 /// States every `SAMPLE` seconds on a ring, psi = 2 + 38 exp(-t).

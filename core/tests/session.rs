@@ -3,7 +3,8 @@
 
 use funnel_core::{Output, Session};
 use funnel_protocol::config::{
-    ConfigError, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
+    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
+    GainConfig, NodeConfig, TickSource, scalar,
 };
 use funnel_protocol::message::{Command, Message, Target, TickStamp};
 use funnel_protocol::serial::Frame;
@@ -17,12 +18,14 @@ fn config() -> NodeConfig {
         id: 3,
         tick_ns: 1_000_000,
         tick_source: TickSource::Sync,
-        initial_state: 1.0,
+        initial_state: scalar(1.0),
         state_limit: 1e6,
-        field: FieldConfig { slope: -1.0, offset: 0.0, sines: heapless::Vec::new() },
+        field: FieldConfig::scalar(-1.0, 0.0, []),
+        coupling: CouplingConfig::NodeWise,
         gain: GainConfig::Reciprocal { scale: 1.0 },
         funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        neighbours: [EdgeConfig { id: 2, weight: 1.0 }].into_iter().collect(),
+        on_breach: BreachPolicy::Ride,
+        neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
         extrapolate_ticks: 3,
         telemetry_every: 2,
     }
@@ -98,5 +101,6 @@ fn it_runs_by_sync_with_telemetry_and_reports() {
         assert_eq!(telemetry, k % 2 == 0, "every second tick: {outputs:?}");
     }
     let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };
-    assert_eq!((report.counters.ticks, report.counters.sent), (4, 5));
+    // Five states and the weight of the one edge.
+    assert_eq!((report.counters.ticks, report.counters.sent), (4, 6));
 }

@@ -21,6 +21,8 @@ pub mod function {
     pub const STATE: u8 = 3;
     /// STATE, component 7.
     pub const STATE_LAST: u8 = 10;
+    /// EDGE.
+    pub const EDGE: u8 = 12;
 }
 
 /// A classic CAN data frame with an 11-bit id.
@@ -65,6 +67,10 @@ pub fn encode(message: &Message) -> CanFrame {
             let [x0, x1, x2, x3] = x.to_le_bytes();
             let [tick8, ..] = tick.value().to_le_bytes();
             frame(function::STATE + component.get(), source.get(), 5, [x0, x1, x2, x3, tick8])
+        }
+        Message::Edge { source, neighbour, weight } => {
+            let [w0, w1, w2, w3] = weight.to_le_bytes();
+            frame(function::EDGE, source.get(), 5, [neighbour.get(), w0, w1, w2, w3])
         }
     }
 }
@@ -113,6 +119,14 @@ pub fn decode(id: u16, data: &[u8]) -> Result<Message, Refusal> {
                 component: Component::new(function - function::STATE).ok_or(Refusal::Kind)?,
                 tick: TickStamp::low(u32::from(tick), 8),
                 x: finite(f32::from_le_bytes([x0, x1, x2, x3]))?,
+            })
+        }
+        function::EDGE => {
+            let &[neighbour, w0, w1, w2, w3] = exactly(data)?;
+            Ok(Message::Edge {
+                source: source(node)?,
+                neighbour: source(neighbour)?,
+                weight: finite(f32::from_le_bytes([w0, w1, w2, w3]))?,
             })
         }
         _ => Err(Refusal::Kind),

@@ -6,10 +6,17 @@ use core::fmt;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Most neighbours of a node: every other id, so that a node can be the hub of the largest star.
+use crate::message::Component;
+
+/// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector states it is the
+/// most for neighbours times components.
 pub const MAX_NEIGHBOURS: usize = 126;
-/// Most sinusoids in a node's own vector field.
+/// Most sinusoids in a node's own vector field, over all components.
 pub const MAX_SINES: usize = 8;
+/// Most components of a state.
+pub const MAX_COMPONENTS: usize = Component::COUNT as usize;
+/// Most entries of the matrix of a field.
+pub const MAX_MATRIX: usize = MAX_COMPONENTS * MAX_COMPONENTS;
 
 /// What makes a node tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,9 +27,19 @@ pub enum TickSource {
     Sync,
 }
 
+/// One value per component of a state.
+pub type StateConfig = Vec<f32, MAX_COMPONENTS>;
+
+/// The state of a node with one component, state units.
+pub fn scalar(x: f32) -> StateConfig {
+    [x].into_iter().collect()
+}
+
 /// One sinusoid of a vector field: `amplitude * sin(frequency * t + phase)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SineConfig {
+    /// The component that it drives, from 0.
+    pub component: u8,
     /// State units / s.
     pub amplitude: f32,
     /// rad/s. f64, since its error grows with the length of the run.
@@ -31,15 +48,57 @@ pub struct SineConfig {
     pub phase: f64,
 }
 
-/// The node's own vector field `f(t, x) = slope * x + offset + sum of sines`.
+/// The node's own vector field `f(t, x) = slope * x + offset + sum of sines`, for a state of n components.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FieldConfig {
-    /// 1/s.
-    pub slope: f32,
-    /// State units / s.
-    pub offset: f32,
+    /// 1/s: one number for all components, or n times n, row by row.
+    pub slope: Vec<f32, MAX_MATRIX>,
+    /// State units / s, n numbers.
+    pub offset: StateConfig,
     /// Sinusoids.
     pub sines: Vec<SineConfig, MAX_SINES>,
+}
+
+impl FieldConfig {
+    /// The field of a state with one component: 1/s, state units / s.
+    pub fn scalar(slope: f32, offset: f32, sines: impl IntoIterator<Item = SineConfig>) -> Self {
+        let slope = [slope].into_iter().collect();
+        Self { slope, offset: scalar(offset), sines: sines.into_iter().take(MAX_SINES).collect() }
+    }
+}
+
+/// How diffusive terms become inputs (docs/notes/2026-11-23-whole-paper.md).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum CouplingConfig {
+    /// The paper's law, component by component.
+    NodeWise,
+    /// The paper's maximum gain, for vector states.
+    MaxGain,
+    /// One funnel per edge.
+    EdgeWise,
+    /// `u = k nu` with a `k` that grows while `|nu| > eta`, from the slope of the (linear) gain on.
+    LambdaTracker {
+        /// State units.
+        eta: f32,
+    },
+    /// No input at all.
+    None,
+}
+
+/// What a node does when its diffusive term leaves the funnel (LAW.md 5).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum BreachPolicy {
+    /// Goes on with the same law.
+    Ride,
+    /// Widens its own funnel until the ratio is `1 / margin`, and lets that decay.
+    Reopen {
+        /// Above 1.
+        margin: f32,
+        /// How fast the added width decays, 1/s.
+        rate: f32,
+    },
+    /// Stops with a safe output and a fault.
+    Stop,
 }
 
 /// Gain `mu(s)`, state units / s, for `s` in (-1, 1).
@@ -66,6 +125,30 @@ pub enum GainConfig {
         eta: f32,
         /// 1.
         eps: f32,
+    },
+    /// `u = slope * nu` whatever the funnel is: the high-gain coupling that funnels are compared with.
+    Linear {
+        /// 1/s.
+        slope: f32,
+    },
+}
+
+/// What a schedule goes on with: a normalised funnel `psibar`, state units.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum NormalisedShape {
+    /// The same width for ever.
+    Constant {
+        /// Width.
+        width: f32,
+    },
+    /// `(start - end) * exp(-rate * t) + end`, with the same `t = 0` as everything else.
+    Exponential {
+        /// Width at `t = 0`.
+        start: f32,
+        /// Width in the limit.
+        end: f32,
+        /// 1/s.
+        rate: f32,
     },
 }
 
@@ -100,6 +183,17 @@ pub enum FunnelShape {
         /// 1.
         power: f32,
     },
+    /// `eps * psibar(t)` from `at` on; before, the exponential that joins `start` to it (paper, theorem on emergent behaviour).
+    Schedule {
+        /// Width at `t = 0`.
+        start: f32,
+        /// The paper's `t_1`, ns.
+        at_ns: u64,
+        /// 1.
+        eps: f32,
+        /// `psibar`.
+        then: NormalisedShape,
+    },
 }
 
 /// A performance funnel `factor * shape`.
@@ -118,6 +212,8 @@ pub struct EdgeConfig {
     pub id: u8,
     /// `alpha_ij`.
     pub weight: f32,
+    /// How many edges the neighbour has; only edge-wise coupling uses it.
+    pub edges: u8,
 }
 
 /// Everything that a node is told before it starts.
@@ -129,16 +225,20 @@ pub struct NodeConfig {
     pub tick_ns: u32,
     /// What makes the node tick.
     pub tick_source: TickSource,
-    /// Initial state, state units.
-    pub initial_state: f32,
+    /// Initial state, state units; its length is the number of components.
+    pub initial_state: StateConfig,
     /// States beyond this are refused, state units.
     pub state_limit: f32,
     /// Own vector field.
     pub field: FieldConfig,
+    /// Coupling.
+    pub coupling: CouplingConfig,
     /// Gain.
     pub gain: GainConfig,
     /// Funnel.
     pub funnel: FunnelConfig,
+    /// What to do outside the funnel.
+    pub on_breach: BreachPolicy,
     /// Edges.
     pub neighbours: Vec<EdgeConfig, MAX_NEIGHBOURS>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
@@ -188,6 +288,17 @@ fields! {
     FunnelScale = "funnel.scale",
     FunnelAt = "funnel.at (ns)",
     FunnelPower = "funnel.power",
+    Components = "state (number of components)",
+    Matrix = "dynamics.slope (number of entries)",
+    Offsets = "dynamics.offset (number of components)",
+    SineComponent = "dynamics.sines (component)",
+    Entries = "neighbours times components",
+    GainSlope = "gain.slope",
+    FunnelEps = "funnel.eps",
+    Eta = "coupling.eta",
+    BreachMargin = "coupling.on_breach.margin",
+    BreachRate = "coupling.on_breach.rate",
+    NeighbourEdges = "edges of a neighbour",
 }
 
 /// Why a node refuses a configuration.
@@ -220,6 +331,10 @@ pub enum ConfigError {
     Running,
     /// The bytes are not a configuration of this wire version.
     Malformed,
+    /// This coupling needs a linear gain, and this gain no funnel coupling.
+    GainOfCoupling,
+    /// The two ends of an edge share its funnel: with edge-wise coupling none can reopen it alone.
+    PolicyOfCoupling,
 }
 
 impl fmt::Display for ConfigError {
@@ -237,6 +352,15 @@ impl fmt::Display for ConfigError {
             Self::Running => write!(f, "the node is running: stop it before configuring"),
             Self::Malformed => {
                 write!(f, "the bytes are not a configuration of wire version {}", crate::WIRE_VERSION)
+            }
+            Self::GainOfCoupling => {
+                write!(
+                    f,
+                    "a lambda-tracker needs a linear gain; edge-wise and max-gain coupling need a funnel's gain"
+                )
+            }
+            Self::PolicyOfCoupling => {
+                write!(f, "with edge-wise coupling a node cannot reopen a funnel alone: ride on, or stop")
             }
         }
     }

@@ -142,6 +142,8 @@ impl FaultCode {
     pub const STATE_LIMIT: Self = Self(2);
     /// The firmware panicked.
     pub const PANIC: Self = Self(3);
+    /// The diffusive term has left the funnel, and the node is configured to stop then.
+    pub const FUNNEL_LEFT: Self = Self(4);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -151,6 +153,7 @@ macro_rules! say {
             FaultCode::DUPLICATE_ID => $($write)::+!($f, "another node has its id"),
             FaultCode::STATE_LIMIT => $($write)::+!($f, "its state is beyond its limit"),
             FaultCode::PANIC => $($write)::+!($f, "its firmware panicked"),
+            FaultCode::FUNNEL_LEFT => $($write)::+!($f, "its diffusive term has left the funnel"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };
@@ -216,5 +219,14 @@ pub enum Message {
         tick: TickStamp,
         /// The value, state units. A decoder refuses NaN and infinities.
         x: f32,
+    },
+    /// A node tells one of its edge weights, which must be the same at both ends (paper, Assumption 1).
+    Edge {
+        /// Who.
+        source: NodeId,
+        /// The other end.
+        neighbour: NodeId,
+        /// `alpha_ij` as `source` has it. A decoder refuses NaN and infinities.
+        weight: f32,
     },
 }

@@ -24,6 +24,10 @@ pub struct Counters {
     pub sync_gaps: u32,
     /// Timer ticks that came a whole period late or more.
     pub overruns: u32,
+    /// Times that the node widened its own funnel after a breach.
+    pub reopened: u32,
+    /// Announced weights of an edge that are not the node's own: Assumption 1 does not hold.
+    pub weights_differ: u32,
     /// Refused frames, by [`Refusal`].
     pub refused: [u32; Refusal::COUNT],
 }
@@ -47,12 +51,14 @@ pub fn count(counter: &mut u32) {
     *counter = counter.saturating_add(1);
 }
 
-/// What the law did at one tick, sent when the configuration asks for it.
+/// What the law did at one tick to one component, sent when the configuration asks for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
     /// Tick number `k`.
     pub tick: u32,
-    /// Diffusive term `nu` at `k`, state units.
+    /// Component of the state, from 0.
+    pub component: u8,
+    /// Diffusive term `nu` at `k`, state units; with edge-wise coupling the largest term of an edge.
     pub nu: f32,
     /// Funnel `psi(k T)`, state units.
     pub psi: f32,

@@ -14,8 +14,8 @@ use heapless::Vec;
 pub const REAL_TIME: u8 = 0x10;
 /// Source of frames that come from the host.
 pub const HOST: u8 = 0;
-/// Longest body, bytes: a [`crate::NodeConfig`] with every neighbour and every sine.
-pub const MAX_BODY: usize = 860;
+/// Longest body, bytes: a [`crate::NodeConfig`] with everything in it.
+pub const MAX_BODY: usize = 1344;
 /// Longest frame before COBS: kind, source, body, CRC.
 pub const MAX_RAW: usize = 2 + MAX_BODY + 2;
 /// Longest frame on the wire, final zero included.
@@ -65,6 +65,10 @@ pub fn encode(message: &Message) -> Vec<u8, MAX_REAL_TIME_FRAME> {
         Message::State { tick, x, .. } => {
             push(&mut raw, &low16(tick));
             push(&mut raw, &x.to_le_bytes());
+        }
+        Message::Edge { neighbour, weight, .. } => {
+            push(&mut raw, &[neighbour.get()]);
+            push(&mut raw, &weight.to_le_bytes());
         }
     }
     let crc = CRC.checksum(&raw);
@@ -149,6 +153,14 @@ fn decode_real_time(function: u8, from: u8, body: &[u8]) -> Result<Message, Refu
                 x: finite(f32::from_le_bytes([x0, x1, x2, x3]))?,
             })
         }
+        function::EDGE => {
+            let &[neighbour, w0, w1, w2, w3] = exactly(body)?;
+            Ok(Message::Edge {
+                source: source(from)?,
+                neighbour: source(neighbour)?,
+                weight: finite(f32::from_le_bytes([w0, w1, w2, w3]))?,
+            })
+        }
         _ => Err(Refusal::Kind),
     }
 }
@@ -159,6 +171,7 @@ fn head(message: &Message) -> (u8, u8) {
         Message::Sync { source, .. } => (function::SYNC, source.map_or(HOST, NodeId::get)),
         Message::Fault { source, .. } => (function::FAULT, source.get()),
         Message::State { source, component, .. } => (function::STATE + component.get(), source.get()),
+        Message::Edge { source, .. } => (function::EDGE, source.get()),
     };
     (REAL_TIME | function, source)
 }

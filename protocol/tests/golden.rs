@@ -38,6 +38,7 @@ fn message(what: &str) -> Message {
         ["stop", "id9", "at513"] => {
             Message::Ctrl { target: Target::Node(id(9)), command: Command::Stop, arg: 0, at_tick: 513 }
         }
+        ["edge", "id5", "id6", "weight1.5"] => Message::Edge { source: id(5), neighbour: id(6), weight: 1.5 },
         ["fault", ..] => Message::Fault {
             source: id(5),
             code: FaultCode::DUPLICATE_ID,
@@ -62,7 +63,7 @@ fn truncated(message: Message, bits: u8) -> Message {
         Message::Sync { source, previous_tick, phase_us } => {
             Message::Sync { source, previous_tick: TickStamp::low(previous_tick.value(), 24), phase_us }
         }
-        Message::Ctrl { .. } => message,
+        Message::Ctrl { .. } | Message::Edge { .. } => message,
     }
 }
 
@@ -84,7 +85,7 @@ fn every_vector_encodes_and_decodes() {
         }
         seen += 1;
     }
-    assert_eq!(seen, 9);
+    assert_eq!(seen, 11);
 }
 
 fn check_can(what: &str, bytes: &[u16]) {

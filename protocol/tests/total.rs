@@ -2,8 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnel_protocol::config::{
-    EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, MAX_NEIGHBOURS, MAX_SINES, NodeConfig,
-    SineConfig, TickSource,
+    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig,
+    MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, NormalisedShape, SineConfig,
+    TickSource,
 };
 use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnel_protocol::report::{Counters, Report};
@@ -13,20 +14,27 @@ use funnel_protocol::{Refusal, can};
 use proptest::prelude::*;
 
 fn largest_config() -> NodeConfig {
-    let sine = SineConfig { amplitude: 1.0, frequency: 2.0, phase: 3.0 };
+    let sine = SineConfig { component: 7, amplitude: 1.0, frequency: 2.0, phase: 3.0 };
+    let then = NormalisedShape::Exponential { start: 1.0, end: 1.0, rate: 1.0 };
     NodeConfig {
         id: 127,
         tick_ns: u32::MAX,
         tick_source: TickSource::Sync,
-        initial_state: 1.0,
+        initial_state: [1.0; MAX_COMPONENTS].into_iter().collect(),
         state_limit: 1.0,
-        field: FieldConfig { slope: 1.0, offset: 1.0, sines: (0..MAX_SINES).map(|_| sine).collect() },
-        gain: GainConfig::Reciprocal { scale: 1.0 },
+        field: FieldConfig {
+            slope: [1.0; MAX_MATRIX].into_iter().collect(),
+            offset: [1.0; MAX_COMPONENTS].into_iter().collect(),
+            sines: (0..MAX_SINES).map(|_| sine).collect(),
+        },
+        coupling: CouplingConfig::LambdaTracker { eta: 1.0 },
+        gain: GainConfig::Median { eta: 1.0, eps: 1.0 },
         funnel: FunnelConfig {
             factor: 1.0,
-            shape: FunnelShape::Exponential { start: 1.0, end: 1.0, rate: 1.0 },
+            shape: FunnelShape::Schedule { start: 1.0, at_ns: u64::MAX, eps: 1.0, then },
         },
-        neighbours: (0..MAX_NEIGHBOURS).map(|_| EdgeConfig { id: 127, weight: 1.0 }).collect(),
+        on_breach: BreachPolicy::Reopen { margin: 1.0, rate: 1.0 },
+        neighbours: (0..MAX_NEIGHBOURS).map(|_| EdgeConfig { id: 127, weight: 1.0, edges: 126 }).collect(),
         extrapolate_ticks: 255,
         telemetry_every: u32::MAX,
     }
@@ -80,6 +88,8 @@ fn largest_reply_fits_and_little_is_wasted() {
         neighbours_lost: most,
         sync_gaps: most,
         overruns: most,
+        reopened: most,
+        weights_differ: most,
         refused: [most; Refusal::COUNT],
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });
@@ -144,7 +154,7 @@ proptest! {
 
     #[test]
     fn any_serial_frame_gives_a_message_or_a_reason(
-        function in 0u8..=3, from: u8, body in proptest::collection::vec(0u8..4, 4..=6)
+        function in prop_oneof![0u8..=3, Just(12)], from: u8, body in proptest::collection::vec(0u8..4, 4..=6)
     ) {
         let raw = [&[serial::REAL_TIME | function, from], body.as_slice()].concat();
         let crc = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740).checksum(&raw);

@@ -5,7 +5,8 @@
 
 use funnel_core::{Node, Params};
 use funnel_protocol::config::{
-    EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, SineConfig, TickSource,
+    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
+    SineConfig, TickSource, scalar,
 };
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::engine::Engine;
@@ -15,20 +16,23 @@ const NODES: usize = 100;
 const STEPS: [usize; 4] = [1, 2, NODES - 2, NODES - 1];
 
 fn config(index: usize) -> NodeConfig {
-    let neighbours = STEPS.map(|step| EdgeConfig { id: ((index + step) % NODES + 1) as u8, weight: 1.0 });
-    let sine = SineConfig { amplitude: 10.0, frequency: 1.0, phase: index as f64 };
+    let neighbours =
+        STEPS.map(|step| EdgeConfig { id: ((index + step) % NODES + 1) as u8, weight: 1.0, edges: 4 });
+    let sine = SineConfig { component: 0, amplitude: 10.0, frequency: 1.0, phase: index as f64 };
     NodeConfig {
         id: index as u8 + 1,
         tick_ns: 1_000_000,
         tick_source: TickSource::Timer,
-        initial_state: index as f32 * 0.01,
+        initial_state: scalar(index as f32 * 0.01),
         state_limit: 1e6,
-        field: FieldConfig { slope: -1.0, offset: 0.0, sines: [sine].into_iter().collect() },
+        field: FieldConfig::scalar(-1.0, 0.0, [sine]),
+        coupling: CouplingConfig::NodeWise,
         gain: GainConfig::Reciprocal { scale: 1.0 },
         funnel: FunnelConfig {
             factor: 1.0,
             shape: FunnelShape::Exponential { start: 40.0, end: 2.0, rate: 1.0 },
         },
+        on_breach: BreachPolicy::Ride,
         neighbours: neighbours.into_iter().collect(),
         extrapolate_ticks: 10,
         telemetry_every: 0,
@@ -48,7 +52,7 @@ fn main() {
         engine.advance();
     }
     let seconds = begin.elapsed().as_secs_f64();
-    let state = engine.nodes().first().map_or(0.0, Node::state);
+    let state = engine.nodes().first().and_then(|node| node.state().next()).unwrap_or(0.0);
     let rate = NODES as f64 * f64::from(ticks) / seconds;
     println!("{NODES} nodes, {ticks} ticks: {rate:.0} node-ticks/s, state of node 1: {state}");
 }

@@ -266,8 +266,8 @@ fn text(summary: &Summary) -> String {
             format!("final spread {}, bound {}", figure(sync.final_spread, 4), figure(sync.bound, 4)),
         );
     }
-    if let Some(emergent) = summary.emergent {
-        let (error, xi) = (figure(emergent.final_error, 4), figure(emergent.xi_final, 6));
+    if let Some(emergent) = &summary.emergent {
+        let (error, xi) = (figure(emergent.final_error, 4), each(&emergent.xi_final.0));
         line("emergent", format!("final distance {error} to xi = {xi}"));
     }
     if let Some(reference) = summary.reference {
@@ -284,6 +284,12 @@ fn text(summary: &Summary) -> String {
         line(if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"));
     }
     lines.join("\n")
+}
+
+/// A number, or the numbers of a vector in brackets.
+fn each(values: &[f64]) -> String {
+    let figures: Vec<_> = values.iter().map(|&value| figure(value, 6)).collect();
+    if let [one] = figures.as_slice() { one.clone() } else { format!("[{}]", figures.join(", ")) }
 }
 
 /// The command as typed, quoted for a POSIX shell, with the seed made explicit.

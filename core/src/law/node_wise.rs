@@ -19,8 +19,6 @@ pub const THETA: f64 = 0.5;
 /// `c` = 2.2: above 2, which covers every weighted undirected graph (LAW.md 3), and 13 % more exact than 2.5 at the same
 /// robustness to loss (docs/notes/2026-11-23-first-light.md).
 pub const C: f64 = 2.2;
-/// Largest `|nu| / psi` from which the very first input is computed directly.
-const FIRST_RATIO: f64 = 0.99;
 
 /// What the law needs to know, fixed for a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,15 +26,15 @@ pub struct NodeWise<F, G> {
     /// Gain.
     pub gain: G,
     /// `theta`.
-    theta: F,
+    pub(super) theta: F,
     /// `b = theta c T d`, s.
-    b: F,
+    pub(super) b: F,
 }
 
 /// What the law remembers: the last input, once there is one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory<F> {
-    last_input: Option<F>,
+    pub(super) last_input: Option<F>,
 }
 
 impl<F: Real> Memory<F> {
@@ -63,17 +61,16 @@ impl<F: Real, G: Gain<F>> NodeWise<F, G> {
     pub fn step(&self, memory: &mut Memory<F>, nu: F, dnu: F, psi: Widths<F>) -> Solution<F> {
         let last = match memory.last_input {
             Some(u) => u,
-            None => self.first_input(nu, psi.now),
+            None => self.gain.input(nu, psi.now),
         };
-        let r = nu + self.theta * dnu + self.b * last;
-        let solution = self.gain.solve(psi.ahead, self.b, r);
+        let solution = self.gain.solve(psi.ahead, self.b, self.right_side(nu, dnu, last));
         memory.last_input = Some(solution.u);
         solution
     }
 
-    /// `u[-1] = mu(nu / psi)`, clamped.
-    fn first_input(&self, nu: F, psi: F) -> F {
-        let limit = F::from_f64(FIRST_RATIO);
-        self.gain.apply((nu / psi).max(-limit).min(limit))
+    /// `r` of (*) for the last input `last` (state units / s).
+    #[inline]
+    pub(super) fn right_side(&self, nu: F, dnu: F, last: F) -> F {
+        nu + self.theta * dnu + self.b * last
     }
 }

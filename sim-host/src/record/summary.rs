@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::atomic::{RecordError, write_atomic};
 
@@ -61,12 +61,25 @@ pub struct SyncSummary {
 }
 
 /// How far from the emergent dynamics.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct EmergentSummary {
     /// `max |x_i - xi|` at the end, in state units.
     pub final_error: f64,
     /// `xi` at the end, in state units.
-    pub xi_final: f64,
+    pub xi_final: PerComponent,
+}
+
+/// One value per component of a state: a number for scalar states, an array for vectors.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PerComponent(pub Vec<f64>);
+
+impl Serialize for PerComponent {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0.as_slice() {
+            [value] => value.serialize(serializer),
+            values => values.serialize(serializer),
+        }
+    }
 }
 
 /// How far from the continuous-time reference, in state units.
@@ -147,7 +160,7 @@ pub(super) mod tests {
             trace_hash: Some("00000000deadbeef".into()),
             funnel: Some(FunnelSummary { max_ratio: 0.955, breaches: 0 }),
             sync: Some(SyncSummary { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
-            emergent: Some(EmergentSummary { final_error: 0.25, xi_final: -3.0 }),
+            emergent: Some(EmergentSummary { final_error: 0.25, xi_final: PerComponent(vec![-3.0]) }),
             bus: Some(BusSummary { refused: [("crc".into(), 3)].into(), sent: 7, ..BusSummary::default() }),
             expect: vec![
                 Expectation::below("funnel_ratio", 1.0, Some(0.955)),

@@ -14,7 +14,7 @@ const SIZE: (u32, u32) = (1000, 520);
 const LEGEND: u32 = 130;
 
 /// The states `x_i` with the emergent trajectory `xi` dashed in black on top, as SVG text. Up to twelve
-/// nodes get a colour each; more are drawn alike.
+/// curves get a colour each; of more, each component of a vector does, and scalar states are drawn alike.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -39,7 +39,7 @@ fn curves<DB: DrawingBackend>(
     trace: &Trace,
     span: std::ops::Range<f64>,
 ) -> Result<(), PlotError> {
-    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).copied();
+    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(trace.xi.iter().flatten()).copied();
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -64,26 +64,54 @@ fn curves<DB: DrawingBackend>(
         .draw()
         .map_err(PlotError::new)?;
     for (k, node) in trace.nodes.iter().enumerate() {
-        let style = if trace.nodes.len() <= NODES { line(colour(k), 2) } else { line(CROWD, 1) };
+        let style = match Colours::of(trace) {
+            Colours::Curve => line(colour(k), 2),
+            Colours::Component => line(colour(node.component), 1),
+            Colours::One => line(CROWD, 1),
+        };
         let points = thin(&trace.t, |k| node.x[k]);
         chart.draw_series(LineSeries::new(points, style)).map_err(PlotError::new)?;
     }
-    let points = thin(&trace.t, |k| trace.xi[k]);
-    chart.draw_series(DashedLineSeries::new(points, px(7), px(4), line(BLACK, 2))).map_err(PlotError::new)?;
+    for xi in &trace.xi {
+        let points = thin(&trace.t, |k| xi[k]);
+        let dashes = DashedLineSeries::new(points, px(7), px(4), line(BLACK, 2));
+        chart.draw_series(dashes).map_err(PlotError::new)?;
+    }
     Ok(())
 }
 
+/// What has a colour of its own.
+enum Colours {
+    /// Every component of every node: few enough.
+    Curve,
+    /// Every component, for all nodes.
+    Component,
+    /// Nothing.
+    One,
+}
+
+impl Colours {
+    fn of(trace: &Trace) -> Self {
+        match (trace.nodes.len() <= NODES, trace.components()) {
+            (true, _) => Self::Curve,
+            (false, 1) => Self::One,
+            (false, _) => Self::Component,
+        }
+    }
+}
+
 fn entries(trace: &Trace) -> Vec<Entry> {
-    let count = trace.nodes.len();
-    let mut entries: Vec<Entry> = if count <= NODES {
-        let entry = |(k, id): (usize, usize)| Entry {
-            label: format!("node {id}"),
-            style: line(colour(k), 2),
-            dashed: false,
-        };
-        trace.nodes.iter().map(|n| n.id).enumerate().map(entry).collect()
-    } else {
-        vec![Entry { label: format!("{count} nodes"), style: line(CROWD, 1), dashed: false }]
+    let components = trace.components();
+    let count = trace.nodes.len() / components;
+    let entry = |label: String, style| Entry { label, style, dashed: false };
+    let mut entries: Vec<Entry> = match Colours::of(trace) {
+        Colours::Curve => {
+            trace.nodes.iter().enumerate().map(|(k, n)| entry(n.label.clone(), line(colour(k), 2))).collect()
+        }
+        Colours::Component => {
+            (0..components).map(|c| entry(format!("x{c}, {count} nodes"), line(colour(c), 1))).collect()
+        }
+        Colours::One => vec![entry(format!("{count} nodes"), line(CROWD, 1))],
     };
     if trace.has_xi() {
         entries.push(Entry { label: "emergent \u{3BE}".into(), style: line(BLACK, 2), dashed: true });

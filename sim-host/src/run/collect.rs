@@ -37,7 +37,7 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Takes what the nodes saw at tick `k`, by index.
+    /// Takes what the nodes saw at tick `k`, by index and then by component.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>]) {
         for observation in seen {
             self.hash.push(observation.x);
@@ -48,11 +48,11 @@ impl<'a> Collector<'a> {
         let last = k == self.scenario.time.ticks;
         if last || k.is_multiple_of(self.stride) {
             let t = k as f64 * self.scenario.time.tick_s();
-            let xi = self.xi.as_mut().map(|xi| xi.advance(t));
+            let xi = self.xi.as_mut().map_or_else(Vec::new, |xi| xi.advance(t).to_vec());
             if last {
                 self.outcome.last = seen.iter().map(|o| f64::from(o.x)).collect();
                 self.outcome.widest = seen.iter().map(|o| f64::from(o.psi)).fold(0.0, f64::max);
-                self.outcome.xi_final = xi;
+                self.outcome.xi_final.clone_from(&xi);
             }
             if k.is_multiple_of(self.stride) {
                 self.outcome.rows.push(row(t, seen, xi));
@@ -82,7 +82,7 @@ impl<'a> Collector<'a> {
     }
 }
 
-fn row(t: f64, seen: &[Observation<f32>], xi: Option<f64>) -> Row {
+fn row(t: f64, seen: &[Observation<f32>], xi: Vec<f64>) -> Row {
     let column = |value: fn(&Observation<f32>) -> f32| seen.iter().map(|o| f64::from(value(o))).collect();
     Row { t, x: column(|o| o.x), nu: column(|o| o.nu), psi: column(|o| o.psi), u: column(|o| o.u), xi }
 }

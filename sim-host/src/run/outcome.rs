@@ -3,8 +3,8 @@
 use super::options::Fidelity;
 use crate::engine::NodeEvent;
 use crate::record::{
-    BusSummary, EmergentSummary, Expectation, FunnelSummary, ReferenceSummary, Row, Summary, SyncSummary,
-    TraceHash,
+    BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent, ReferenceSummary, Row, Summary,
+    SyncSummary, TraceHash,
 };
 use crate::scenario::Scenario;
 use funnel_protocol::report::Counters;
@@ -14,12 +14,12 @@ use funnel_protocol::report::Counters;
 pub struct Outcome {
     /// Trajectory.
     pub rows: Vec<Row>,
-    /// States at the end, by index.
+    /// States at the end, by index and then by component.
     pub last: Vec<f64>,
     /// Widest funnel at the end, as the nodes had it: floored at the resolution of `nu`, where it is.
     pub widest: f64,
-    /// `xi` at the end.
-    pub xi_final: Option<f64>,
+    /// `xi` at the end, by component; empty where it is not known.
+    pub xi_final: Vec<f64>,
     /// Largest `|nu| / psi` over all nodes and ticks.
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
@@ -41,10 +41,11 @@ pub struct Outcome {
 impl Outcome {
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
-        let final_spread = spread(&self.last);
-        let emergent = self
-            .xi_final
-            .map(|xi_final| EmergentSummary { final_error: distance(&self.last, xi_final), xi_final });
+        let final_spread = spread(&self.last, scenario.components());
+        let emergent = (!self.xi_final.is_empty()).then(|| EmergentSummary {
+            final_error: distance(&self.last, &self.xi_final),
+            xi_final: PerComponent(self.xi_final.clone()),
+        });
         Summary {
             scenario: scenario.title.clone(),
             seed: scenario.seed,
@@ -59,10 +60,10 @@ impl Outcome {
                 bound: scenario.sync_bound(self.widest),
                 lambda2: scenario.graph.lambda2(),
             }),
-            emergent,
+            emergent: emergent.clone(),
             reference: self.reference,
             bus: self.bus.clone(),
-            expect: self.expectations(scenario, final_spread, emergent),
+            expect: self.expectations(scenario, final_spread, emergent.as_ref()),
             wall_s: 0.0,
         }
     }
@@ -71,7 +72,7 @@ impl Outcome {
         &self,
         scenario: &Scenario,
         final_spread: f64,
-        emergent: Option<EmergentSummary>,
+        emergent: Option<&EmergentSummary>,
     ) -> Vec<Expectation> {
         let expect = &scenario.expect;
         let judged = [
@@ -80,19 +81,30 @@ impl Outcome {
             ("emergent_error", expect.emergent_error, emergent.map(|emergent| emergent.final_error)),
             ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
         ];
+        let final_value = expect.final_value.map(|expected| {
+            Expectation::below(
+                "final_value",
+                expected.within,
+                Some(distance(&self.last, &vec![expected.is; scenario.components()])),
+            )
+        });
         let judge = |(name, limit, value): (&str, Option<f64>, _)| {
             limit.map(|limit| Expectation::below(name, limit, value))
         };
-        judged.into_iter().filter_map(judge).collect()
+        judged.into_iter().filter_map(judge).chain(final_value).collect()
     }
 }
 
-fn spread(states: &[f64]) -> f64 {
-    let largest = states.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let smallest = states.iter().copied().fold(f64::INFINITY, f64::min);
-    largest - smallest
+/// `max x - min x`, of the component in which the states are farthest apart.
+fn spread(states: &[f64], components: usize) -> f64 {
+    let apart = |component| {
+        let states = || states.iter().copied().skip(component).step_by(components.max(1));
+        states().fold(f64::NEG_INFINITY, f64::max) - states().fold(f64::INFINITY, f64::min)
+    };
+    (0..components).map(apart).fold(0.0, f64::max)
 }
 
-fn distance(states: &[f64], xi: f64) -> f64 {
-    states.iter().map(|x| (x - xi).abs()).fold(0.0, f64::max)
+/// The largest distance of a state, by index and then by component, to a point.
+fn distance(states: &[f64], point: &[f64]) -> f64 {
+    states.iter().zip(point.iter().cycle()).map(|(x, xi)| (x - xi).abs()).fold(0.0, f64::max)
 }

@@ -23,8 +23,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     // The reference is its own reference.
     outcome.reference = Some(ReferenceSummary::default());
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
-        row.xi = xi.as_mut().map(|xi| xi.advance(row.t));
-        (outcome.last, outcome.xi_final) = (row.x.clone(), row.xi);
+        row.xi = xi.as_mut().map_or_else(Vec::new, |xi| xi.advance(row.t).to_vec());
+        (outcome.last, outcome.xi_final) = (row.x.clone(), row.xi.clone());
         outcome.widest = row.psi.iter().copied().fold(0.0, f64::max);
         if k.is_multiple_of(stride) {
             outcome.rows.push(row);
@@ -75,7 +75,7 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
         nu: table(&solution.nu, k),
         psi: table(&solution.psi, k),
         u: table(&solution.u, k),
-        xi: None,
+        xi: Vec::new(),
     };
     solution.times.iter().enumerate().map(row)
 }

@@ -66,7 +66,7 @@ pub(super) struct Coupling<'a> {
 pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
     let mut kind = section.choice("kind", &COUPLINGS, None)?;
     if let CouplingKind::LambdaTracker { eta } = &mut kind {
-        *eta = section.number("eta", None, Range::positive(STATE));
+        *eta = section.number("eta", None, Range::non_negative(STATE));
     }
     let gain = match kind {
         CouplingKind::None => section.take("gain"),
@@ -79,8 +79,22 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
     section.finish();
     gain.and_then(|item| read_gain(item, kind, log));
     funnel.and_then(|item| read_funnel(item, log));
-    let on_breach = on_breach.map_or(Some(BreachSpec::Ride), |item| read_breach(item, log));
-    Some(Coupling { kind, on_breach: on_breach.unwrap_or(BreachSpec::Ride), gain, funnel })
+    let policy = on_breach.and_then(|item| read_breach(item, log)).unwrap_or(BreachSpec::Ride);
+    if let (CouplingKind::EdgeWise, BreachSpec::Reopen { .. }, Some(item)) = (kind, policy, on_breach) {
+        let allowed = "must be ride or stop with edge-wise coupling, where the other end of an edge would not know of it";
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
+    if let (CouplingKind::WeaklyCentralised, BreachSpec::Stop | BreachSpec::Reopen { .. }, Some(item)) =
+        (kind, policy, on_breach)
+    {
+        log.report(
+            item.diagnostic(
+                Problem::Value,
+                "must be ride with weakly-centralised coupling, which no node runs",
+            ),
+        );
+    }
+    Some(Coupling { kind, on_breach: policy, gain, funnel })
 }
 
 /// Reads `on_breach`: a kind alone, or a table of one.
@@ -176,7 +190,7 @@ pub(super) fn read_funnel(item: &Item, log: &Log) -> Option<FunnelSpec> {
         Funnel::Schedule => FunnelSpec::Schedule {
             start: section.number("start", None, Range::positive(STATE)),
             at_ns: section.duration("at", None),
-            eps: section.number("eps", None, Range::positive("1")),
+            eps: section.number("eps", None, Range::between(1e-9, 1.0, "1")),
             then: read_normalised(&mut section)?,
             factor,
         },

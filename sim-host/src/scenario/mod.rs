@@ -103,6 +103,9 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let time = whole_ticks(&time, network.nodes, &log);
     let graph = network::build(&network, seed, &log);
     fresh(&bus, &time, root, &log);
+    no_bus(coupling.kind, root, &log);
+    let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
+    network::room(&graph, components, &network, &log);
     log.checkpoint()?;
     let path = path.to_owned();
     let Coupling { kind: coupling, on_breach, .. } = coupling;
@@ -178,6 +181,18 @@ fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
             "latency and jitter must not exceed {most} with a tick of {tick}: later frames would pass for new ones"
         );
         log.report(key.diagnostic(Problem::Value, allowed));
+    }
+}
+
+/// Weakly-centralised coupling is simulated without a bus, so that nothing of it can be asked for.
+fn no_bus(coupling: CouplingKind, root: &Item, log: &Log) {
+    let section = root.get("bus").filter(|_| coupling == CouplingKind::WeaklyCentralised);
+    for key in ["loss", "latency", "jitter"] {
+        if let Some(item) = section.and_then(|section| section.get(key)) {
+            let allowed =
+                "must not be there with weakly-centralised coupling, which is simulated without a bus";
+            log.report(item.diagnostic(Problem::Value, allowed));
+        }
     }
 }
 

@@ -298,7 +298,8 @@ fn a_gain_that_does_not_suit_the_coupling_is_refused() {
     assert!(error.contains("14:8: coupling.gain = { kind = \"reciprocal\", scale = 2.0 }: must be { kind = \"linear\", slope }"), "{error}");
     let error = set(&["coupling.kind=lambda-tracker", linear[0], linear[1]]);
     assert!(
-        error.contains("missing key 'eta' in [coupling] of kind 'lambda-tracker': must be > 0 (state units)"),
+        error
+            .contains("missing key 'eta' in [coupling] of kind 'lambda-tracker': must be >= 0 (state units)"),
         "{error}"
     );
     assert!(set(&["coupling.eta=1"]).contains("unknown key 'eta' in [coupling] of kind 'node-wise'"));
@@ -369,7 +370,9 @@ fn a_schedule_joins_two_funnels() {
     assert!(
         error("coupling.funnel.then.factor=2").contains("unknown key 'factor' in [coupling.funnel.then]")
     );
-    assert!(error("coupling.funnel.eps=0").contains("coupling.funnel.eps = 0: must be > 0 (1)"));
+    assert!(
+        error("coupling.funnel.eps=0").contains("coupling.funnel.eps = 0: must be from 0.000000001 to 1 (1)")
+    );
     assert!(
         error("node.1.state=99").contains("funnel start = 54 (or factor = 2.7) would do"),
         "{}",

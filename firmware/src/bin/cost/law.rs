@@ -111,8 +111,13 @@ fn explicit_laws(table: &Table, inputs: &[Input; INPUTS]) {
 
 /// `f = -x + 1` and three sines, as an agent of the paper's Example 3 has.
 pub fn field(sines: usize) -> FieldConfig {
-    let sine = |i: usize| SineConfig { amplitude: 10.0, frequency: 1.0 + i as f64, phase: 0.3 * i as f64 };
-    FieldConfig { slope: -1.0, offset: 1.0, sines: (0..sines).map(sine).collect() }
+    let sine = |i: usize| SineConfig {
+        component: 0,
+        amplitude: 10.0,
+        frequency: 1.0 + i as f64,
+        phase: 0.3 * i as f64,
+    };
+    FieldConfig::scalar(-1.0, 1.0, (0..sines).map(sine))
 }
 
 /// The node's own dynamics, and the functions that they and the law stand on.

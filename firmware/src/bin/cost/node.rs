@@ -4,7 +4,9 @@ use core::hint::black_box;
 
 use funnel_core::{Action, Node, Params};
 use funnel_protocol::can::{self, CanFrame};
-use funnel_protocol::config::{EdgeConfig, GainConfig, NodeConfig, TickSource};
+use funnel_protocol::config::{
+    BreachPolicy, CouplingConfig, EdgeConfig, GainConfig, NodeConfig, TickSource, scalar,
+};
 use funnel_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnel_protocol::serial::{self, Deframer, Frame};
 use heapless::Vec;
@@ -119,12 +121,14 @@ fn config(sines: usize) -> NodeConfig {
         id: 1,
         tick_ns: TICK_NS,
         tick_source: TickSource::Timer,
-        initial_state: 1.0,
+        initial_state: scalar(1.0),
         state_limit: 1e6,
         field: field(sines),
+        coupling: CouplingConfig::NodeWise,
         gain: GainConfig::Reciprocal { scale: 1.0 },
         funnel: law::FUNNEL,
-        neighbours: NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0 }).collect(),
+        on_breach: BreachPolicy::Ride,
+        neighbours: NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }).collect(),
         extrapolate_ticks: 10,
         telemetry_every: 0,
     }

@@ -1,0 +1,46 @@
+//! Maximum gain for vector states (paper, remark on the high order case): `u = gamma(|nu|_inf / psi) nu / psi`.
+//!
+//! In (*), `psi s + b u = r` with `u = gamma(|s|_inf) s`, the vectors `s`, `u` and `r` are parallel: it is the scalar equation for
+//! the largest component of `r`, whose solution is then scaled along `r`.
+
+use super::node_wise::{Memory, NodeWise};
+use crate::funnel::Widths;
+use crate::gain::Gain;
+use crate::math::Real;
+
+/// One component of the diffusive term, and the input that the law finds for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Term<F> {
+    /// Diffusive term, state units.
+    pub nu: F,
+    /// Its change over the last tick, state units.
+    pub dnu: F,
+    /// Input, state units / s: of the last tick, then of this one.
+    pub u: F,
+}
+
+/// One tick for all components. `first`: there is no last input yet.
+pub fn step<F: Real, G: Gain<F>>(law: &NodeWise<F, G>, terms: &mut [Term<F>], first: bool, psi: Widths<F>) {
+    if first {
+        let longest = terms.iter().fold(F::ZERO, |most, term| most.max(term.nu.abs()));
+        let u = law.gain.input(longest, psi.now);
+        terms.iter_mut().for_each(|term| term.u = share(u, term.nu, longest));
+    }
+    // From here on `u` holds the right side, until it is the input.
+    terms.iter_mut().for_each(|term| term.u = law.right_side(term.nu, term.dnu, term.u));
+    let longest = terms.iter().fold(F::ZERO, |most, term| most.max(term.u.abs()));
+    let u = law.gain.solve(psi.ahead, law.b, longest).u;
+    terms.iter_mut().for_each(|term| term.u = share(u, term.u, longest));
+}
+
+/// `length part / longest`, and zero where there is no direction.
+fn share<F: Real>(length: F, part: F, longest: F) -> F {
+    if longest > F::ZERO { length * (part / longest) } else { F::ZERO }
+}
+
+impl<F: Real> Memory<F> {
+    /// The last input, state units / s, once there is one.
+    pub fn last_input(&self) -> Option<F> {
+        self.last_input
+    }
+}
