@@ -350,6 +350,30 @@ fn breach_policies_are_a_name_or_a_table() {
 }
 
 #[test]
+fn what_a_coupling_cannot_do_is_refused() {
+    let text = FILE.split("[[node]]").next().unwrap();
+    let error = |sets: &[&str]| read(text, sets).unwrap_err().to_string();
+    let edge_wise = error(&["coupling.kind=edge-wise", "coupling.on_breach=reopen"]);
+    assert!(
+        edge_wise.contains("coupling.on_breach = reopen: must be ride or stop with edge-wise"),
+        "{edge_wise}"
+    );
+    let central = "coupling.kind=weakly-centralised";
+    assert!(error(&[central, "coupling.on_breach=stop"]).contains("must be ride with weakly-centralised"));
+    let lossy = error(&[central, "bus.loss=0.1"]);
+    assert!(lossy.contains("bus.loss = 0.1: must not be there with weakly-centralised coupling"), "{lossy}");
+    let crowd = ["graph={kind='star',nodes=65}", "agent.state=[0,0]"];
+    let crowded = error(&crowd);
+    assert!(
+        crowded.contains(
+            "graph: node 1 has 64 neighbours with 2 components each; a node has room for 126 in all"
+        ),
+        "{crowded}"
+    );
+    assert!(read(text, &["graph={kind='star',nodes=64}", crowd[1]]).is_ok());
+}
+
+#[test]
 fn a_schedule_joins_two_funnels() {
     let schedule = "coupling.funnel={kind='schedule',start=40,at='2s',eps=0.01,factor=2,\
                     then={kind='exponential',start=4,end=2,rate=0.5}}";
@@ -648,6 +672,20 @@ fn what_the_reader_takes_a_node_takes() {
         &[
             "coupling.gain={kind='locally-linear',bound=1e9}",
             "coupling.funnel={kind='reciprocal-time',scale=1e9}",
+        ],
+        VECTOR,
+        &["agent.state=[0,0,0,0,0,0,0,0]", "agent.dynamics.sines=[]", "coupling.kind=element-wise"],
+        &["coupling.kind=max-gain", "coupling.on_breach={kind='reopen',margin=1e6,rate=1e6}"],
+        &["coupling.kind=none", "coupling.on_breach={kind='reopen',margin=1.01,rate=1e-9}"],
+        &[
+            "coupling.kind=lambda-tracker",
+            "coupling.eta=0",
+            "coupling.gain={kind='linear',slope=1e9}",
+            "node.2.gain={kind='linear',slope=1e-9}",
+        ],
+        &["coupling.funnel={kind='schedule',start=40,at='2s',eps=1e-9,then={kind='constant',width=1e-9}}"],
+        &[
+            "coupling.funnel={kind='schedule',start=1e9,at='1ns',eps=1,then={kind='exponential',start=1e9,end=0,rate=1e6}}",
         ],
         &[
             "coupling.gain={kind='median',eta=1e-9,eps=0.999}",
