@@ -131,8 +131,8 @@ fn the_summary_has_the_keys_of_the_contract() {
     assert_eq!(keys(&summary["expect"][0]), "limit name pass value");
     let hash = summary["trace_hash"].as_str().unwrap();
     assert!(hash.len() == 16 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()), "{hash}");
-    // One frame per node to begin with and one per tick, the last tick included.
-    assert_eq!(summary["bus"]["sent"], 5 * (1 + 201));
+    // One frame per node to begin with and one per tick, the last tick included; and the weight of each edge, by both ends.
+    assert_eq!(summary["bus"]["sent"], 5 * (1 + 201) + 2 * 5);
     assert_eq!(
         (&summary["ticks"], &summary["on"], &summary["seed"]),
         (&200.into(), &"loopback".into(), &1.into())
