@@ -348,6 +348,14 @@ fn weakly_centralised_coupling_runs_on_no_node() {
 }
 
 #[test]
+fn an_emergent_error_is_not_judged_where_xi_is_not_known() {
+    let sets = ["--set", SHORT, "--set", "expect.emergent_error=1"];
+    let (code, _, err) = run(&[&["run", "scenarios/vector-max-gain.toml"], &sets[..]].concat());
+    assert_eq!(code, Some(2));
+    assert!(err.contains("not known for max-gain coupling of states with 2 components"), "{err}");
+}
+
+#[test]
 fn there_is_no_reference_but_for_the_node_wise_law_of_scalars() {
     let short = ["run", "--set", SHORT, "--on", "reference"];
     for (scenario, what) in [

@@ -77,6 +77,30 @@ fn capacity_is_that_of_the_wire() {
 }
 
 #[test]
+fn what_is_not_predicted_is_said_and_not_guessed() {
+    for (file, sets, words) in [
+        (
+            "vector-oscillators.toml",
+            &[][..],
+            "none here for element-wise coupling of states with 2 components",
+        ),
+        ("five-agents.toml", &["coupling.kind=none"], "the law promises no funnel"),
+    ] {
+        let report = load(file, sets);
+        assert!(find(&report, "predictions").text.contains(words), "{report}");
+        for name in ["emergent", "sync-bound", "narrowest-funnel", "resolution", "margin"] {
+            assert!(report.findings.iter().all(|finding| finding.name != name), "{report}");
+        }
+    }
+    let load = |report: &Report| find(report, "capacity").values["can_1m_load"].as_f64().unwrap();
+    // Every component has a frame of its own.
+    assert_eq!(
+        load(&self::load("vector-oscillators.toml", &[])),
+        2.0 * load(&self::load("five-agents.toml", &[]))
+    );
+}
+
+#[test]
 fn late_frames_are_warned_about() {
     assert_eq!(find(&load("five-agents.toml", &["bus.latency=1ms"]), "bus").status, Status::Warn);
     assert_eq!(find(&load("five-agents.toml", &["bus.latency=100us"]), "bus").status, Status::Note);

@@ -109,7 +109,7 @@ fn entries(trace: &Trace) -> Vec<Entry> {
             trace.nodes.iter().enumerate().map(|(k, n)| entry(n.label.clone(), line(colour(k), 2))).collect()
         }
         Colours::Component => {
-            (0..components).map(|c| entry(format!("x{c}, {count} nodes"), line(colour(c), 1))).collect()
+            (0..components).map(|c| entry(format!("x{c} of {count}"), line(colour(c), 1))).collect()
         }
         Colours::One => vec![entry(format!("{count} nodes"), line(CROWD, 1))],
     };
