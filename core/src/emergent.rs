@@ -18,7 +18,7 @@ pub struct Agent<F, G> {
 /// The emergent vector field `h`: the one root of `H(h) = sum_i psi_i mu_i^-1(h - f_i)` (paper, eq. (alg)).
 ///
 /// Safeguarded Newton between `min f_i` and `max f_i` (paper, eq. (hminmax)), starting at `guess` where that lies between.
-/// O(N) per evaluation. Zero for no agents.
+/// O(N) per evaluation, within some roundings of the larger of `|h|` and the spread of the fields. Zero for no agents.
 pub fn field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], guess: F) -> F {
     let Some(first) = agents.first() else { return F::ZERO };
     let (low, high) = agents.iter().fold((first.f, first.f), |(low, high), a| (low.min(a.f), high.max(a.f)));
@@ -26,11 +26,102 @@ pub fn field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], guess: F) -> F {
     root::increasing(low, high, start, |h| h_and_slope(agents, h))
 }
 
+/// `dh/df_i = psi_i (mu_i^-1)'(h - f_i) / sum_j psi_j (mu_j^-1)'(h - f_j)` at the root `h`, by index (paper, Section "Numerical
+/// integration"). Not negative, and their sum is 1.
+pub fn partials_by_field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> impl Iterator<Item = F> {
+    let lift = lift(agents, h);
+    let total = total_steepness(agents, h, lift);
+    agents.iter().map(move |agent| steepness(agent, h, lift) / total)
+}
+
+/// `dh/dt = - sum_j psi_j' mu_j^-1(h - f_j) / sum_j psi_j (mu_j^-1)'(h - f_j)` with the fields held (state units / s^2; paper,
+/// Section "Numerical integration").
+///
+/// `psi_rates` are the `psi_j'` by index, state units / s. Zero, but for rounding, where all `psi_j' / psi_j` are equal.
+pub fn partial_by_time<F: Real, G: Gain<F>>(
+    agents: &[Agent<F, G>],
+    h: F,
+    psi_rates: impl IntoIterator<Item = F>,
+) -> F {
+    let lift = lift(agents, h);
+    let moved = agents
+        .iter()
+        .zip(psi_rates)
+        .fold(F::ZERO, |sum, (agent, rate)| sum + rate * agent.gain.inverse(h - agent.f));
+    // Zero stays zero where the factor overflows.
+    let lifted = if moved == F::ZERO { moved } else { moved * lift.exp() };
+    -lifted / total_steepness(agents, h, lift)
+}
+
+/// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is negative (paper, eq.
+/// (contractive_emer)). `slopes` are the `df_i/dx` by index, 1/s; it lies between the smallest and the largest of them.
+pub fn contraction<F: Real, G: Gain<F>>(
+    agents: &[Agent<F, G>],
+    h: F,
+    slopes: impl IntoIterator<Item = F>,
+) -> F {
+    partials_by_field(agents, h).zip(slopes).fold(F::ZERO, |sum, (weight, slope)| sum + weight * slope)
+}
+
+/// `H` and its slope, or both times the same positive factor, which moves no root.
+///
+/// Far from its field an agent adds nearly `psi_i` or `-psi_i`. Where these cancel, as with equal funnels on both sides, the
+/// root depends on what is missing to 1; so the whole `psi_i` are summed exactly, apart from the gaps.
 fn h_and_slope<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> (F, F) {
-    agents.iter().fold((F::ZERO, F::ZERO), |(value, slope), agent| {
-        let (inverse, inverse_slope) = agent.gain.inverse_with_slope(h - agent.f);
-        (value + agent.psi * inverse, slope + agent.psi * inverse_slope)
-    })
+    let lift = lift(agents, h);
+    let (mut whole, mut rest, mut slope) = (ExactSum::default(), F::ZERO, F::ZERO);
+    for agent in agents {
+        let u = h - agent.f;
+        let (inverse, near_slope) = agent.gain.inverse_with_slope(u);
+        if inverse.abs() <= F::HALF {
+            rest += agent.psi * inverse;
+            slope += agent.psi * near_slope;
+        } else {
+            let (gap, far_slope) = agent.gain.gap_with_slope(u, lift);
+            let psi = agent.psi.copysign(u);
+            whole.add(psi);
+            rest += -(psi * gap);
+            slope += agent.psi * far_slope;
+        }
+    }
+    if lift == F::ZERO || whole.high + whole.low == F::ZERO {
+        return (whole.high + rest + whole.low, slope);
+    }
+    let fall = (-lift).exp();
+    (whole.high + rest * fall + whole.low, slope * fall)
+}
+
+/// `psi_i (mu_i^-1)'(h - f_i) e^lift`.
+fn steepness<F: Real, G: Gain<F>>(agent: &Agent<F, G>, h: F, lift: F) -> F {
+    agent.psi * agent.gain.gap_with_slope(h - agent.f, lift).1
+}
+
+fn total_steepness<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F, lift: F) -> F {
+    agents.iter().fold(F::ZERO, |total, agent| total + steepness(agent, h, lift))
+}
+
+/// The smallest decay of all agents at `h`: without it, the gaps of logarithmic gains would all underflow between two groups.
+/// Zero where an agent is near its field.
+fn lift<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> F {
+    let decays = agents.iter().map(|agent| agent.gain.decay(h - agent.f));
+    let smallest = decays.reduce(F::min).unwrap_or(F::ZERO);
+    if smallest > F::ONE { smallest } else { F::ZERO }
+}
+
+/// A sum and its rounding error (D. E. Knuth, The Art of Computer Programming 2, 4.2.2).
+#[derive(Default)]
+struct ExactSum<F> {
+    high: F,
+    low: F,
+}
+
+impl<F: Real> ExactSum<F> {
+    fn add(&mut self, term: F) {
+        let sum = self.high + term;
+        let part = sum - self.high;
+        self.low += (self.high - (sum - part)) + (term - part);
+        self.high = sum;
+    }
 }
 
 /// One classical Runge-Kutta step of `xdot = f(t, x)` from `t` to `t + step` (both s).

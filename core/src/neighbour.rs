@@ -146,6 +146,11 @@ impl<F: Real> Neighbours<F> {
         })
     }
 
+    /// Number of neighbours.
+    pub fn count(&self) -> usize {
+        self.edges.len() / usize::from(self.components.max(1))
+    }
+
     /// The edge to the `index`-th neighbour: its id and weight.
     pub fn edge(&self, index: usize) -> Option<(NodeId, F)> {
         let edge = self.edges.get(index * usize::from(self.components))?;

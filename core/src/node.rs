@@ -86,9 +86,9 @@ struct Outgoing {
     fault: Option<Message>,
     /// Components to send, by bit.
     states: u8,
-    /// Edges announced so far.
-    announced: u8,
-    /// Whether the next edge may be announced at this tick.
+    /// Edges that are still to be announced.
+    edges_left: u8,
+    /// Whether the next of them may be announced at this tick.
     announce: bool,
 }
 
@@ -115,7 +115,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             parts: states.clone().map(|&x| Part { x, k, ..Part::default() }).collect(),
             observations: states.map(|&x| Observation { x, ..Observation::default() }).collect(),
             schedule: Schedule::Wait,
-            outgoing: Outgoing::default(),
+            outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             events: Deque::new(),
             in_breach: false,
             reopened: F::ZERO,
@@ -349,21 +349,26 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         let ratio = self.parts.iter().fold(F::ZERO, |most, part| most.max(part.nu.abs())) / psi.now;
         let breach = self.judge(k, ratio);
-        if breach && self.params.on_breach == OnBreach::Stop {
-            self.parts.iter_mut().for_each(|part| part.u = F::ZERO);
-            self.observe(k, psi);
-            self.tick = k.wrapping_add(1);
-            count(&mut self.counters.ticks);
-            self.fault(FaultCode::FUNNEL_LEFT);
-            return;
-        }
-        self.observe(k, psi);
+        // What is seen is the funnel that was left, and what the law uses the one that a breach has made of it.
+        let left = psi.now;
         if breach {
+            if self.params.on_breach == OnBreach::Stop {
+                return self.stop_at_breach(k, left);
+            }
             psi = self.reopen(k, ratio, psi);
         }
         self.inputs(psi);
-        self.observations.iter_mut().zip(&self.parts).for_each(|(seen, part)| seen.u = part.u);
+        self.observe(k, left);
         self.advance(k);
+    }
+
+    /// The policy `stop`: no input, the state stays.
+    fn stop_at_breach(&mut self, k: u32, psi: F) {
+        self.parts.iter_mut().for_each(|part| part.u = F::ZERO);
+        self.observe(k, psi);
+        self.tick = k.wrapping_add(1);
+        count(&mut self.counters.ticks);
+        self.fault(FaultCode::FUNNEL_LEFT);
     }
 
     /// Diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself.
@@ -433,10 +438,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
-    fn observe(&mut self, k: u32, psi: Widths<F>) {
+    fn observe(&mut self, k: u32, psi: F) {
         for (seen, part) in self.observations.iter_mut().zip(&self.parts) {
-            let ratio = part.nu.abs() / psi.now;
-            *seen = Observation { tick: k, x: part.x, nu: part.nu, psi: psi.now, ratio, u: part.u };
+            let ratio = part.nu.abs() / psi;
+            *seen = Observation { tick: k, x: part.x, nu: part.nu, psi, ratio, u: part.u };
         }
     }
 
@@ -456,7 +461,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let limit = self.params.state_limit;
         if self.parts.iter().all(|part| part.x.abs() <= limit) {
             self.outgoing.states = self.all_components();
-            self.outgoing.announce = true;
+            self.outgoing.announce = self.outgoing.edges_left != 0;
         } else {
             self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.x = before);
             self.fault(FaultCode::STATE_LIMIT);
@@ -505,30 +510,31 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     }
 
     fn has_outgoing(&self) -> bool {
-        let Outgoing { fault, states, .. } = self.outgoing;
-        fault.is_some() || states != 0 || self.next_announcement().is_some()
+        let Outgoing { fault, states, announce, .. } = &self.outgoing;
+        *states != 0 || *announce || fault.is_some()
     }
 
     /// The next message for the link: a fault, then the components of the state, then an edge.
     fn next_message(&mut self) -> Option<Message> {
-        if let Some(fault) = self.outgoing.fault.take() {
-            return Some(fault);
+        let Outgoing { fault, states, announce, .. } = &mut self.outgoing;
+        if fault.is_some() {
+            return fault.take();
         }
-        if self.outgoing.states != 0 {
-            let component = self.outgoing.states.trailing_zeros() as u8;
-            self.outgoing.states &= self.outgoing.states.wrapping_sub(1);
+        if *states != 0 {
+            let component = states.trailing_zeros() as u8;
+            *states &= states.wrapping_sub(1);
             return self.state_message(component);
         }
-        let edge = self.next_announcement()?;
-        self.outgoing.announced = self.outgoing.announced.saturating_add(1);
-        self.outgoing.announce = false;
-        Some(edge)
+        if !core::mem::take(announce) {
+            return None;
+        }
+        self.edge_message()
     }
 
-    /// The edge to announce at this tick, until all have been.
-    fn next_announcement(&self) -> Option<Message> {
-        let Outgoing { announce, announced, .. } = self.outgoing;
-        let (neighbour, weight) = self.params.neighbours.edge(usize::from(announced)).filter(|_| announce)?;
+    /// Announces the next edge, last one first.
+    fn edge_message(&mut self) -> Option<Message> {
+        self.outgoing.edges_left = self.outgoing.edges_left.checked_sub(1)?;
+        let (neighbour, weight) = self.params.neighbours.edge(usize::from(self.outgoing.edges_left))?;
         Some(Message::Edge { source: self.params.id, neighbour, weight: weight.to_f32() })
     }
 
@@ -549,7 +555,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn halt(&mut self, phase: Phase) {
         self.phase = phase;
         self.schedule = Schedule::Wait;
-        self.outgoing = Outgoing { announced: self.outgoing.announced, ..Outgoing::default() };
+        self.outgoing = Outgoing::default();
     }
 
     /// Stops, says so once on the link, and stays silent.

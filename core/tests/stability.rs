@@ -1,36 +1,15 @@
 //! Stability of the sampled law in the worst place: linear gains of any slope, on any weighted graph (LAW.md 3).
 //!
-//! Without own dynamics, consensus must never diverge, for gains over 12 decades, different per node, and for weights over
+//! [`Linear`] is what every gain looks like near its working point. Without own dynamics, consensus must never diverge, for gains over 12 decades, different per node, and for weights over
 //! 4 decades.
 #![allow(clippy::unwrap_used)]
 
 use funnel_core::funnel::Widths;
-use funnel_core::gain::{Gain, Solution};
+use funnel_core::gain::Linear;
+use funnel_core::law::edge_wise::{EdgeTerm, EdgeWise};
 use funnel_core::law::node_wise::{C, Memory, NodeWise, THETA};
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
-
-/// `mu(s) = slope * s`: what every gain looks like near its working point.
-#[derive(Clone, Copy)]
-struct Linear {
-    slope: f64,
-}
-
-impl Gain<f64> for Linear {
-    fn inverse(&self, u: f64) -> f64 {
-        u / self.slope
-    }
-    fn inverse_slope(&self, _: f64) -> f64 {
-        1.0 / self.slope
-    }
-    fn apply(&self, s: f64) -> f64 {
-        self.slope * s
-    }
-    fn solve(&self, psi: f64, b: f64, r: f64) -> Solution<f64> {
-        let u = r / (psi / self.slope + b);
-        Solution { u, s: u / self.slope }
-    }
-}
 
 #[derive(Debug)]
 struct Network {
@@ -99,8 +78,53 @@ fn tick(network: &Network, c: f64, state: &[f64]) -> Vec<f64> {
     [next, u.clone(), u].concat()
 }
 
+/// The same for edge-wise coupling, with the gains of `slopes` on the edges in turn: from `[x, dx, last u of each edge]`.
+fn edge_wise_radius(network: &Network) -> f64 {
+    let n = network.weights.len();
+    let pairs = (0..n).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let edges: Vec<_> = pairs.filter(|&(i, j)| network.weights[i][j] > 0.0).collect();
+    let count = |i: usize| network.weights[i].iter().filter(|w| **w > 0.0).count() as f64;
+    let law = EdgeWise::new(1.0, THETA);
+    let tick = |state: &[f64]| {
+        let (x, rest) = state.split_at(n);
+        let (dx, last) = rest.split_at(n);
+        let mut change = vec![0.0; n];
+        let mut inputs = Vec::new();
+        for (index, &(i, j)) in edges.iter().enumerate() {
+            let w = network.weights[i][j];
+            let term = EdgeTerm {
+                nu: w * (x[j] - x[i]),
+                dnu: w * (dx[j] - dx[i]),
+                stiffness: w * (count(i) + count(j)),
+                last: Some(last[index]),
+            };
+            let slope = network.slopes[index % n];
+            let u = law.step(&Linear { slope }, &term, Widths { now: 1.0, ahead: 1.0 });
+            change[i] += u;
+            change[j] -= u;
+            inputs.push(u);
+        }
+        let next: Vec<f64> = x.iter().zip(&change).map(|(x, u)| x + u).collect();
+        [next, change, inputs].concat()
+    };
+    let size = 2 * n + edges.len();
+    let column = |j: usize| {
+        let mut state = vec![0.0; size];
+        state[j] = 1.0;
+        DVector::from_vec(tick(&state))
+    };
+    let columns: Vec<_> = (0..size).map(column).collect();
+    DMatrix::from_columns(&columns).complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
+    #[test]
+    fn edge_wise_consensus_never_diverges(network in network()) {
+        let radius = edge_wise_radius(&network);
+        prop_assert!(radius <= 1.0 + 1e-5, "{radius}");
+    }
+
     #[test]
     fn consensus_never_diverges(network in network()) {
         let radius = spectral_radius(&network, C);

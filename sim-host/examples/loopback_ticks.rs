@@ -52,7 +52,7 @@ fn main() {
         engine.advance();
     }
     let seconds = begin.elapsed().as_secs_f64();
-    let state = engine.nodes().first().and_then(|node| node.state().next()).unwrap_or(0.0);
+    let state = engine.nodes().first().and_then(|node| node.state().next()).unwrap_or_default();
     let rate = NODES as f64 * f64::from(ticks) / seconds;
     println!("{NODES} nodes, {ticks} ticks: {rate:.0} node-ticks/s, state of node 1: {state}");
 }

@@ -12,7 +12,7 @@ use crate::check;
 use crate::exit::Exit;
 use crate::figure::figure;
 use crate::interrupt::Interrupt;
-use crate::record::{Expectation, Summary};
+use crate::record::{Expectation, PerComponent, Summary};
 use crate::run::{self, Fidelity, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
@@ -267,8 +267,13 @@ fn text(summary: &Summary) -> String {
         );
     }
     if let Some(emergent) = &summary.emergent {
-        let (error, xi) = (figure(emergent.final_error, 4), each(&emergent.xi_final.0));
-        line("emergent", format!("final distance {error} to xi = {xi}"));
+        let mut distance = |name: &str, error: Option<f64>, symbol: &str, end: &Option<PerComponent>| {
+            if let (Some(error), Some(end)) = (error, end) {
+                line(name, format!("final distance {} to {symbol}{}", figure(error, 4), each(&end.0)));
+            }
+        };
+        distance("emergent", emergent.final_error, "xi = ", &emergent.xi_final);
+        distance("blended", emergent.blended_error, "", &emergent.blended_final);
     }
     if let Some(reference) = summary.reference {
         line("reference", format!("largest error {}", figure(reference.max_error, 4)));

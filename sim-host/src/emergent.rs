@@ -1,4 +1,5 @@
-//! The emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean of the initial states.
+//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean of the
+//! initial states, and the blended dynamics beside it.
 //!
 //! What the inputs of a coupling add up to gives its emergent field `h`, component by component:
 //!
@@ -12,8 +13,18 @@
 //! Maximum gain ties the components of a vector together, and the gains of lambda-trackers depend on their past: neither has an `h`
 //! that is found here.
 
+mod agents;
+mod blended;
+mod chi;
+mod predictor;
+
+pub use blended::BlendedTrajectory;
+pub use chi::ChiTrajectory;
+pub use predictor::{Contraction, Prediction, Predictor};
+
 use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario};
-use funnel_core::emergent::{Agent, field};
+use agents::Agents;
+use funnel_core::emergent::contraction;
 use funnel_core::gain::{BuiltinGain, Gain, Linear, LocallyLinear, Logarithmic, Reciprocal, median};
 
 /// Longest integration step, s.
@@ -32,99 +43,85 @@ fn longest_step(scenario: &Scenario) -> f64 {
     (1.0 / (STEPS_PER_CONSTANT * fastest)).max(scenario.time.tick_s()).min(LONGEST_STEP)
 }
 
+/// Equal steps from `from` to `to` (s), none longer than `longest`: where each begins, and how long it is.
+fn steps(from: f64, to: f64, longest: f64) -> impl Iterator<Item = (f64, f64)> {
+    let span = to - from;
+    let count = (span / longest - 1e-9).ceil().max(1.0);
+    let step = span / count;
+    (0..(if span > 0.0 { count as u64 } else { 0 })).map(move |index| (from + index as f64 * step, step))
+}
+
+/// The mean of the initial states, by component (state units).
+fn mean_state(scenario: &Scenario) -> Vec<f64> {
+    let count = scenario.nodes.len().max(1) as f64;
+    let mean =
+        |component| scenario.nodes.iter().map(|node: &NodeSpec| node.state[component]).sum::<f64>() / count;
+    (0..scenario.components()).map(mean).collect()
+}
+
+/// One classical Runge-Kutta step of `x' = f(t, x)` from `t` over `step` (both s), for all components at once.
+fn runge_kutta(t: f64, x: &[f64], step: f64, mut f: impl FnMut(f64, &[f64]) -> Vec<f64>) -> Vec<f64> {
+    let half = step * 0.5;
+    let ahead = |by: f64, k: &[f64]| x.iter().zip(k).map(|(x, k)| x + by * k).collect::<Vec<_>>();
+    let k1 = f(t, x);
+    let k2 = f(t + half, &ahead(half, &k1));
+    let k3 = f(t + half, &ahead(half, &k2));
+    let k4 = f(t + step, &ahead(step, &k3));
+    let next = |(c, x): (usize, &f64)| x + step / 6.0 * (k1[c] + 2.0 * (k2[c] + k3[c]) + k4[c]);
+    x.iter().enumerate().map(next).collect()
+}
+
 /// The emergent dynamics of a scenario, integrated step by step.
 pub struct EmergentTrajectory<'a> {
-    scenario: &'a Scenario,
-    gains: Vec<BuiltinGain<f64>>,
+    agents: Agents<'a>,
     t: f64,
     /// By component.
     xi: Vec<f64>,
     longest_step: f64,
-    /// Kept between evaluations for its memory only.
-    agents: Vec<Agent<f64, BuiltinGain<f64>>>,
-    /// The last value of the field, from which the next search starts, by component.
-    guess: Vec<f64>,
 }
 
 impl<'a> EmergentTrajectory<'a> {
     /// Starts at the mean of the initial states; `None` where a coupling has no emergent dynamics here.
     pub fn new(scenario: &'a Scenario) -> Option<Self> {
-        let components = scenario.components();
-        let gains = scenario.nodes.iter().map(|node| gain(node, scenario.coupling, components));
-        let gains: Vec<_> = gains.collect::<Option<_>>()?;
-        let count = scenario.nodes.len().max(1) as f64;
-        let mean = |component| scenario.nodes.iter().map(|node| node.state[component]).sum::<f64>() / count;
-        let xi = (0..components).map(mean).collect();
-        let longest_step = longest_step(scenario);
-        let guess = vec![0.0; components];
-        Some(Self { scenario, gains, t: 0.0, xi, longest_step, agents: Vec::new(), guess })
+        let (agents, longest_step) = (Agents::new(scenario)?, longest_step(scenario));
+        Some(Self { agents, t: 0.0, xi: mean_state(scenario), longest_step })
     }
 
     /// `xi` at time `t` (s), which must not decrease from call to call, by component (state units).
     pub fn advance(&mut self, t: f64) -> &[f64] {
-        let span = t - self.t;
-        let steps = (span / self.longest_step - 1e-9).ceil().max(1.0);
-        let step = span / steps;
-        for index in 0..(if span > 0.0 { steps as u64 } else { 0 }) {
-            let from = self.t + index as f64 * step;
-            self.step(from, step);
+        for (from, step) in steps(self.t, t, self.longest_step) {
+            self.xi = runge_kutta(from, &self.xi, step, |t, x| self.agents.fields(t, x));
         }
         self.t = t;
         &self.xi
     }
 
-    /// One classical Runge-Kutta step from time `t` over `step` (both s).
-    fn step(&mut self, t: f64, step: f64) {
-        let half = step * 0.5;
-        let ahead =
-            |x: &[f64], by: f64, k: &[f64]| x.iter().zip(k).map(|(x, k)| x + by * k).collect::<Vec<_>>();
-        let x = self.xi.clone();
-        let k1 = self.field(t, &x);
-        let k2 = self.field(t + half, &ahead(&x, half, &k1));
-        let k3 = self.field(t + half, &ahead(&x, half, &k2));
-        let k4 = self.field(t + step, &ahead(&x, step, &k3));
-        for (c, xi) in self.xi.iter_mut().enumerate() {
-            *xi = x[c] + step / 6.0 * (k1[c] + 2.0 * (k2[c] + k3[c]) + k4[c]);
-        }
-    }
-
     /// The ratios `s_i = mu_i^-1(f_em - f_i)` that hold the nodes together at the time of the last [`Self::advance`], by
-    /// index: what `nu_i / psi_i` settles to under a narrow funnel. For scalar states.
+    /// index: what `nu_i / psi_i` settles to under a narrow funnel. Empty for vector states, and where the coupling is not one of
+    /// diffusive terms in funnels.
     pub fn steady_ratios(&mut self) -> impl Iterator<Item = f64> {
-        let xi = self.xi.clone();
-        let common = self.field(self.t, &xi).first().copied().unwrap_or(0.0);
-        self.agents.iter().map(move |agent| agent.gain.inverse(common - agent.f))
+        let common = match self.xi.as_slice() {
+            &[xi] if follows_the_paper(self.agents.scenario.coupling) => Some(self.agents.field(self.t, xi)),
+            _ => None,
+        };
+        let placed = &self.agents.placed;
+        common
+            .into_iter()
+            .flat_map(move |common| placed.iter().map(move |agent| agent.gain.inverse(common - agent.f)))
     }
 
-    /// `f_em(t, xi)`, by component. The funnels enter by their ratios only, so their widest is scaled to one: a funnel that
-    /// tends to zero leaves the emergent dynamics as they are (paper, remark on time-invariant emergent dynamics).
-    fn field(&mut self, t: f64, xi: &[f64]) -> Vec<f64> {
-        // Just after the start, where a funnel that is infinite at t = 0 has a width.
-        let t_funnel = t.max(1e-9);
-        let widest = self.scenario.widest_funnel(t_funnel);
-        for component in 0..xi.len() {
-            self.agents.clear();
-            self.agents.extend(self.scenario.nodes.iter().zip(&self.gains).map(|(node, &gain)| Agent {
-                psi: weight(self.scenario.coupling, node, t_funnel, widest),
-                f: node.dynamics.component(component, t, xi),
-                gain,
-            }));
-            self.guess[component] = field(&self.agents, self.guess[component]);
-        }
-        self.guess.clone()
+    /// `df_em/dxi` at the time of the last [`Self::advance`] (1/s): negative where the emergent dynamics contract. `None` for
+    /// vector states.
+    pub fn contraction(&mut self) -> Option<f64> {
+        let &[xi] = self.xi.as_slice() else { return None };
+        let common = self.agents.field(self.t, xi);
+        Some(contraction(&self.agents.placed, common, self.agents.slopes()))
     }
 }
 
-/// What stands before `mu_i^-1` in the sum that is zero.
-fn weight(coupling: CouplingKind, node: &NodeSpec, t: f64, widest: f64) -> f64 {
-    let averaged = matches!(coupling, CouplingKind::EdgeWise | CouplingKind::Linear);
-    if averaged {
-        1.0
-    } else if widest > 0.0 {
-        node.funnel.width(t) / widest
-    } else {
-        node.funnel.factor()
-    }
+/// Whether scalar states follow the paper's law.
+fn follows_the_paper(coupling: CouplingKind) -> bool {
+    matches!(coupling, CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain)
 }
 
 /// The gain as it enters that sum; `None` where there is no such sum.
@@ -158,14 +155,21 @@ mod tests {
     use crate::scenario::Override;
     use std::path::Path;
 
+    /// Example 3, with values replaced.
+    pub(super) fn five_agents(sets: &[&str]) -> Scenario {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
+        let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+        Scenario::load(&path, &sets).unwrap()
+    }
+
     #[test]
     fn fast_fields_are_resolved() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
         let fast = (1..=5).map(|id| format!("node.{id}.dynamics={{kind='affine',slope=-3000,offset=6000}}"));
         let sets: Vec<_> = fast.chain(["time.tick=100us".to_owned()]).collect();
-        let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
-        let scenario = Scenario::load(&path, &sets).unwrap();
+        let scenario = five_agents(&sets.iter().map(String::as_str).collect::<Vec<_>>());
         let xi = EmergentTrajectory::new(&scenario).unwrap().advance(0.5)[0];
         assert!((xi - 2.0).abs() < 1e-9, "{xi}");
+        let blended = BlendedTrajectory::new(&scenario).advance(0.5)[0];
+        assert!((blended - 2.0).abs() < 1e-9, "{blended}");
     }
 }

@@ -104,8 +104,11 @@ fn the_trajectory_has_the_columns_of_the_contract_and_a_row_per_tick() {
     let files = outputs(FIVE, &[]);
     let rows: Vec<Vec<_>> = files["trajectory.csv"].lines().map(|row| row.split(',').collect()).collect();
     let columns = ["x", "nu", "psi", "u"].map(|name| (1..=5).map(move |id| format!("{name}_{id}")));
-    let header: Vec<_> =
-        ["t".to_owned()].into_iter().chain(columns.into_iter().flatten()).chain(["xi".to_owned()]).collect();
+    let header: Vec<_> = ["t".to_owned()]
+        .into_iter()
+        .chain(columns.into_iter().flatten())
+        .chain(["xi", "blended"].map(str::to_owned))
+        .collect();
     assert_eq!(rows[0], header);
     assert_eq!(rows.len(), 1 + 201);
     assert!(rows.iter().all(|row| row.len() == header.len()));
@@ -125,7 +128,10 @@ fn the_summary_has_the_keys_of_the_contract() {
     );
     assert_eq!(keys(&summary["funnel"]), "breaches max_ratio");
     assert_eq!(keys(&summary["sync"]), "bound final_spread lambda2");
-    assert_eq!(keys(&summary["emergent"]), "final_error xi_final");
+    assert_eq!(
+        keys(&summary["emergent"]),
+        "blended_error blended_final contraction final_error steady_ratio steady_ratio_max xi_final"
+    );
     assert_eq!(keys(&summary["reference"]), "final_error max_error");
     assert_eq!(keys(&summary["bus"]), "lost refused sent utilisation");
     assert_eq!(keys(&summary["expect"][0]), "limit name pass value");
@@ -140,12 +146,38 @@ fn the_summary_has_the_keys_of_the_contract() {
 }
 
 #[test]
+fn predictions_in_the_summary_are_those_of_the_last_row() {
+    let files = outputs(FIVE, &["--set", "expect.blended_error=100"]);
+    let (emergent, expect) = (&summary(&files)["emergent"], &summary(&files)["expect"]);
+    let row = files["trajectory.csv"].lines().last().unwrap().split(',').map(|value| value.parse().unwrap());
+    let row: Vec<f64> = row.collect();
+    let (states, xi, blended) = (&row[1..6], row[21], row[22]);
+    let distance = |to: f64| states.iter().map(|x| (x - to).abs()).fold(0.0, f64::max);
+    let close = |value: &Value, exact: f64| (value.as_f64().unwrap() - exact).abs() < 1e-6;
+    assert!(close(&emergent["xi_final"], xi) && close(&emergent["final_error"], distance(xi)));
+    assert!(
+        close(&emergent["blended_final"], blended) && close(&emergent["blended_error"], distance(blended))
+    );
+    assert!((xi - blended).abs() > 0.1);
+    // The slopes of the five fields are from -1.24 to -0.72.
+    let (slowest, mean) = (&emergent["contraction"]["slowest"], &emergent["contraction"]["mean"]);
+    assert!(slowest.as_f64().unwrap() < -0.72 && mean.as_f64() < slowest.as_f64());
+    let ratios = |key: &str| emergent[key].as_array().unwrap().iter().map(|s| s.as_f64().unwrap()).collect();
+    let (end, largest): (Vec<f64>, Vec<f64>) = (ratios("steady_ratio"), ratios("steady_ratio_max"));
+    // Equal funnels: the ratios sum to zero.
+    assert!(end.len() == 5 && end.iter().sum::<f64>().abs() < 1e-12);
+    assert!(end.iter().zip(&largest).all(|(end, largest)| end.abs() <= *largest && *largest < 1.0));
+    let judged = expect.as_array().unwrap().iter().find(|line| line["name"] == "blended_error").unwrap();
+    assert_eq!((&judged["value"], &judged["pass"]), (&emergent["blended_error"], &true.into()));
+}
+
+#[test]
 fn every_thins_the_rows_and_nothing_else() {
     let (all, thinned) = (outputs(FIVE, &[]), outputs(FIVE, &["--every", "30ms"]));
     let all_rows: Vec<_> = all["trajectory.csv"].lines().collect();
     let rows: Vec<_> = thinned["trajectory.csv"].lines().collect();
-    // Up to rounding in the last digits, which xi may have: it is integrated from row to row.
-    let state = |row: &str| row.rsplit_once(',').unwrap().0.to_owned();
+    // Without xi and the blended dynamics, which are integrated from row to row, so that their last digits may differ.
+    let state = |row: &str| row.rsplitn(3, ',').last().unwrap().to_owned();
     let wanted: Vec<_> = all_rows[1..].iter().step_by(30).map(|row| state(row)).collect();
     assert_eq!(rows[1..].iter().map(|row| state(row)).collect::<Vec<_>>(), wanted);
     assert_eq!(wanted.len(), 7);
@@ -373,7 +405,11 @@ fn vector_states_have_columns_of_their_own_in_every_output() {
     let files =
         outputs("scenarios/vector-oscillators.toml", &["--set", "expect={final_value={is=0,within=9}}"]);
     let header = files["trajectory.csv"].lines().next().unwrap();
-    assert!(header.starts_with("t,x_1_0,x_1_1,x_2_0,") && header.ends_with(",u_5_1,xi_0,xi_1"), "{header}");
+    assert!(
+        header.starts_with("t,x_1_0,x_1_1,x_2_0,")
+            && header.ends_with(",u_5_1,xi_0,xi_1,blended_0,blended_1"),
+        "{header}"
+    );
     for label in ["node 1, x0", "node 5, x1"] {
         assert!(files["states.svg"].contains(label) && files["funnels.svg"].contains(label), "{label}");
     }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde::{Serialize, Serializer};
 
 use super::atomic::{RecordError, write_atomic};
+use crate::emergent::Contraction;
 
 /// What a run came to. A part that the run does not have is `null`, and so is a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -60,13 +61,23 @@ pub struct SyncSummary {
     pub lambda2: f64,
 }
 
-/// How far from the emergent dynamics.
+/// How far from the emergent dynamics, and what they promise. A part that the scenario does not have is `null`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct EmergentSummary {
     /// `max |x_i - xi|` at the end, in state units.
-    pub final_error: f64,
+    pub final_error: Option<f64>,
     /// `xi` at the end, in state units.
-    pub xi_final: PerComponent,
+    pub xi_final: Option<PerComponent>,
+    /// `max |x_i - blended|` at the end, in state units: the distance to the average of the fields.
+    pub blended_error: Option<f64>,
+    /// The blended dynamics at the end, in state units.
+    pub blended_final: Option<PerComponent>,
+    /// How fast the emergent dynamics contract.
+    pub contraction: Option<Contraction>,
+    /// `mu_i^-1(f_em - f_i)` at the end, by id: what `nu_i / psi_i` settles to under a narrow funnel.
+    pub steady_ratio: Vec<f64>,
+    /// The largest of their sizes over the recorded rows, by id: one minus it is the margin of a node.
+    pub steady_ratio_max: Vec<f64>,
 }
 
 /// One value per component of a state: a number for scalar states, an array for vectors.
@@ -160,7 +171,15 @@ pub(super) mod tests {
             trace_hash: Some("00000000deadbeef".into()),
             funnel: Some(FunnelSummary { max_ratio: 0.955, breaches: 0 }),
             sync: Some(SyncSummary { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
-            emergent: Some(EmergentSummary { final_error: 0.25, xi_final: PerComponent(vec![-3.0]) }),
+            emergent: Some(EmergentSummary {
+                final_error: Some(0.25),
+                xi_final: Some(PerComponent(vec![-3.0])),
+                blended_error: Some(4.5),
+                blended_final: Some(PerComponent(vec![1.5])),
+                contraction: Some(Contraction { slowest: -0.75, mean: -1.0 }),
+                steady_ratio: vec![0.5, -0.5],
+                steady_ratio_max: vec![0.5, 0.75],
+            }),
             bus: Some(BusSummary { refused: [("crc".into(), 3)].into(), sent: 7, ..BusSummary::default() }),
             expect: vec![
                 Expectation::below("funnel_ratio", 1.0, Some(0.955)),
@@ -177,7 +196,9 @@ pub(super) mod tests {
             "ticks":20000,"tick_s":0.001,"trace_hash":"00000000deadbeef",
             "funnel":{"max_ratio":0.955,"breaches":0},
             "sync":{"final_spread":0.5,"bound":1.5,"lambda2":1.382},
-            "emergent":{"final_error":0.25,"xi_final":-3.0},"reference":null,
+            "emergent":{"final_error":0.25,"xi_final":-3.0,"blended_error":4.5,"blended_final":1.5,
+            "contraction":{"slowest":-0.75,"mean":-1.0},
+            "steady_ratio":[0.5,-0.5],"steady_ratio_max":[0.5,0.75]},"reference":null,
             "bus":{"utilisation":0.0,"sent":7,"lost":0,"refused":{"crc":3}},
             "expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
             {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},

@@ -21,12 +21,14 @@ pub struct Row {
     pub u: Vec<f64>,
     /// The emergent trajectory by component, in state units; empty where it is not known.
     pub xi: Vec<f64>,
+    /// The blended dynamics by component, in state units; empty where they are not known.
+    pub blended: Vec<f64>,
 }
 
 /// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`; for vector states `x_1_0, x_1_1, ...` and `xi_0, ...`. An
-/// unknown `xi` is an empty field.
+/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`; for vector states `x_1_0, x_1_1, ...`, `xi_0, ...` and so
+/// on. An unknown `xi` or `blended` is an empty field.
 #[derive(Debug)]
 pub struct TrajectoryWriter {
     file: AtomicFile,
@@ -80,6 +82,7 @@ fn header(out: &mut dyn Write, Shape { nodes, components }: Shape) -> io::Result
         }
     }
     columns(out, "xi", components)?;
+    columns(out, "blended", components)?;
     writeln!(out)
 }
 
@@ -107,10 +110,12 @@ fn line(out: &mut dyn Write, row: &Row, shape: Shape, precision: Precision) -> i
             precision.write(out, value)?;
         }
     }
-    for component in 0..shape.components {
-        out.write_all(b",")?;
-        if let Some(&xi) = row.xi.get(component) {
-            Precision::Double.write(out, xi)?;
+    for prediction in [&row.xi, &row.blended] {
+        for component in 0..shape.components {
+            out.write_all(b",")?;
+            if let Some(&value) = prediction.get(component) {
+                Precision::Double.write(out, value)?;
+            }
         }
     }
     out.write_all(b"\n")
@@ -121,7 +126,7 @@ mod tests {
     use super::super::atomic::tests::Folder;
     use super::*;
 
-    fn row(t: f64, xi: &[f64]) -> Row {
+    fn row(t: f64, xi: &[f64], blended: &[f64]) -> Row {
         let single = |v: f32| f64::from(v);
         let pair = |a, b| vec![single(a), single(b)];
         Row {
@@ -131,6 +136,7 @@ mod tests {
             psi: pair(4.0, 40.0),
             u: pair(0.25, 1e20),
             xi: xi.to_vec(),
+            blended: blended.to_vec(),
         }
     }
 
@@ -140,13 +146,13 @@ mod tests {
         let path = folder.0.join("trajectory.csv");
         let mut writer =
             TrajectoryWriter::create(&path, Shape { nodes: 2, components: 1 }, Precision::Single).unwrap();
-        writer.write(&row(0.0, &[])).unwrap();
-        writer.write(&row(0.001, &[0.3])).unwrap();
+        writer.write(&row(0.0, &[], &[-1.5])).unwrap();
+        writer.write(&row(0.001, &[0.3], &[])).unwrap();
         assert!(!path.exists());
         writer.finish().unwrap();
-        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi\n\
-                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,\n\
-                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3\n";
+        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi,blended\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,-1.5\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,\n";
         assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
     }
 
@@ -156,12 +162,12 @@ mod tests {
         let path = folder.0.join("trajectory.csv");
         let shape = Shape { nodes: 1, components: 2 };
         let mut writer = TrajectoryWriter::create(&path, shape, Precision::Single).unwrap();
-        writer.write(&row(0.0, &[])).unwrap();
-        writer.write(&row(0.001, &[0.3, 0.4])).unwrap();
+        writer.write(&row(0.0, &[], &[])).unwrap();
+        writer.write(&row(0.001, &[0.3, 0.4], &[0.7, 0.8])).unwrap();
         writer.finish().unwrap();
-        let expected = "t,x_1_0,x_1_1,nu_1_0,nu_1_1,psi_1_0,psi_1_1,u_1_0,u_1_1,xi_0,xi_1\n\
-                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,\n\
-                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,0.4\n";
+        let expected = "t,x_1_0,x_1_1,nu_1_0,nu_1_1,psi_1_0,psi_1_1,u_1_0,u_1_1,xi_0,xi_1,blended_0,blended_1\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,,,\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,0.4,0.7,0.8\n";
         assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
     }
 
@@ -171,7 +177,7 @@ mod tests {
         let path = folder.0.join("trajectory.csv");
         let mut writer =
             TrajectoryWriter::create(&path, Shape { nodes: 3, components: 1 }, Precision::Double).unwrap();
-        let error = writer.write(&row(0.5, &[])).unwrap_err();
+        let error = writer.write(&row(0.5, &[], &[])).unwrap_err();
         assert!(error.to_string().contains("2 entries for 3 nodes at t = 0.5 s"), "{error}");
     }
 }

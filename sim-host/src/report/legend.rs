@@ -10,7 +10,26 @@ use super::style::{INK, at, font};
 pub(super) struct Entry {
     pub(super) label: String,
     pub(super) style: ShapeStyle,
-    pub(super) dashed: bool,
+    pub(super) stroke: Stroke,
+}
+
+/// How a line is broken.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stroke {
+    Solid,
+    Dashed,
+    Dotted,
+}
+
+impl Stroke {
+    /// Length of a mark and of the space after it, in pixels; `None` for a whole line.
+    pub(super) fn pattern(self) -> Option<(u32, u32)> {
+        match self {
+            Self::Solid => None,
+            Self::Dashed => Some((7, 4)),
+            Self::Dotted => Some((2, 3)),
+        }
+    }
 }
 
 /// Distance between the lines, in pixels.
@@ -23,8 +42,9 @@ pub(super) fn draw<DB: DrawingBackend>(
 ) -> Result<(), PlotError> {
     for (k, entry) in entries.iter().enumerate() {
         let y = 12 + LINE * k as i32;
-        let dashes: &[(i32, i32)] = if entry.dashed { &[(4, 11), (15, 22), (26, 32)] } else { &[(4, 32)] };
-        for &(from, to) in dashes {
+        let (mark, space) = entry.stroke.pattern().unwrap_or((28, 0));
+        for from in (4..32).step_by((mark + space) as usize) {
+            let to = (from + mark as i32).min(32);
             let mark = PathElement::new(vec![at(from, y), at(to, y)], entry.style);
             area.draw(&mark).map_err(PlotError::new)?;
         }

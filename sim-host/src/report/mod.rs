@@ -1,6 +1,6 @@
 //! Plots of a run as SVG text.
 //!
-//! [`states_svg`] shows the states and the emergent trajectory, [`funnels_svg`] each node inside its funnel.
+//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel.
 
 mod axis;
 mod funnels;

@@ -1,9 +1,9 @@
-//! All states over time, and the emergent trajectory.
+//! All states over time, the emergent trajectory and the blended dynamics.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::legend::{self, Entry};
+use super::legend::{self, Entry, Stroke};
 use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
 use super::thin::thin;
 use super::trace::Trace;
@@ -13,8 +13,9 @@ const SIZE: (u32, u32) = (1000, 520);
 /// Width of the legend, in pixels.
 const LEGEND: u32 = 130;
 
-/// The states `x_i` with the emergent trajectory `xi` dashed in black on top, as SVG text. Up to twelve
-/// curves get a colour each; of more, each component of a vector does, and scalar states are drawn alike.
+/// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
+/// figure, as SVG text. Up to twelve curves get a colour each; of more, each component of a vector does, and scalar states are
+/// drawn alike.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -39,7 +40,13 @@ fn curves<DB: DrawingBackend>(
     trace: &Trace,
     span: std::ops::Range<f64>,
 ) -> Result<(), PlotError> {
-    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(trace.xi.iter().flatten()).copied();
+    let values = trace
+        .nodes
+        .iter()
+        .flat_map(|n| n.x.iter())
+        .chain(trace.xi.iter().flatten())
+        .chain(trace.blended.iter().flatten())
+        .copied();
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -72,10 +79,13 @@ fn curves<DB: DrawingBackend>(
         let points = thin(&trace.t, |k| node.x[k]);
         chart.draw_series(LineSeries::new(points, style)).map_err(PlotError::new)?;
     }
-    for xi in &trace.xi {
-        let points = thin(&trace.t, |k| xi[k]);
-        let dashes = DashedLineSeries::new(points, px(7), px(4), line(BLACK, 2));
-        chart.draw_series(dashes).map_err(PlotError::new)?;
+    for (_, components, stroke) in predictions(trace) {
+        let (mark, space) = stroke.pattern().unwrap_or((1, 0));
+        for values in components {
+            let points = thin(&trace.t, |k| values[k]);
+            let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
+            chart.draw_series(series).map_err(PlotError::new)?;
+        }
     }
     Ok(())
 }
@@ -100,10 +110,16 @@ impl Colours {
     }
 }
 
+/// What is predicted, where it is known anywhere: its name, its values over time by component, and how it is drawn.
+fn predictions(trace: &Trace) -> impl Iterator<Item = (&'static str, &Vec<Vec<f64>>, Stroke)> {
+    let all = [("blended", &trace.blended, Stroke::Dashed), ("emergent \u{3BE}", &trace.xi, Stroke::Dotted)];
+    all.into_iter().filter(|(_, values, _)| values.iter().flatten().any(|v| v.is_finite()))
+}
+
 fn entries(trace: &Trace) -> Vec<Entry> {
     let components = trace.components();
     let count = trace.nodes.len() / components;
-    let entry = |label: String, style| Entry { label, style, dashed: false };
+    let entry = |label: String, style| Entry { label, style, stroke: Stroke::Solid };
     let mut entries: Vec<Entry> = match Colours::of(trace) {
         Colours::Curve => {
             trace.nodes.iter().enumerate().map(|(k, n)| entry(n.label.clone(), line(colour(k), 2))).collect()
@@ -113,8 +129,8 @@ fn entries(trace: &Trace) -> Vec<Entry> {
         }
         Colours::One => vec![entry(format!("{count} nodes"), line(CROWD, 1))],
     };
-    if trace.has_xi() {
-        entries.push(Entry { label: "emergent \u{3BE}".into(), style: line(BLACK, 2), dashed: true });
-    }
+    let black =
+        |(name, _, stroke): (&str, _, _)| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };
+    entries.extend(predictions(trace).map(black));
     entries
 }

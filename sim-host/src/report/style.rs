@@ -2,7 +2,7 @@
 
 use plotters::style::{Color, FontDesc, FontFamily, FontStyle, RGBColor, ShapeStyle};
 
-/// Told apart by the colour-blind, and from black, which is the emergent trajectory's: Okabe and Ito without
+/// Told apart by the colour-blind, and from black, which is for what is predicted: Okabe and Ito without
 /// yellow, then Tol's muted set.
 const PALETTE: [RGBColor; 12] = [
     RGBColor(0x00, 0x72, 0xB2),

@@ -29,7 +29,7 @@ fn trace(title: &str, problem: &ReferenceProblem, end: f64, rows: usize) -> Trac
     for (k, &t) in times.iter().enumerate() {
         let row = |table| solution.row(table, k).to_vec();
         let (x, nu, psi) = (row(&solution.x), row(&solution.nu), row(&solution.psi));
-        trace.push(&Row { t, x, nu, psi, u: row(&solution.u), xi: vec![xi] });
+        trace.push(&Row { t, x, nu, psi, u: row(&solution.u), xi: vec![xi], blended: vec![0.5 * xi] });
         let half = xi + 0.5 * step * emergent(problem, t, xi);
         xi += step * emergent(problem, t + 0.5 * step, half);
     }
@@ -62,7 +62,7 @@ fn lengths(svg: &str) -> Vec<usize> {
 fn five_agents_are_drawn_whole_and_thin() {
     let problem = five_agents(ring(5), 2.0);
     let (states, funnels) = draw("five", &trace("Five heterogeneous agents on a ring", &problem, 20.0, 8000));
-    for label in ["node 1", "node 5", "emergent", "time t in s", "state x in state units"] {
+    for label in ["node 1", "node 5", "emergent", "blended", "time t in s", "state x in state units"] {
         assert!(states.contains(label), "{label}");
     }
     assert_eq!(funnels.matches("largest |").count(), 5);

@@ -15,6 +15,8 @@ pub struct Trace {
     pub(super) nodes: Vec<Node>,
     /// By component.
     pub(super) xi: Vec<Vec<f64>>,
+    /// By component.
+    pub(super) blended: Vec<Vec<f64>>,
 }
 
 /// The curves of one component of one node.
@@ -63,10 +65,13 @@ impl Trace {
         if self.nodes.is_empty() {
             self.nodes = (0..row.x.len()).map(|index| Node::new(index, self.components())).collect();
             self.xi = vec![Vec::new(); self.components()];
+            self.blended = self.xi.clone();
         }
         self.t.push(row.t);
-        for (component, xi) in self.xi.iter_mut().enumerate() {
-            xi.push(row.xi.get(component).copied().unwrap_or(f64::NAN));
+        for (curves, values) in [(&mut self.xi, &row.xi), (&mut self.blended, &row.blended)] {
+            for (component, curve) in curves.iter_mut().enumerate() {
+                curve.push(values.get(component).copied().unwrap_or(f64::NAN));
+            }
         }
         for (i, node) in self.nodes.iter_mut().enumerate() {
             let at = |table: &[f64]| table.get(i).copied().unwrap_or(f64::NAN);
@@ -84,10 +89,5 @@ impl Trace {
             (Some(&first), Some(&last)) if last > first => Ok((first, last)),
             _ => Err(PlotError::new("it needs rows at two times or more")),
         }
-    }
-
-    /// Whether an emergent trajectory is known anywhere.
-    pub(super) fn has_xi(&self) -> bool {
-        self.xi.iter().flatten().any(|v| v.is_finite())
     }
 }

@@ -1,7 +1,7 @@
 //! Takes what f32 nodes see, tick by tick, and keeps what a run is judged by.
 
 use super::outcome::Outcome;
-use crate::emergent::EmergentTrajectory;
+use crate::emergent::{Prediction, Predictor};
 use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
 use crate::scenario::Scenario;
@@ -11,7 +11,7 @@ use funnel_core::Observation;
 pub struct Collector<'a> {
     scenario: &'a Scenario,
     stride: u64,
-    xi: Option<EmergentTrajectory<'a>>,
+    predictor: Predictor<'a>,
     /// Continuous-time states at every tick, where they are asked for.
     reference: Option<&'a ReferenceSolution>,
     hash: TraceHash,
@@ -27,7 +27,7 @@ impl<'a> Collector<'a> {
         Self {
             scenario,
             stride,
-            xi: EmergentTrajectory::new(scenario),
+            predictor: Predictor::new(scenario),
             reference,
             hash: TraceHash::new(),
             max_ratio: 0.0,
@@ -48,14 +48,13 @@ impl<'a> Collector<'a> {
         let last = k == self.scenario.time.ticks;
         if last || k.is_multiple_of(self.stride) {
             let t = k as f64 * self.scenario.time.tick_s();
-            let xi = self.xi.as_mut().map_or_else(Vec::new, |xi| xi.advance(t).to_vec());
+            let prediction = self.predictor.advance(t);
             if last {
                 self.outcome.last = seen.iter().map(|o| f64::from(o.x)).collect();
                 self.outcome.widest = seen.iter().map(|o| f64::from(o.psi)).fold(0.0, f64::max);
-                self.outcome.xi_final.clone_from(&xi);
             }
             if k.is_multiple_of(self.stride) {
-                self.outcome.rows.push(row(t, seen, xi));
+                self.outcome.rows.push(row(t, seen, prediction));
             }
         }
     }
@@ -67,6 +66,7 @@ impl<'a> Collector<'a> {
             max_ratio: shortest(self.max_ratio),
             breaches: self.breaches,
             reference: self.reference.map(|_| self.reference_error),
+            prediction: self.predictor.finish(),
             ..self.outcome
         }
     }
@@ -82,7 +82,15 @@ impl<'a> Collector<'a> {
     }
 }
 
-fn row(t: f64, seen: &[Observation<f32>], xi: Vec<f64>) -> Row {
+fn row(t: f64, seen: &[Observation<f32>], prediction: &Prediction) -> Row {
     let column = |value: fn(&Observation<f32>) -> f32| seen.iter().map(|o| f64::from(value(o))).collect();
-    Row { t, x: column(|o| o.x), nu: column(|o| o.nu), psi: column(|o| o.psi), u: column(|o| o.u), xi }
+    Row {
+        t,
+        x: column(|o| o.x),
+        nu: column(|o| o.nu),
+        psi: column(|o| o.psi),
+        u: column(|o| o.u),
+        xi: prediction.xi.clone(),
+        blended: prediction.blended.clone(),
+    }
 }

@@ -1,6 +1,7 @@
 //! What a run came to, before and after it is judged.
 
 use super::options::Fidelity;
+use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
 use crate::record::{
     BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent, ReferenceSummary, Row, Summary,
@@ -18,8 +19,8 @@ pub struct Outcome {
     pub last: Vec<f64>,
     /// Widest funnel at the end, as the nodes had it: floored at the resolution of `nu`, where it is.
     pub widest: f64,
-    /// `xi` at the end, by component; empty where it is not known.
-    pub xi_final: Vec<f64>,
+    /// What was predicted: at the end, and over the recorded rows.
+    pub prediction: Prediction,
     /// Largest `|nu| / psi` over all nodes and ticks.
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
@@ -42,10 +43,7 @@ impl Outcome {
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
         let final_spread = spread(&self.last, scenario.components());
-        let emergent = (!self.xi_final.is_empty()).then(|| EmergentSummary {
-            final_error: distance(&self.last, &self.xi_final),
-            xi_final: PerComponent(self.xi_final.clone()),
-        });
+        let emergent = self.emergent();
         Summary {
             scenario: scenario.title.clone(),
             seed: scenario.seed,
@@ -60,11 +58,26 @@ impl Outcome {
                 bound: scenario.sync_bound(self.widest),
                 lambda2: scenario.graph.lambda2(),
             }),
-            emergent: emergent.clone(),
+            expect: self.expectations(scenario, final_spread, &emergent),
+            emergent: Some(emergent),
             reference: self.reference,
             bus: self.bus.clone(),
-            expect: self.expectations(scenario, final_spread, emergent.as_ref()),
             wall_s: 0.0,
+        }
+    }
+
+    fn emergent(&self) -> EmergentSummary {
+        let prediction = &self.prediction;
+        let known = |values: &[f64]| (!values.is_empty()).then(|| PerComponent(values.to_vec()));
+        let error = |values: &[f64]| (!values.is_empty()).then(|| distance(&self.last, values));
+        EmergentSummary {
+            final_error: error(&prediction.xi),
+            xi_final: known(&prediction.xi),
+            blended_error: error(&prediction.blended),
+            blended_final: known(&prediction.blended),
+            contraction: prediction.contraction,
+            steady_ratio: prediction.steady_ratio.clone(),
+            steady_ratio_max: prediction.steady_ratio_max.clone(),
         }
     }
 
@@ -72,13 +85,14 @@ impl Outcome {
         &self,
         scenario: &Scenario,
         final_spread: f64,
-        emergent: Option<&EmergentSummary>,
+        emergent: &EmergentSummary,
     ) -> Vec<Expectation> {
         let expect = &scenario.expect;
         let judged = [
             ("funnel_ratio", expect.funnel_ratio, Some(self.max_ratio)),
             ("final_spread", expect.final_spread, Some(final_spread)),
-            ("emergent_error", expect.emergent_error, emergent.map(|emergent| emergent.final_error)),
+            ("emergent_error", expect.emergent_error, emergent.final_error),
+            ("blended_error", expect.blended_error, emergent.blended_error),
             ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
         ];
         let final_value = expect.final_value.map(|expected| {

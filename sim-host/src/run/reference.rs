@@ -3,7 +3,7 @@
 use super::error::RunError;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
-use crate::emergent::EmergentTrajectory;
+use crate::emergent::Predictor;
 use crate::exit::Exit;
 use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
@@ -18,18 +18,20 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let last = (!ticks.is_multiple_of(stride)).then_some(ticks);
     let wanted: Vec<u64> = (0..=ticks).step_by(stride as usize).chain(last).collect();
     let solution = solve(scenario, options, &wanted)?;
-    let mut xi = EmergentTrajectory::new(scenario);
+    let mut predictor = Predictor::new(scenario);
     let mut outcome = Outcome { max_ratio: solution.max_ratio, ..Outcome::default() };
     // The reference is its own reference.
     outcome.reference = Some(ReferenceSummary::default());
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
-        row.xi = xi.as_mut().map_or_else(Vec::new, |xi| xi.advance(row.t).to_vec());
-        (outcome.last, outcome.xi_final) = (row.x.clone(), row.xi.clone());
+        let prediction = predictor.advance(row.t);
+        (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
+        outcome.last.clone_from(&row.x);
         outcome.widest = row.psi.iter().copied().fold(0.0, f64::max);
         if k.is_multiple_of(stride) {
             outcome.rows.push(row);
         }
     }
+    outcome.prediction = predictor.finish();
     Ok(outcome)
 }
 
@@ -76,6 +78,7 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
         psi: table(&solution.psi, k),
         u: table(&solution.u, k),
         xi: Vec::new(),
+        blended: Vec::new(),
     };
     solution.times.iter().enumerate().map(row)
 }

@@ -221,6 +221,7 @@ fn read_expect(file: &mut Section<'_>) -> Expect {
         funnel_ratio: section.optional_number("funnel_ratio", Range::positive("|nu| / psi").on_host()),
         final_spread: section.optional_number("final_spread", length),
         emergent_error: section.optional_number("emergent_error", length),
+        blended_error: section.optional_number("blended_error", length),
         reference_error: section.optional_number("reference_error", length),
         final_value: section.section("final_value").map(|mut value| {
             let final_value = FinalValue {

@@ -226,6 +226,14 @@ impl NormalisedSpec {
             Self::Exponential { start, end, rate } => (start - end) * math::exp(-rate * t) + end,
         }
     }
+
+    /// The derivative of [`Self::width`] by time (state units / s).
+    fn slope(&self, t: f64) -> f64 {
+        match *self {
+            Self::Constant { .. } => 0.0,
+            Self::Exponential { start, end, rate } => -rate * (start - end) * math::exp(-rate * t),
+        }
+    }
 }
 
 /// The funnel `psi(t)` in state units. `factor` is the paper's `r_i` and multiplies the whole funnel.
@@ -306,6 +314,30 @@ impl FunnelSpec {
         }
     }
 
+    /// The derivative of [`Self::width`] by time, for t > 0 in seconds (state units / s).
+    #[must_use]
+    pub fn slope(&self, t: f64) -> f64 {
+        match *self {
+            Self::Exponential { start, end, rate, factor } => {
+                -factor * rate * (start - end) * math::exp(-rate * t)
+            }
+            Self::Constant { .. } => 0.0,
+            Self::ReciprocalTime { scale, factor } => -factor * scale / (t * t),
+            Self::FiniteTime { start, at_ns, power, factor } => {
+                let at = at_ns as f64 * 1e-9;
+                let rest = 1.0 - t / at;
+                if rest > 0.0 { -factor * start * power / at * math::pow(rest, power - 1.0) } else { 0.0 }
+            }
+            Self::Schedule { at_ns, eps, then, factor, .. } => {
+                let at = at_ns as f64 * 1e-9;
+                if t >= at {
+                    return factor * eps * then.slope(t);
+                }
+                -self.width(t) / at * math::ln(self.width(0.0) / (factor * eps * then.width(at)))
+            }
+        }
+    }
+
     /// The multiplier of the whole funnel.
     #[must_use]
     pub fn factor(&self) -> f64 {
@@ -354,6 +386,8 @@ pub struct Expect {
     pub final_spread: Option<f64>,
     /// Largest distance of a node to the emergent dynamics at the end (state units).
     pub emergent_error: Option<f64>,
+    /// Largest distance of a node to the blended dynamics at the end (state units).
+    pub blended_error: Option<f64>,
     /// Largest distance to the continuous-time reference over nodes and time (state units).
     pub reference_error: Option<f64>,
     /// Where every component of every node ends.

@@ -699,3 +699,28 @@ fn what_the_reader_takes_a_node_takes() {
         }
     }
 }
+
+#[test]
+fn the_slope_of_a_funnel_is_its_derivative() {
+    let funnels = [
+        FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 0.7, factor: 3.0 },
+        FunnelSpec::Constant { width: 2.0, factor: 3.0 },
+        FunnelSpec::ReciprocalTime { scale: 5.0, factor: 0.5 },
+        FunnelSpec::FiniteTime { start: 10.0, at_ns: 2_000_000_000, power: 1.5, factor: 2.0 },
+        FunnelSpec::Schedule {
+            start: 9.0,
+            at_ns: 3_000_000_000,
+            eps: 0.5,
+            then: NormalisedSpec::Exponential { start: 5.0, end: 1.0, rate: 0.4 },
+            factor: 2.0,
+        },
+    ];
+    for funnel in funnels {
+        for t in [0.3, 1.9, 2.0, 7.0] {
+            let difference = (funnel.width(t + 1e-6) - funnel.width(t - 1e-6)) / 2e-6;
+            // The finite-time funnel closes at 2 s with a slope that is zero only there.
+            let tolerance = if t == 2.0 { 0.02 } else { 1e-6 };
+            assert!((funnel.slope(t) - difference).abs() < tolerance, "{funnel:?} at {t}: {difference}");
+        }
+    }
+}

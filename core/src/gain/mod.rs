@@ -1,0 +1,107 @@
+//! Gains `mu(s) = gamma(|s|) s` on (-1, 1), built around their inverse.
+//!
+//! `mu^-1 : R -> (-1, 1)` is the primitive of the whole system: the implicit law (*) needs it, and so does the emergent
+//! vector field `sum_i psi_i mu_i^-1(h - f_i) = 0` (paper, eq. (alg)). Assumption 3 (funnel): odd, strictly increasing,
+//! unbounded at the boundary.
+
+use crate::math::Real;
+use crate::root;
+
+mod assumption;
+mod builtin;
+mod linear;
+mod locally_linear;
+mod logarithmic;
+mod median;
+mod reciprocal;
+
+pub use assumption::{Constants, Violation, check};
+pub use builtin::BuiltinGain;
+pub use linear::Linear;
+pub use locally_linear::LocallyLinear;
+pub use logarithmic::Logarithmic;
+pub use median::median;
+pub use reciprocal::Reciprocal;
+
+/// Solution of the implicit law (*): the input, and the ratio at the end of the step that it aims at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution<F> {
+    /// Input `u`, state units / s.
+    pub u: F,
+    /// `s = mu^-1(u)`, within [-1, 1].
+    pub s: F,
+}
+
+/// Largest `|nu| / psi` from which an input is computed directly.
+const FIRST_RATIO: f64 = 0.99;
+
+/// A gain, odd in its argument.
+pub trait Gain<F: Real> {
+    /// `mu^-1(u)` in (-1, 1), odd and strictly increasing; rounding may give exactly -1 or 1.
+    fn inverse(&self, u: F) -> F;
+
+    /// Derivative of [`Gain::inverse`], positive, 1 / (state units / s).
+    fn inverse_slope(&self, u: F) -> F;
+
+    /// [`Gain::inverse`] and [`Gain::inverse_slope`] at once, for a gain that computes them from the same terms.
+    #[inline]
+    fn inverse_with_slope(&self, u: F) -> (F, F) {
+        (self.inverse(u), self.inverse_slope(u))
+    }
+
+    /// `gap(u) e^lift` and `inverse_slope(u) e^lift` with the gap `1 - |mu^-1(u)|`, both with all their digits where
+    /// `mu^-1(u)` itself rounds to 1: what is left of an agent whose field is far from the emergent one.
+    ///
+    /// `lift` is from 0 to [`Gain::decay`]. The default is for gains without exponential tails and without a better formula.
+    #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let (inverse, slope) = self.inverse_with_slope(u);
+        (F::ONE - inverse.abs(), slope)
+    }
+
+    /// The exponent `d >= 0` of a gap that falls as `e^-d`, which would underflow far out; zero for a gain whose gap falls as
+    /// a power of `1 / |u|`.
+    #[inline]
+    fn decay(&self, _u: F) -> F {
+        F::ZERO
+    }
+
+    /// `mu(s)`, state units / s, for `|s| < 1`.
+    fn apply(&self, s: F) -> F;
+
+    /// The paper's law as it stands, `mu(nu / psi)`, state units / s, with the ratio held at 0.99 or below: what the very
+    /// first input is computed by.
+    #[inline]
+    fn input(&self, nu: F, psi: F) -> F {
+        let limit = F::from_f64(FIRST_RATIO);
+        self.apply((nu / psi).max(-limit).min(limit))
+    }
+
+    /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (*)), for `psi > 0` and `b >= 0` (s).
+    ///
+    /// The default is a bracketed Newton iteration; a gain with a closed form overrides it.
+    #[inline]
+    fn solve(&self, psi: F, b: F, r: F) -> Solution<F> {
+        newton(self, psi, b, r)
+    }
+}
+
+/// Bracketed Newton for `psi mu^-1(u) + b u = r`, solved for `|u|`, since every gain is odd.
+///
+/// Below the solution the left side is concave where `mu` is convex, so that Newton from below converges monotonically;
+/// where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (LAW.md 3).
+pub fn newton<F: Real, G: Gain<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Solution<F> {
+    let rho = r.abs();
+    if !(rho > F::ZERO && b > F::ZERO) {
+        return Solution { u: F::ZERO, s: F::ZERO };
+    }
+    let low = ((rho - psi) / b).max(F::ZERO);
+    let left_side = |u| {
+        let (inverse, slope) = gain.inverse_with_slope(u);
+        (psi * inverse + b * u - rho, psi * slope + b)
+    };
+    // The first Newton step from zero, which needs no function value.
+    let start = (rho / (psi * gain.inverse_slope(F::ZERO) + b)).max(low);
+    let u = root::increasing(low, rho / b, start, left_side);
+    Solution { u: u.copysign(r), s: gain.inverse(u).copysign(r) }
+}

@@ -1,0 +1,56 @@
+//! The reciprocal gain, whose law (*) has a closed form.
+
+use super::{Gain, Solution};
+use crate::math::Real;
+
+/// `mu(s) = scale * s / (1 - |s|)` (paper, Example 1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reciprocal<F> {
+    /// State units / s.
+    pub scale: F,
+}
+
+impl<F: Real> Gain<F> for Reciprocal<F> {
+    /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the quotient does not.
+    #[inline]
+    fn inverse(&self, u: F) -> F {
+        let (size, sum) = (u.abs(), self.scale + u.abs());
+        if size <= self.scale { u / sum } else { (F::ONE - self.scale / sum).copysign(u) }
+    }
+
+    #[inline]
+    fn inverse_slope(&self, u: F) -> F {
+        let sum = self.scale + u.abs();
+        self.scale / sum / sum
+    }
+
+    #[inline]
+    fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
+        let sum = self.scale + u.abs();
+        let gap = self.scale / sum;
+        (gap, gap / sum)
+    }
+
+    #[inline]
+    fn apply(&self, s: F) -> F {
+        self.scale * s / (F::ONE - s.abs())
+    }
+
+    /// Closed form in `g = 1 - |s|`, without cancellation (LAW.md 3): one square root, two divisions.
+    #[inline]
+    fn solve(&self, psi: F, b: F, r: F) -> Solution<F> {
+        let rho = r.abs();
+        let scaled = b * self.scale;
+        let excess = rho + scaled - psi;
+        let product = psi * scaled;
+        let root = (excess * excess + (product + product) * F::TWO).sqrt();
+        let gap = if excess >= F::ZERO {
+            (scaled + scaled) / (excess + root)
+        } else {
+            (root - excess) / (psi + psi)
+        };
+        let quotient = r / (psi * gap + scaled);
+        // Rounding can push |s| just above 1.
+        Solution { u: self.scale * quotient, s: (quotient * gap).max(-F::ONE).min(F::ONE) }
+    }
+}

@@ -1,0 +1,95 @@
+//! The book's figures and the README's table of scenarios, drawn and computed anew from `scenarios/`.
+//!
+//! Usage: `gallery [--check]`, from the root of the repository. Writes `docs/book/src/figures/NAME.svg` and the table between the
+//! markers in README.md; with `--check` it only compares the table, and fails where it differs.
+#![allow(clippy::expect_used)]
+
+use sim_host::figure::figure;
+use sim_host::interrupt::Interrupt;
+use sim_host::record::Summary;
+use sim_host::report::{Trace, states_svg};
+use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate};
+use sim_host::scenario::Scenario;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Points of a curve in a figure: enough for a page, small enough for a repository.
+const POINTS: u64 = 400;
+const BEGIN: &str = "<!-- gallery: begin -->\n";
+const END: &str = "<!-- gallery: end -->\n";
+
+fn main() -> ExitCode {
+    let check = std::env::args().any(|argument| argument == "--check");
+    let scenarios: Vec<_> =
+        files().iter().map(|path| Scenario::load(path, &[]).expect("a valid scenario")).collect();
+    let mut table = String::from(
+        "| scenario | largest \\|nu\\|/psi | final spread | to xi at the end | reference error |\n|---|---:|---:|---:|---:|\n",
+    );
+    for scenario in &scenarios {
+        let outcome = simulate(scenario, &options(scenario)).expect("a run");
+        table += &row(scenario, &outcome.judge(scenario, Fidelity::Loopback));
+        if !check {
+            draw(scenario, &outcome);
+        }
+    }
+    let readme = std::fs::read_to_string("README.md").expect("README.md, from the root of the repository");
+    let (before, rest) = readme.split_once(BEGIN).expect("the marker where the table begins");
+    let (found, after) = rest.split_once(END).expect("the marker where the table ends");
+    if !check {
+        std::fs::write("README.md", [before, BEGIN, &table, END, after].concat())
+            .expect("README.md can be written");
+    } else if found != table {
+        eprintln!("README.md's table of scenarios is not what they give now: ./ci.sh gallery\n{table}");
+        return ExitCode::FAILURE;
+    }
+    ExitCode::SUCCESS
+}
+
+/// Every scenario file, by name.
+fn files() -> Vec<PathBuf> {
+    let entries = std::fs::read_dir("scenarios").expect("scenarios/, from the root of the repository");
+    let mut files: Vec<_> = entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    files.sort();
+    files
+}
+
+fn options(scenario: &Scenario) -> RunOptions {
+    RunOptions {
+        on: Fidelity::Loopback,
+        out: None,
+        every_ticks: Some((scenario.time.ticks / POINTS).max(1)),
+        json: None,
+        junit: None,
+        image: PathBuf::new(),
+        verbosity: Verbosity::Quiet,
+        interrupt: Interrupt::default(),
+        repeat: String::new(),
+    }
+}
+
+fn name(scenario: &Scenario) -> String {
+    scenario.path.file_stem().expect("a name").to_string_lossy().into_owned()
+}
+
+/// Two digits for what an f64 solver says, which need not be the same to the last bit everywhere.
+fn row(scenario: &Scenario, summary: &Summary) -> String {
+    let name = name(scenario);
+    let number = |value: Option<f64>, digits| value.map_or(String::new(), |value| figure(value, digits));
+    format!(
+        "| [{name}](docs/book/src/scenarios/{name}.md) | {} | {} | {} | {} |\n",
+        number(summary.funnel.map(|funnel| funnel.max_ratio), 3),
+        number(summary.sync.map(|sync| sync.final_spread), 2),
+        number(summary.emergent.as_ref().and_then(|emergent| emergent.final_error), 2),
+        number(summary.reference.map(|reference| reference.max_error), 2),
+    )
+}
+
+fn draw(scenario: &Scenario, outcome: &Outcome) {
+    let mut trace = Trace::new(scenario.title.as_str());
+    outcome.rows.iter().for_each(|row| trace.push(row));
+    let folder = Path::new("docs/book/src/figures");
+    std::fs::create_dir_all(folder).expect("a folder for the figures");
+    let svg = states_svg(&trace).expect("a figure");
+    std::fs::write(folder.join(format!("{}.svg", name(scenario))), svg).expect("a figure can be written");
+}
