@@ -10,6 +10,7 @@ use funnel_protocol::service::{Body, Identity, Reply, Request};
 use funnel_protocol::{Refusal, WIRE_VERSION};
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::configure::{Drive, listeners, node_configs};
+use sim_host::noise::Noise;
 use sim_host::record::TraceHash;
 use sim_host::scenario::Scenario;
 
@@ -100,7 +101,9 @@ pub struct MemoryNet {
     bus: IdealBus<Vec<u8>>,
     tick_ns: u64,
     tick: u32,
-    states: Vec<f32>,
+    /// By node, then by component.
+    states: Vec<Vec<f32>>,
+    noise: Noise,
     hash: TraceHash,
 }
 
@@ -116,22 +119,21 @@ impl MemoryNet {
             bus: IdealBus::new(params, scenario.seed, listeners(scenario)),
             tick_ns: scenario.time.tick_ns,
             tick: 0,
-            states: configs.iter().flat_map(|config| config.initial_state.clone()).collect(),
+            states: configs.iter().map(|config| config.initial_state.to_vec()).collect(),
+            noise: Noise::of(scenario),
             hash: TraceHash::new(),
         };
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         for index in 0..net.boards.len() {
             let said = net.boards[index].hear(&serial::encode(&start));
-            let [Said::Message(Message::State { x, .. })] = frames(&said)[..] else {
-                panic!("node {} announced no state", index + 1)
-            };
-            assert_eq!(x, net.states[index], "the announced state of node {}", index + 1);
-            net.bus.send(0, index, said);
+            let announced = std::mem::take(&mut net.states[index]);
+            net.states[index] = net.relay(index, 0, &frames(&said)).0;
+            assert_eq!(net.states[index], announced, "the announced state of node {}", index + 1);
         }
         net
     }
 
-    /// Runs one tick on every node and gives their telemetry, by index.
+    /// Runs one tick on every node and gives their telemetry, by index and then by component.
     pub fn advance(&mut self) -> Vec<Telemetry> {
         let now = (u64::from(self.tick) + 1) * self.tick_ns;
         let mut lines = vec![Vec::new(); self.boards.len()];
@@ -140,23 +142,45 @@ impl MemoryNet {
         }
         let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
         let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
-        let seen = (0..self.boards.len()).map(|index| {
-            self.hash.push(self.states[index]);
-            lines[index].extend_from_slice(&sync);
-            let said = self.boards[index].hear(&lines[index]);
-            let [Said::Message(state @ Message::State { x, .. }), Said::Reply(Reply::Telemetry(telemetry))] =
-                frames(&said)[..]
-            else {
-                panic!("node {} at tick {}: {:?}", index + 1, self.tick, frames(&said))
-            };
-            assert_eq!(telemetry.tick, self.tick);
-            self.states[index] = x;
-            self.bus.send(now, index, serial::encode(&state).to_vec());
-            telemetry
-        });
-        let seen = seen.collect();
+        let mut seen = Vec::new();
+        for (index, mut line) in lines.into_iter().enumerate() {
+            self.hash.extend(self.states[index].iter().copied());
+            line.extend_from_slice(&sync);
+            let said = frames(&self.boards[index].hear(&line));
+            let (state, telemetry) = self.relay(index, now, &said);
+            let told: Vec<_> =
+                telemetry.iter().map(|told| (told.tick, usize::from(told.component))).collect();
+            let expected: Vec<_> =
+                (0..self.states[index].len()).map(|component| (self.tick, component)).collect();
+            assert_eq!(told, expected, "node {} at tick {}: {said:?}", index + 1, self.tick);
+            // A node that has stopped says no state.
+            if !state.is_empty() {
+                self.states[index] = state;
+            }
+            seen.extend(telemetry);
+        }
         self.tick += 1;
         seen
+    }
+
+    /// Passes on what a node has said, and gives its state and its telemetry, by component.
+    fn relay(&mut self, index: usize, now: u64, said: &[Said]) -> (Vec<f32>, Vec<Telemetry>) {
+        let (mut state, mut telemetry) = (Vec::new(), Vec::new());
+        for said in said {
+            match said {
+                Said::Message(message) => {
+                    if let Message::State { component, x, .. } = *message {
+                        assert_eq!(usize::from(component.get()), state.len(), "node {}", index + 1);
+                        state.push(x);
+                    }
+                    let message = self.noise.disturb(index, *message);
+                    self.bus.send(now, index, serial::encode(&message).to_vec());
+                }
+                Said::Reply(Reply::Telemetry(told)) => telemetry.push(*told),
+                Said::Reply(reply) => panic!("node {}: {reply:?}", index + 1),
+            }
+        }
+        (state, telemetry)
     }
 
     /// The hash of all states so far.

@@ -80,7 +80,7 @@ fn row(scenario: &Scenario, summary: &Summary) -> String {
         "| [{name}](docs/book/src/scenarios/{name}.md) | {} | {} | {} | {} |\n",
         number(summary.funnel.map(|funnel| funnel.max_ratio), 3),
         number(summary.sync.map(|sync| sync.final_spread), 2),
-        number(summary.emergent.map(|emergent| emergent.final_error), 2),
+        number(summary.emergent.as_ref().and_then(|emergent| emergent.final_error), 2),
         number(summary.reference.map(|reference| reference.max_error), 2),
     )
 }

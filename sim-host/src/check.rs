@@ -6,7 +6,6 @@
 mod assumptions;
 mod bus;
 mod capacity;
-mod contraction;
 mod forecast;
 mod limits;
 mod nodes;
@@ -103,8 +102,13 @@ pub fn check(scenario: &Scenario) -> Report {
     let subject = Subject::of(scenario);
     let mut findings = assumptions::findings(&subject);
     findings.extend(start::findings(&subject));
-    findings.extend(limits::findings(&subject));
-    findings.extend(predictions::findings(&subject));
+    match &subject.forecast {
+        Some(forecast) => {
+            findings.extend(limits::findings(&subject, forecast));
+            findings.extend(predictions::findings(&subject, forecast));
+        }
+        None => findings.push(predictions::none_here(scenario)),
+    }
     findings.extend(bus::findings(scenario));
     findings.push(capacity::finding(scenario));
     findings.extend(size(scenario));

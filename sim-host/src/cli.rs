@@ -12,7 +12,7 @@ use crate::check;
 use crate::exit::Exit;
 use crate::figure::figure;
 use crate::interrupt::Interrupt;
-use crate::record::{Expectation, Summary};
+use crate::record::{Expectation, PerComponent, Summary};
 use crate::run::{self, Fidelity, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
@@ -268,13 +268,13 @@ fn text(summary: &Summary) -> String {
         );
     }
     if let Some(emergent) = &summary.emergent {
-        let mut distance = |name: &str, error: Option<f64>, symbol: &str, end: Option<f64>| {
+        let mut distance = |name: &str, error: Option<f64>, symbol: &str, end: &Option<PerComponent>| {
             if let (Some(error), Some(end)) = (error, end) {
-                line(name, format!("final distance {} to {symbol}{}", figure(error, 4), figure(end, 6)));
+                line(name, format!("final distance {} to {symbol}{}", figure(error, 4), each(&end.0)));
             }
         };
-        distance("emergent", emergent.final_error, "xi = ", emergent.xi_final);
-        distance("blended", emergent.blended_error, "", emergent.blended_final);
+        distance("emergent", emergent.final_error, "xi = ", &emergent.xi_final);
+        distance("blended", emergent.blended_error, "", &emergent.blended_final);
     }
     if let Some(reference) = summary.reference {
         line("reference", format!("largest error {}", figure(reference.max_error, 4)));
@@ -290,6 +290,12 @@ fn text(summary: &Summary) -> String {
         line(if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"));
     }
     lines.join("\n")
+}
+
+/// A number, or the numbers of a vector in brackets.
+fn each(values: &[f64]) -> String {
+    let figures: Vec<_> = values.iter().map(|&value| figure(value, 6)).collect();
+    if let [one] = figures.as_slice() { one.clone() } else { format!("[{}]", figures.join(", ")) }
 }
 
 /// The command as typed, quoted for a POSIX shell, with the seed made explicit.

@@ -3,6 +3,7 @@
 //! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
 
 use crate::bus::ideal::{IdealBus, Traffic};
+use crate::noise::Noise;
 use funnel_core::{Action, Event, Node, Observation};
 use funnel_protocol::can::{self, CanFrame};
 use funnel_protocol::message::{Command, Message, Target};
@@ -25,17 +26,25 @@ const NEVER: u64 = u64::MAX;
 pub struct Engine {
     nodes: Vec<Node>,
     bus: IdealBus<CanFrame>,
+    noise: Noise,
     /// When each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
     wakes: Vec<u64>,
+    /// Node by node, and the components of each in order.
     observations: Vec<Observation<f32>>,
     events: Vec<NodeEvent>,
 }
 
 impl Engine {
-    /// Nodes that are ready to start; `bus` must know as many.
+    /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
     pub fn new(nodes: Vec<Node>, bus: IdealBus<CanFrame>) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
-        Self { wakes: vec![NEVER; nodes.len()], observations, events: Vec::new(), nodes, bus }
+        let noise = Noise::default();
+        Self { wakes: vec![NEVER; nodes.len()], observations, events: Vec::new(), nodes, bus, noise }
+    }
+
+    /// With noise on the states that nodes send.
+    pub fn with_noise(self, noise: Noise) -> Self {
+        Self { noise, ..self }
     }
 
     /// Starts all nodes at time 0.
@@ -48,8 +57,8 @@ impl Engine {
         }
     }
 
-    /// Runs until all nodes that are due at the next tick instant have ticked, and gives what they saw, by index.
-    /// `None` when nothing is left to do.
+    /// Runs until all nodes that are due at the next tick instant have ticked, and gives what they saw, by index and
+    /// then by component. `None` when nothing is left to do.
     ///
     /// A node that has stopped keeps its last observation.
     pub fn advance(&mut self) -> Option<&[Observation<f32>]> {
@@ -63,7 +72,7 @@ impl Engine {
         Some(&self.observations)
     }
 
-    /// What the nodes saw at their last tick, by index.
+    /// What the nodes saw at their last tick, by index and then by component.
     pub fn observations(&self) -> &[Observation<f32>] {
         &self.observations
     }
@@ -94,13 +103,17 @@ impl Engine {
         let Some(node) = self.nodes.get_mut(index) else { return };
         while let Some(action) = node.poll(now) {
             match action {
-                Action::Send(message) => self.bus.send(now, index, can::encode(&message)),
+                Action::Send(message) => {
+                    let message = self.noise.disturb(index, message);
+                    self.bus.send(now, index, can::encode(&message));
+                }
                 Action::Report(event) => self.events.push(NodeEvent { at: now, node: index, event }),
             }
         }
-        if let Some(slot) = self.observations.get_mut(index) {
-            *slot = node.observations().first().copied().unwrap_or_default();
-        }
+        // All nodes have as many components.
+        let first = index * node.components();
+        let slots = self.observations.iter_mut().skip(first);
+        slots.zip(node.observations()).for_each(|(slot, &seen)| *slot = seen);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = node.poll_at().unwrap_or(NEVER);
         }

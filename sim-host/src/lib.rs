@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bus;
+pub mod central;
 pub mod check;
 pub mod cli;
 pub mod configure;
@@ -14,6 +15,7 @@ pub mod engine;
 pub mod exit;
 pub mod figure;
 pub mod interrupt;
+pub mod noise;
 pub mod progress;
 pub mod random;
 pub mod record;

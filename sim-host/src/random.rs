@@ -2,6 +2,7 @@
 //!
 //! The generator is named (PCG XSL RR 128/64), since `rand`'s default ones change between versions.
 
+use funnel_core::math;
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng;
 
@@ -15,6 +16,8 @@ pub enum Purpose {
     Loss = 2,
     /// Delays of frames.
     Jitter = 3,
+    /// Measurement noise.
+    Noise = 4,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.
@@ -49,6 +52,13 @@ pub fn happens(generator: &mut impl Rng, probability: f64) -> bool {
     probability > 0.0 && uniform(generator) < probability
 }
 
+/// Gaussian with mean 0 and standard deviation 1 (Box and Muller, 1958); two draws each.
+pub fn gaussian(generator: &mut impl Rng) -> f64 {
+    // In (0, 1], so that the logarithm is finite.
+    let length = (-2.0 * math::ln(1.0 - uniform(generator))).sqrt();
+    length * math::cos(std::f64::consts::TAU * uniform(generator))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -60,6 +70,17 @@ mod tests {
         assert_ne!(first(1, Purpose::Graph, 0), first(2, Purpose::Graph, 0));
         assert_ne!(first(1, Purpose::Graph, 0), first(1, Purpose::Loss, 0));
         assert_ne!(first(1, Purpose::Loss, 0), first(1, Purpose::Loss, 1));
+    }
+
+    #[test]
+    fn gaussians_have_the_moments_that_they_should() {
+        let mut generator = stream(3, Purpose::Noise, 0);
+        let draws: Vec<f64> = (0..100_000).map(|_| gaussian(&mut generator)).collect();
+        let mean = |of: fn(f64) -> f64| draws.iter().map(|&x| of(x)).sum::<f64>() / draws.len() as f64;
+        let found = [mean(|x| x), mean(|x| x * x), mean(|x| x * x * x), mean(|x| x * x * x * x)];
+        let near =
+            found.iter().zip([0.0, 1.0, 0.0, 3.0]).all(|(found, moment)| (found - moment).abs() < 0.06);
+        assert!(near, "{found:?}");
     }
 
     #[test]

@@ -202,10 +202,6 @@ fn networks_that_cannot_be_are_refused() {
 #[test]
 fn what_this_version_cannot_run_says_so() {
     refused_set(
-        "coupling.kind=linear",
-        "coupling.kind = linear: known, but not supported by this version yet; this version runs node-wise",
-    );
-    refused_set(
         "bus.model=can",
         "bus.model = can: known, but not supported by this version yet; this version runs ideal",
     );

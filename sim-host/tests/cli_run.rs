@@ -137,8 +137,8 @@ fn the_summary_has_the_keys_of_the_contract() {
     assert_eq!(keys(&summary["expect"][0]), "limit name pass value");
     let hash = summary["trace_hash"].as_str().unwrap();
     assert!(hash.len() == 16 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()), "{hash}");
-    // One frame per node to begin with and one per tick, the last tick included.
-    assert_eq!(summary["bus"]["sent"], 5 * (1 + 201));
+    // One frame per node to begin with and one per tick, the last tick included; and the weight of each edge, by both ends.
+    assert_eq!(summary["bus"]["sent"], 5 * (1 + 201) + 2 * 5);
     assert_eq!(
         (&summary["ticks"], &summary["on"], &summary["seed"]),
         (&200.into(), &"loopback".into(), &1.into())
@@ -365,4 +365,71 @@ fn ctrl_c_is_code_130_and_leaves_no_half_file() {
         (Some(130), "interrupted; no output was written\n")
     );
     assert_eq!(files(&out), BTreeMap::new());
+}
+
+#[test]
+fn weakly_centralised_coupling_runs_on_no_node() {
+    let central =
+        ["run", FIVE, "--set", SHORT, "--set", "coupling.kind=weakly-centralised", "--set", "expect={}"];
+    let (code, out, _) = run(&central);
+    assert_eq!(code, Some(0));
+    assert!(out.contains("0 frames sent"), "{out}");
+    let (code, _, err) = run(&[&central[..], &["--on", "emulator"]].concat());
+    assert_eq!(code, Some(2));
+    assert!(err.contains("each would have to know the gains of all others within the same tick"), "{err}");
+}
+
+#[test]
+fn an_emergent_error_is_not_judged_where_xi_is_not_known() {
+    let sets = ["--set", SHORT, "--set", "expect.emergent_error=1"];
+    let (code, _, err) = run(&[&["run", "scenarios/vector-max-gain.toml"], &sets[..]].concat());
+    assert_eq!(code, Some(2));
+    assert!(err.contains("not known for max-gain coupling of states with 2 components"), "{err}");
+}
+
+#[test]
+fn there_is_no_reference_but_for_the_node_wise_law_of_scalars() {
+    let short = ["run", "--set", SHORT, "--on", "reference"];
+    for (scenario, what) in [
+        ("scenarios/vector-oscillators.toml", "element-wise coupling of states with 2 components"),
+        ("scenarios/economic-dispatch.toml", "edge-wise coupling of states with 1 component"),
+    ] {
+        let (code, _, err) = run(&[&short[..], &[scenario]].concat());
+        assert_eq!(code, Some(2));
+        assert!(err.contains("there is no reference for") && err.contains(what), "{err}");
+    }
+}
+
+#[test]
+fn vector_states_have_columns_of_their_own_in_every_output() {
+    let files =
+        outputs("scenarios/vector-oscillators.toml", &["--set", "expect={final_value={is=0,within=9}}"]);
+    let header = files["trajectory.csv"].lines().next().unwrap();
+    assert!(
+        header.starts_with("t,x_1_0,x_1_1,x_2_0,")
+            && header.ends_with(",u_5_1,xi_0,xi_1,blended_0,blended_1"),
+        "{header}"
+    );
+    for label in ["node 1, x0", "node 5, x1"] {
+        assert!(files["states.svg"].contains(label) && files["funnels.svg"].contains(label), "{label}");
+    }
+    let summary = summary(&files);
+    assert_eq!(summary["emergent"]["xi_final"].as_array().unwrap().len(), 2);
+    let judged = summary["expect"].as_array().unwrap();
+    let last = judged.last().unwrap();
+    assert_eq!(
+        (&last["name"], &last["limit"], &last["pass"]),
+        (&"final_value".into(), &9.0.into(), &true.into())
+    );
+    let states: Vec<f64> = files["trajectory.csv"]
+        .lines()
+        .last()
+        .unwrap()
+        .split(',')
+        .skip(1)
+        .take(10)
+        .map(|x| x.parse().unwrap())
+        .collect();
+    let farthest = states.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    assert_eq!(last["value"].as_f64().unwrap() as f32, farthest as f32);
 }

@@ -68,3 +68,36 @@ fn also_where_nodes_stop_at_their_state_limit() {
     assert!(emulator.counters.iter().all(|counters| counters.ticks < 1000), "{:?}", emulator.counters);
     assert_eq!(emulator.events.len(), 5, "{:?}", emulator.events);
 }
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_vector_states() {
+    let lossy = ["time.duration=300ms", "bus.loss=0.1"];
+    assert_parity(&scenario("vector-oscillators.toml", &lossy));
+    assert_parity(&scenario("vector-max-gain.toml", &["time.duration=300ms"]));
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_other_couplings() {
+    let short = "time.duration=300ms";
+    assert_parity(&scenario("economic-dispatch.toml", &[short]));
+    let tracker =
+        ["coupling.kind=lambda-tracker", "coupling.eta=0.1", "coupling.gain={kind='linear',slope=20}"];
+    assert_parity(&scenario("five-agents.toml", &[&[short], &tracker[..]].concat()));
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_schedules_noise_and_breaches() {
+    let schedule =
+        "coupling.funnel={kind='schedule',start=40,at='150ms',eps=0.01,then={kind='constant',width=1}}";
+    let noisy = ["time.duration=300ms", schedule, "agent.noise=0.02"];
+    let reopen = "coupling.on_breach={kind='reopen',margin=1.5,rate=20}";
+    assert_parity(&scenario("five-agents.toml", &[&noisy[..], &[reopen]].concat()));
+    // Short: a node that has stopped takes a frame of 256 ticks later for an old one in CAN's 8 bits, not in the 16 of a serial line.
+    let stop = ["coupling.on_breach=stop", "time.duration=200ms"];
+    let emulator = assert_parity(&scenario("five-agents.toml", &[&noisy[1..], &stop].concat()));
+    let stopped = emulator.counters.iter().filter(|counters| counters.ticks < 201).count();
+    assert_eq!(stopped, 4, "{:?}", emulator.counters);
+}

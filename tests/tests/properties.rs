@@ -20,10 +20,8 @@ fn decades(low: f64, high: f64) -> impl Strategy<Value = f64> {
 
 fn field() -> impl Strategy<Value = Affine> {
     let sine = (0.0..5.0f64, 0.1..5.0f64, 0.0..6.0f64);
-    (-2.0..0.3f64, -5.0..5.0f64, sine).prop_map(|(slope, offset, (amplitude, frequency, phase))| Affine {
-        slope,
-        offset,
-        sines: vec![Sine { amplitude, frequency, phase }],
+    (-2.0..0.3f64, -5.0..5.0f64, sine).prop_map(|(slope, offset, (amplitude, frequency, phase))| {
+        Affine::scalar(slope, offset, vec![Sine { component: 0, amplitude, frequency, phase }])
     })
 }
 
@@ -41,10 +39,11 @@ fn node() -> impl Strategy<Value = NodeSpec> {
         .prop_map(|(end, rate, factor)| FunnelSpec::Exponential { start: 0.0, end, rate, factor });
     (-3.0..3.0f64, field(), gain(), funnel).prop_map(|(state, dynamics, gain, funnel)| NodeSpec {
         id: 0,
-        state,
+        state: vec![state],
         dynamics,
         gain,
         funnel,
+        noise: 0.0,
     })
 }
 
@@ -72,7 +71,7 @@ fn network() -> impl Strategy<Value = Scenario> {
 }
 
 fn build((graph, mut nodes): (Graph, Vec<NodeSpec>)) -> Scenario {
-    let states: Vec<f64> = nodes.iter().map(|node| node.state).collect();
+    let states: Vec<f64> = nodes.iter().map(|node| node.state[0]).collect();
     for ((i, node), nu) in nodes.iter_mut().enumerate().zip(graph.diffusive_terms(&states)) {
         node.id = i as u16 + 1;
         if let FunnelSpec::Exponential { start, end, factor, .. } = &mut node.funnel {

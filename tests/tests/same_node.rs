@@ -40,6 +40,45 @@ fn also_where_frames_are_lost_late_and_out_of_order() {
 }
 
 #[test]
+fn also_with_vector_states() {
+    assert_parity(&scenario("vector-oscillators.toml", &["time.duration=300ms", "bus.loss=0.1"]));
+    assert_parity(&scenario("vector-max-gain.toml", &["time.duration=300ms", "bus.jitter=900us"]));
+}
+
+#[test]
+fn also_with_every_coupling_that_runs_on_nodes() {
+    let short = "time.duration=300ms";
+    assert_parity(&scenario(
+        "five-agents.toml",
+        &[short, "coupling.kind=edge-wise", "coupling.funnel.rate=8"],
+    ));
+    assert_parity(&scenario("five-agents.toml", &[short, "coupling.kind=none"]));
+    let linear = "coupling.gain={kind='linear',slope=20}";
+    assert_parity(&scenario("five-agents.toml", &[short, "coupling.kind=linear", linear]));
+    let tracker = [short, "coupling.kind=lambda-tracker", "coupling.eta=0.1", linear, "bus.loss=0.05"];
+    assert_parity(&scenario("five-agents.toml", &tracker));
+}
+
+#[test]
+fn also_with_schedules_noise_and_breaches() {
+    let schedule =
+        "coupling.funnel={kind='schedule',start=40,at='150ms',eps=0.01,then={kind='constant',width=1}}";
+    // Noise that throws nodes out of the narrow part of the funnel.
+    let noisy = |policy| {
+        let sets = ["time.duration=300ms", schedule, "agent.noise=0.02", policy];
+        scenario("five-agents.toml", &sets)
+    };
+    let reopen = noisy("coupling.on_breach={kind='reopen',margin=1.5,rate=20}");
+    assert_parity(&reopen);
+    let counters = run(&reopen, Fidelity::Loopback).counters;
+    assert!(counters.iter().all(|counters| counters.reopened > 0), "{counters:?}");
+    assert_ne!(
+        run(&noisy("coupling.on_breach=ride"), Fidelity::Loopback).hash,
+        run(&reopen, Fidelity::Loopback).hash
+    );
+}
+
+#[test]
 fn also_for_nodes_that_differ() {
     assert_parity(&system_tests::heterogeneous("500ms"));
 }

@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, extremes, figure, largest, range};
 use crate::scenario::{FunnelSpec, GainSpec};
@@ -11,14 +12,10 @@ use funnel_core::params;
 const LOST: f64 = 1e-9;
 
 pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
-    vec![
-        graph(subject),
-        fields(subject),
-        funnels(subject),
-        gains(subject),
-        regularity(subject),
-        contraction(subject),
-    ]
+    let mut found =
+        vec![graph(subject), fields(subject), funnels(subject), gains(subject), regularity(subject)];
+    found.extend(subject.forecast.as_ref().map(|forecast| contraction(subject, forecast)));
+    found
 }
 
 /// Assumption 1.
@@ -46,15 +43,15 @@ fn graph(subject: &Subject<'_>) -> Finding {
 
 /// Assumptions 2 and 4: affine fields are globally Lipschitz, so nothing escapes in finite time.
 fn fields(subject: &Subject<'_>) -> Finding {
-    let slopes = subject.scenario.nodes.iter().map(|node| node.dynamics.slope.abs());
-    let lipschitz = slopes.fold(0.0, f64::max);
-    let (reach, until) = (subject.forecast.reach, subject.forecast.grid.end());
-    let text = format!(
-        "affine fields, Lipschitz with {}/s: no state escapes in finite time, |x_i| < {} up to {} s",
-        figure(lipschitz),
-        figure(reach),
-        figure(until)
-    );
+    let constants = subject.scenario.nodes.iter().map(|node| node.dynamics.lipschitz());
+    let lipschitz = constants.fold(0.0, f64::max);
+    let mut text =
+        format!("affine fields, Lipschitz with {}/s: no state escapes in finite time", figure(lipschitz));
+    let Some(forecast) = &subject.forecast else {
+        return Finding::new("fields", "Assumptions 2, 4", text, json!({ "lipschitz": lipschitz }));
+    };
+    let (reach, until) = (forecast.reach, forecast.grid.end());
+    text.push_str(&format!(", |x_i| < {} up to {} s", figure(reach), figure(until)));
     let values = json!({ "lipschitz": lipschitz, "state_bound": reach, "until": until });
     let found = Finding::new("fields", "Assumptions 2, 4", text, values);
     if reach <= params::LARGEST {
@@ -77,6 +74,12 @@ fn steepest(funnel: &FunnelSpec) -> f64 {
             factor * start * power / (at_ns as f64 * 1e-9)
         }
         FunnelSpec::FiniteTime { .. } => f64::INFINITY,
+        // Each part is steepest at its beginning or, where it widens, at its end.
+        FunnelSpec::Schedule { at_ns, .. } => {
+            let at = at_ns as f64 * 1e-9;
+            let before = at * (1.0 - f64::EPSILON);
+            [0.0, before, at].map(|t| funnel.slope(t).abs()).into_iter().fold(0.0, f64::max)
+        }
     }
 }
 
@@ -194,6 +197,11 @@ fn decay(funnel: &FunnelSpec, end: f64) -> f64 {
             let left = at_ns as f64 * 1e-9 - end;
             if left > 0.0 { power / left } else { f64::INFINITY }
         }
+        // The rate of the first part is constant, that of the second one largest at its beginning.
+        FunnelSpec::Schedule { at_ns, .. } => {
+            let at = at_ns as f64 * 1e-9;
+            [0.0, at].map(|t| funnel.slope(t).abs() / funnel.width(t)).into_iter().fold(0.0, f64::max)
+        }
     }
 }
 
@@ -228,9 +236,8 @@ fn regularity(subject: &Subject<'_>) -> Finding {
 }
 
 /// The contraction that the prediction by the emergent dynamics rests on, along the predicted `xi`.
-fn contraction(subject: &Subject<'_>) -> Finding {
-    let forecast = &subject.forecast;
-    let (_, steepest) = extremes(subject.scenario.nodes.iter().map(|node| node.dynamics.slope));
+fn contraction(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
+    let (_, steepest) = extremes(subject.scenario.nodes.iter().map(|node| node.dynamics.slope()));
     let (slowest, mean, at) = (-forecast.slope_largest, -forecast.slope_mean, forecast.slope_largest_at);
     let values = json!({
         "largest_slope": steepest, "funnel_ratio_bound": subject.widths.spread,

@@ -24,7 +24,8 @@ pub(super) fn highest_rate(nodes: usize, bitrate: f64) -> f64 {
 
 /// The load that the scenario would put on classic CAN; a failure only where the bus is a real one.
 pub(super) fn finding(scenario: &Scenario) -> Finding {
-    let nodes = scenario.nodes.len();
+    // Every component has a frame of its own.
+    let nodes = scenario.nodes.len() * scenario.components();
     let rate = 1.0 / scenario.time.tick_s();
     let (slow, fast) = (highest_rate(nodes, 5e5), highest_rate(nodes, 1e6));
     let load = PLANNED_LOAD * rate / fast;

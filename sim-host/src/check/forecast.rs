@@ -6,7 +6,7 @@ mod seen;
 
 use super::widths::Widths;
 use crate::emergent;
-use crate::scenario::{CouplingKind, Scenario};
+use crate::scenario::Scenario;
 use funnel_core::gain::BuiltinGain;
 use funnel_core::params;
 use motion::Motion;
@@ -36,7 +36,7 @@ impl Grid {
     fn of(scenario: &Scenario) -> Self {
         let end = scenario.time.end_s();
         let rates = scenario.nodes.iter().flat_map(|node| {
-            node.dynamics.sines.iter().map(|sine| sine.frequency.abs()).chain([node.dynamics.slope.abs()])
+            node.dynamics.sines.iter().map(|sine| sine.frequency.abs()).chain([node.dynamics.slope().abs()])
         });
         let fastest = rates.fold(0.0, f64::max);
         let wanted =
@@ -61,8 +61,6 @@ impl Grid {
 /// What is expected of a run.
 pub(super) struct Forecast {
     pub grid: Grid,
-    /// The emergent dynamics are those of the scenario; otherwise `xi` is the blended dynamics.
-    pub predicts: bool,
     /// The emergent trajectory, one per step (state units).
     pub xi: Vec<f64>,
     /// The blended dynamics at the end of the grid (state units).
@@ -86,13 +84,12 @@ pub(super) struct Forecast {
 impl Forecast {
     pub fn of(scenario: &Scenario, widths: &Widths, degrees: &[f64]) -> Self {
         let gains = gains(scenario);
-        let motion = Motion::of(scenario, widths, gains.as_deref());
+        let motion = Motion::of(scenario, widths, &gains);
         let ulps = params::FLOOR_ULPS * f64::from(f32::EPSILON) * motion.largest_state;
         let resolution: Vec<_> = scenario.nodes.iter().map(|node| ulps * node.funnel.factor()).collect();
-        let seen = seen::along(&motion, scenario, widths, gains.as_deref(), degrees, &resolution);
+        let seen = seen::along(&motion, scenario, widths, &gains, degrees, &resolution);
         Self {
             grid: motion.grid,
-            predicts: gains.is_some(),
             xi: motion.xi,
             blended_end: motion.blended,
             reach: motion.reach,
@@ -112,11 +109,9 @@ impl Forecast {
     }
 }
 
-/// The gains, where the emergent dynamics of the coupling are known here.
-fn gains(scenario: &Scenario) -> Option<Vec<BuiltinGain<f64>>> {
-    let known = scenario.coupling == CouplingKind::NodeWise;
-    let gains = scenario.nodes.iter().map(|node| emergent::gain(&node.gain));
-    known.then(|| gains.collect::<Option<_>>()).flatten()
+/// The gains of the emergent dynamics, by index.
+fn gains(scenario: &Scenario) -> Vec<BuiltinGain<f64>> {
+    scenario.nodes.iter().map(|node| emergent::own_gain(&node.gain)).collect()
 }
 
 /// Relative widths `psi_i / max_j psi_j` at time `t` (s), which is all that the emergent dynamics depend on (paper, remark on

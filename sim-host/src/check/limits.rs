@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, largest, share};
 use crate::scenario::{Affine, Sine, format_duration};
@@ -14,16 +15,16 @@ const FAST: f64 = 0.5;
 /// Decay within one tick from which the node's midpoint step grows instead.
 const UNSTABLE: f64 = 2.0;
 
-pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
-    let mut found = vec![narrowest(subject), speed(subject), resolution(subject)];
-    found.extend(margin(subject));
+pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Finding> {
+    let mut found = vec![narrowest(subject, forecast), speed(subject), resolution(subject, forecast)];
+    found.extend(margin(forecast));
     found
 }
 
 /// One exchange per tick cannot hold a funnel narrower than `T^2 d max|d/dt (f_i - f_j)|`.
-fn narrowest(subject: &Subject<'_>) -> Finding {
-    let (index, _) = largest(subject.forecast.nodes.iter().map(|node| node.taken));
-    let seen = &subject.forecast.nodes[index];
+fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
+    let (index, _) = largest(forecast.nodes.iter().map(|node| node.taken));
+    let seen = &forecast.nodes[index];
     let tick = subject.scenario.time.tick_s();
     let floor = if seen.taken > 0.0 { seen.taken * seen.taken_of } else { 0.0 };
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
@@ -59,7 +60,7 @@ fn narrowest(subject: &Subject<'_>) -> Finding {
 fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
     let tick = subject.scenario.time.tick_s();
     let rates =
-        subject.scenario.nodes.iter().map(|node| node.dynamics.slope.abs().max(fastest(&node.dynamics)));
+        subject.scenario.nodes.iter().map(|node| node.dynamics.slope().abs().max(fastest(&node.dynamics)));
     let resolved = FAST / rates.fold(0.0, f64::max);
     (taken > 0.0).then(|| (tick * (TIGHT / taken).sqrt()).min(resolved))
 }
@@ -72,7 +73,7 @@ fn fastest(field: &Affine) -> f64 {
 /// The fields against the tick: the node advances its state by a midpoint step.
 fn speed(subject: &Subject<'_>) -> Finding {
     let (nodes, tick) = (&subject.scenario.nodes, subject.scenario.time.tick_s());
-    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.slope.abs()));
+    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.slope().abs()));
     let (quick, angle) = largest(nodes.iter().map(|node| tick * fastest(&node.dynamics)));
     let text = format!(
         "in one tick a field decays or grows by {} (node {}) and turns by {} rad (node {}) at most",
@@ -85,7 +86,7 @@ fn speed(subject: &Subject<'_>) -> Finding {
         "tick_slope": decay, "slope_node": steep + 1, "tick_frequency": angle, "frequency_node": quick + 1,
     });
     let found = Finding::new("speed", "Fields and tick", text, values);
-    let stiffest = nodes.iter().map(|node| -tick * node.dynamics.slope).fold(0.0, f64::max);
+    let stiffest = nodes.iter().map(|node| -tick * node.dynamics.slope()).fold(0.0, f64::max);
     if decay.max(angle) <= FAST {
         return found;
     }
@@ -99,8 +100,8 @@ fn speed(subject: &Subject<'_>) -> Finding {
 }
 
 /// The f32 resolution of `nu` against the funnel.
-fn resolution(subject: &Subject<'_>) -> Finding {
-    let (forecast, end) = (&subject.forecast, subject.scenario.time.end_s());
+fn resolution(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
+    let end = subject.scenario.time.end_s();
     let last: Vec<_> = subject.widths.at(end).collect();
     let (worst, _) = largest(forecast.resolution.iter().zip(&last).map(|(step, width)| step / width));
     let (step, width) = (forecast.resolution[worst], last[worst]);
@@ -128,8 +129,8 @@ fn resolution(subject: &Subject<'_>) -> Finding {
 
 /// The margin `1 - |s_i|` that the emergent dynamics leave while the funnel is at its floor, against the rounding of `nu`
 /// there. `None` where no funnel reaches its floor.
-fn margin(subject: &Subject<'_>) -> Option<Finding> {
-    let tight = subject.forecast.at_floor?;
+fn margin(forecast: &Forecast) -> Option<Finding> {
+    let tight = forecast.at_floor?;
     let text = format!(
         "at the floor of its funnel node {} settles {} inside it (t = {} s); rounding takes up to about {}",
         tight.index + 1,

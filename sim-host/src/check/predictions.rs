@@ -3,9 +3,10 @@
 use serde_json::json;
 
 use super::assumptions::median_scale;
+use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, extremes, figure, largest, share};
-use crate::scenario::GainSpec;
+use crate::scenario::{GainSpec, Scenario};
 use funnel_core::{math, params};
 
 /// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
@@ -14,18 +15,31 @@ const TIGHT_MARGIN: f64 = 1e-3;
 /// The margin that advice aims at.
 const GOOD_MARGIN: f64 = 0.02;
 
-pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
-    let mut found = vec![trajectory(subject)];
-    if subject.forecast.predicts {
-        found.push(input(subject));
-        found.extend(linear_part(subject));
-    }
+pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Finding> {
+    let mut found = vec![trajectory(subject, forecast), input(subject, forecast)];
+    found.extend(linear_part(subject, forecast));
     found
 }
 
+/// Limits and predictions are those of the paper's law for scalar states; elsewhere nothing is said rather than guessed.
+pub(super) fn none_here(scenario: &Scenario) -> Finding {
+    let (coupling, components) = (scenario.coupling, scenario.components());
+    let promise = match coupling.keeps_funnels() {
+        true => "",
+        false => "; the law promises no funnel, so that ratios and breaches are counted and nothing more",
+    };
+    let plural = if components == 1 { "component" } else { "components" };
+    let text = format!(
+        "none here for {} coupling of states with {components} {plural}: neither contraction, nor what tick and f32 can \
+         hold{promise}",
+        coupling.name()
+    );
+    let values = json!({ "coupling": coupling.name(), "components": components });
+    Finding::new("predictions", "Predictions", text, values).stands(Status::Note)
+}
+
 /// `xi`, and the blended dynamics beside it.
-fn trajectory(subject: &Subject<'_>) -> Finding {
-    let forecast = &subject.forecast;
+fn trajectory(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let (until, xi, blended) = (forecast.grid.end(), forecast.xi_end(), forecast.blended_end);
     let (low, high) = extremes(forecast.xi.iter().copied());
     let text = format!(
@@ -61,8 +75,8 @@ fn trajectory(subject: &Subject<'_>) -> Finding {
 }
 
 /// How close to its funnel each node has to be for its input.
-fn input(subject: &Subject<'_>) -> Finding {
-    let nodes = &subject.forecast.nodes;
+fn input(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
+    let nodes = &forecast.nodes;
     let (index, margin) = largest(nodes.iter().map(|node| -node.margin));
     let margin = -margin;
     let (pushing, most) = largest(nodes.iter().map(|node| node.input));
@@ -113,8 +127,8 @@ fn wider(gain: &GainSpec, input: f64) -> String {
 }
 
 /// The locally linear gain averages only while every input is in its linear part, `|u| <= 2 M_f`.
-fn linear_part(subject: &Subject<'_>) -> Option<Finding> {
-    let nodes = subject.scenario.nodes.iter().zip(&subject.forecast.nodes).enumerate();
+fn linear_part(subject: &Subject<'_>, forecast: &Forecast) -> Option<Finding> {
+    let nodes = subject.scenario.nodes.iter().zip(&forecast.nodes).enumerate();
     let shares = nodes.filter_map(|(index, (node, seen))| match node.gain {
         GainSpec::LocallyLinear { bound } => Some((index, seen.input / (2.0 * bound), seen.input)),
         _ => None,

@@ -10,13 +10,17 @@ use super::{Finding, Status, about, figure, largest};
 const TIGHT_START: f64 = 0.9;
 
 pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
-    vec![start(subject), sync_bound(subject)]
+    let mut found = vec![start(subject)];
+    found.extend(subject.forecast.as_ref().map(|_| sync_bound(subject)));
+    found
 }
 
 /// The theorem's condition on the start.
 fn start(subject: &Subject<'_>) -> Finding {
     let ratios = &subject.ratios;
-    let (index, worst) = largest(ratios.iter().copied());
+    let (entry, worst) = largest(ratios.iter().copied());
+    // One ratio per component.
+    let index = entry / subject.scenario.components();
     let text = format!("|nu| / psi is {} at most, at node {}", figure(worst), index + 1);
     let values = json!({ "ratio": ratios, "worst": worst, "node": index + 1 });
     let found = Finding::new("start", "Start", text, values);

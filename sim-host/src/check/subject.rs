@@ -2,7 +2,7 @@
 
 use super::forecast::Forecast;
 use super::widths::Widths;
-use crate::scenario::{Scenario, initial_ratios};
+use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario, initial_ratios};
 
 /// A scenario with what follows from it.
 pub(super) struct Subject<'s> {
@@ -16,7 +16,8 @@ pub(super) struct Subject<'s> {
     /// `|nu_i| / psi_i` at the start, by index.
     pub ratios: Vec<f64>,
     pub widths: Widths,
-    pub forecast: Forecast,
+    /// None where the motion is not that of the paper's law for scalar states.
+    pub forecast: Option<Forecast>,
 }
 
 impl<'s> Subject<'s> {
@@ -28,7 +29,7 @@ impl<'s> Subject<'s> {
             lambda2: spectrum.get(1).copied().unwrap_or(0.0),
             lambda_max: spectrum.last().copied().unwrap_or(0.0),
             ratios: initial_ratios(scenario),
-            forecast: Forecast::of(scenario, &widths, &degrees),
+            forecast: follows_the_paper(scenario).then(|| Forecast::of(scenario, &widths, &degrees)),
             degrees,
             widths,
             scenario,
@@ -45,12 +46,27 @@ impl<'s> Subject<'s> {
 
     /// The widest funnel that a node keeps at time `t` (s): its own, or its floor (state units).
     pub fn widest_kept(&self, t: f64) -> f64 {
-        let kept = self.widths.at(t).zip(&self.forecast.resolution).map(|(psi, floor)| psi.max(*floor));
+        let kept = self.widths.at(t).enumerate().map(|(index, psi)| psi.max(self.resolution(index)));
         kept.fold(0.0, f64::max)
     }
 
     /// The narrowest funnel that a node keeps (state units).
     pub fn narrowest(&self, index: usize) -> f64 {
-        self.widths.narrowest[index].max(self.forecast.resolution[index])
+        self.widths.narrowest[index].max(self.resolution(index))
     }
+
+    /// The narrowest funnel that f32 resolves at a node; 0 where nothing is known of the states to come (state units).
+    fn resolution(&self, index: usize) -> f64 {
+        self.forecast.as_ref().map_or(0.0, |forecast| forecast.resolution[index])
+    }
+}
+
+/// Whether states are scalar and coupled by the paper's law with gains that keep a funnel.
+fn follows_the_paper(scenario: &Scenario) -> bool {
+    let law = matches!(
+        scenario.coupling,
+        CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain
+    );
+    let keeps = |node: &NodeSpec| !matches!(node.gain, GainSpec::Linear { .. });
+    scenario.components() == 1 && law && scenario.nodes.iter().all(keeps)
 }

@@ -118,6 +118,30 @@ fn capacity_is_that_of_the_wire() {
 }
 
 #[test]
+fn what_is_not_predicted_is_said_and_not_guessed() {
+    for (file, sets, words) in [
+        (
+            "vector-oscillators.toml",
+            &[][..],
+            "none here for element-wise coupling of states with 2 components",
+        ),
+        ("five-agents.toml", &["coupling.kind=none"], "the law promises no funnel"),
+    ] {
+        let report = load(file, sets);
+        assert!(find(&report, "predictions").text.contains(words), "{report}");
+        for name in ["emergent", "sync-bound", "narrowest-funnel", "resolution", "margin"] {
+            assert!(report.findings.iter().all(|finding| finding.name != name), "{report}");
+        }
+    }
+    let load = |report: &Report| find(report, "capacity").values["can_1m_load"].as_f64().unwrap();
+    // Every component has a frame of its own.
+    assert_eq!(
+        load(&self::load("vector-oscillators.toml", &[])),
+        2.0 * load(&self::load("five-agents.toml", &[]))
+    );
+}
+
+#[test]
 fn late_frames_are_warned_about() {
     assert_eq!(find(&load("five-agents.toml", &["bus.latency=1ms"]), "bus").status, Status::Warn);
     assert_eq!(find(&load("five-agents.toml", &["bus.latency=100us"]), "bus").status, Status::Note);
@@ -300,7 +324,8 @@ fn the_prediction_is_that_of_the_emergent_dynamics() {
     for file in
         ["five-agents.toml", "unstable-held.toml", "leader.toml", "head-count-20.toml", "infinite-start.toml"]
     {
-        let expected = EmergentTrajectory::new(&scenario(file, &[])).unwrap().advance(20.0);
+        let scenario = scenario(file, &[]);
+        let expected = EmergentTrajectory::new(&scenario).unwrap().advance(20.0)[0];
         near(value(&load(file, &["time.duration=20s"]), "prediction", "xi_end"), expected, 1e-4);
     }
     let report = load("unstable-held.toml", &[]);
@@ -356,8 +381,8 @@ fn inputs_outside_the_linear_part_are_warned_about() {
 fn every_node_has_its_row() {
     let report = load("asymptotic-path-11.toml", &[]);
     let row = report.per_node[4];
-    assert_eq!((row.id, row.degree, row.start_ratio, row.tick_floor), (5, 2.0, 0.0, 0.0));
-    assert_eq!(row.psi_min, row.resolution);
+    assert_eq!((row.id, row.degree, row.start_ratio, row.tick_floor), (5, 2.0, 0.0, Some(0.0)));
+    assert_eq!(Some(row.psi_min), row.resolution);
     near(row.margin.unwrap() + row.steady_ratio.unwrap(), 1.0, 1e-12);
     assert_eq!(row.margin.unwrap(), value(&report, "input", "margin"));
     let text = report.to_string();

@@ -84,8 +84,8 @@ fn table(f: &mut fmt::Formatter<'_>, rows: &[NodeRow]) -> fmt::Result {
             figure(row.degree),
             about(row.start_ratio),
             about(row.psi_min),
-            about(row.tick_floor),
-            about(row.resolution),
+            optional(row.tick_floor),
+            optional(row.resolution),
             optional(row.input),
             optional(row.margin)
         )?;

@@ -1,7 +1,7 @@
 //! The agents of a scenario, as the emergent vector field sees them.
 
 use super::gain;
-use crate::scenario::{NodeSpec, Scenario};
+use crate::scenario::{CouplingKind, NodeSpec, Scenario};
 use funnel_core::emergent::{Agent, field};
 use funnel_core::gain::BuiltinGain;
 
@@ -15,34 +15,46 @@ pub(super) struct Agents<'a> {
     gains: Vec<BuiltinGain<f64>>,
     /// As of the last [`Self::place`].
     pub(super) placed: Vec<Agent<f64, BuiltinGain<f64>>>,
-    /// The last value of the field, from which the next search starts.
-    guess: f64,
+    /// The last value of the field, from which the next search starts, by component.
+    guess: Vec<f64>,
 }
 
 impl<'a> Agents<'a> {
-    /// `None` where a gain has no emergent dynamics here.
+    /// `None` where a coupling has no emergent dynamics here.
     pub(super) fn new(scenario: &'a Scenario) -> Option<Self> {
-        let gains = scenario.nodes.iter().map(|node| gain(&node.gain)).collect::<Option<_>>()?;
-        Some(Self { scenario, gains, placed: Vec::new(), guess: 0.0 })
+        let gains = scenario.nodes.iter().map(|node| gain(node, scenario.coupling, scenario.components()));
+        let gains = gains.collect::<Option<_>>()?;
+        Some(Self { scenario, gains, placed: Vec::new(), guess: vec![0.0; scenario.components()] })
     }
 
-    /// Puts all agents at time `t` (s) and state `xi`.
+    /// Puts all agents at time `t` (s) and the scalar state `xi`.
     pub(super) fn place(&mut self, t: f64, xi: f64) {
+        self.place_component(0, t, &[xi]);
+    }
+
+    fn place_component(&mut self, component: usize, t: f64, xi: &[f64]) {
         let t_funnel = t.max(AFTER_START);
         let widest = self.scenario.widest_funnel(t_funnel);
         self.placed.clear();
         self.placed.extend(self.scenario.nodes.iter().zip(&self.gains).map(|(node, &gain)| Agent {
-            psi: if widest > 0.0 { node.funnel.width(t_funnel) / widest } else { node.funnel.factor() },
-            f: node.dynamics.value(t, xi),
+            psi: weight(self.scenario.coupling, node, t_funnel, widest),
+            f: node.dynamics.component(component, t, xi),
             gain,
         }));
     }
 
-    /// `f_em(t, xi)`, with the agents left there (state units / s).
+    /// `f_em(t, xi)` of a scalar state, with the agents left there (state units / s).
     pub(super) fn field(&mut self, t: f64, xi: f64) -> f64 {
-        self.place(t, xi);
-        self.guess = field(&self.placed, self.guess);
-        self.guess
+        self.fields(t, &[xi]).first().copied().unwrap_or(0.0)
+    }
+
+    /// `f_em(t, xi)`, by component (state units / s).
+    pub(super) fn fields(&mut self, t: f64, xi: &[f64]) -> Vec<f64> {
+        for component in 0..xi.len() {
+            self.place_component(component, t, xi);
+            self.guess[component] = field(&self.placed, self.guess[component]);
+        }
+        self.guess.clone()
     }
 
     /// The derivatives of the scaled funnels at time `t`, by index (1/s): zero where all funnels shrink alike.
@@ -59,6 +71,18 @@ impl<'a> Agents<'a> {
 
     /// The `df_i/dx`, by index (1/s).
     pub(super) fn slopes(&self) -> impl Iterator<Item = f64> {
-        self.scenario.nodes.iter().map(|node| node.dynamics.slope)
+        self.scenario.nodes.iter().map(|node| node.dynamics.slope())
+    }
+}
+
+/// What stands before `mu_i^-1` in the sum that is zero.
+fn weight(coupling: CouplingKind, node: &NodeSpec, t: f64, widest: f64) -> f64 {
+    let averaged = matches!(coupling, CouplingKind::EdgeWise | CouplingKind::Linear);
+    if averaged {
+        1.0
+    } else if widest > 0.0 {
+        node.funnel.width(t) / widest
+    } else {
+        node.funnel.factor()
     }
 }

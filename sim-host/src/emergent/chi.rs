@@ -6,7 +6,7 @@
 //! funnels scaled by their widest: with funnels that tend to zero, `e` would grow as they shrink.
 
 use super::agents::Agents;
-use super::mean_state;
+use super::{follows_the_paper, mean_state};
 use crate::scenario::Scenario;
 use funnel_core::emergent::{contraction, partial_by_time, partials_by_field};
 
@@ -29,11 +29,11 @@ pub struct ChiTrajectory<'a> {
 }
 
 impl<'a> ChiTrajectory<'a> {
-    /// Starts at the mean of the initial states, with `chi = h + offset` (state units / s; the paper's is zero); `None` where a
-    /// gain has no emergent dynamics here.
+    /// Starts at the mean of the initial states, with `chi = h + offset` (state units / s; the paper's is zero); `None` for
+    /// vector states, and where the coupling is not the paper's.
     pub fn new(scenario: &'a Scenario, offset: f64) -> Option<Self> {
-        let mut agents = Agents::new(scenario)?;
-        let xi = mean_state(scenario);
+        let mut agents = Agents::new(scenario).filter(|_| follows_the_paper(scenario.coupling))?;
+        let &[xi] = mean_state(scenario).as_slice() else { return None };
         let chi = agents.field(0.0, xi) + offset;
         Some(Self { agents, t: 0.0, state: [xi, chi], step: LONGEST_STEP })
     }
@@ -107,7 +107,7 @@ mod tests {
         let mut worst: f64 = 0.0;
         for k in 0..=2000 {
             let t = 0.01 * f64::from(k);
-            worst = worst.max((by_root.advance(t) - by_chi.advance(t).0).abs());
+            worst = worst.max((by_root.advance(t)[0] - by_chi.advance(t).0).abs());
         }
         let (xi, chi) = by_chi.advance(20.0);
         (worst, (by_chi.agents.field(20.0, xi) - chi).abs())

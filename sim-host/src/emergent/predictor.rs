@@ -16,10 +16,10 @@ pub struct Contraction {
 /// The prediction at the last row, and over all rows. Empty where the scenario has no emergent dynamics.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Prediction {
-    /// The emergent trajectory, state units.
-    pub xi: Option<f64>,
-    /// The blended dynamics, state units.
-    pub blended: Option<f64>,
+    /// The emergent trajectory by component, state units; empty where it is not known.
+    pub xi: Vec<f64>,
+    /// The blended dynamics by component, state units.
+    pub blended: Vec<f64>,
     /// How fast the emergent dynamics contract.
     pub contraction: Option<Contraction>,
     /// `mu_i^-1(f_em - f_i)` at the last row, by index: what `nu_i / psi_i` settles to under a narrow funnel.
@@ -51,13 +51,14 @@ impl<'a> Predictor<'a> {
     pub fn advance(&mut self, t: f64) -> &Prediction {
         let prediction = &mut self.prediction;
         self.rows += 1;
-        prediction.blended = Some(self.blended.advance(t));
+        prediction.blended = self.blended.advance(t).to_vec();
         if let Some(emergent) = &mut self.emergent {
-            prediction.xi = Some(emergent.advance(t));
-            let rate = emergent.contraction();
-            let (slowest, mean) = prediction.contraction.map_or((rate, rate), |c| (c.slowest, c.mean));
-            let mean = mean + (rate - mean) / f64::from(self.rows);
-            prediction.contraction = Some(Contraction { slowest: slowest.max(rate), mean });
+            prediction.xi = emergent.advance(t).to_vec();
+            if let Some(rate) = emergent.contraction() {
+                let (slowest, mean) = prediction.contraction.map_or((rate, rate), |c| (c.slowest, c.mean));
+                let mean = mean + (rate - mean) / f64::from(self.rows);
+                prediction.contraction = Some(Contraction { slowest: slowest.max(rate), mean });
+            }
             prediction.steady_ratio.clear();
             prediction.steady_ratio.extend(emergent.steady_ratios());
             prediction.steady_ratio_max.resize(prediction.steady_ratio.len(), 0.0);
@@ -95,11 +96,11 @@ mod tests {
             let t = 0.1 * f64::from(k);
             // From the mean 0.5 of the initial states.
             let exact = 1.0 - 0.5 * funnel_core::math::exp(-2.0 * t);
-            assert!((predictor.advance(t).blended.unwrap() - exact).abs() < 1e-9);
+            assert!((predictor.advance(t).blended[0] - exact).abs() < 1e-9);
         }
         let prediction = predictor.finish();
         let inverse = |u: f64| u / (1.0 + u.abs());
-        let xi = prediction.xi.unwrap();
+        let xi = prediction.xi[0];
         let ratios: Vec<f64> = offsets.iter().map(|offset| inverse(2.0 * xi - offset)).collect();
         assert!(ratios.iter().sum::<f64>().abs() < 1e-9, "{xi}");
         let Contraction { slowest, mean } = prediction.contraction.unwrap();
@@ -119,7 +120,7 @@ mod tests {
         for t in [0.0, 0.7, 1.1, 5.0] {
             predictor.advance(t);
             emergent.advance(t);
-            rates.push(emergent.contraction());
+            rates.push(emergent.contraction().unwrap());
             ratios.push(emergent.steady_ratios().nth(2).unwrap());
         }
         let prediction = predictor.finish();

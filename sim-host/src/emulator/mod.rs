@@ -15,6 +15,7 @@ pub use log::decode as decode_log;
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::engine::NodeEvent;
 use crate::interrupt::Interrupt;
+use crate::noise::Noise;
 use funnel_core::{Event, Observation};
 use funnel_protocol::config::NodeConfig;
 use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
@@ -53,8 +54,8 @@ pub struct EmulatorOptions {
 struct EmulatedNode {
     process: Process,
     link: Link,
-    /// State at the tick that comes next.
-    next_state: f32,
+    /// State at the tick that comes next, by component.
+    next_state: Vec<f32>,
     /// It has said that it stopped, and is not waited for any more.
     stopped: bool,
     /// What it said last is the outcome of a tick, so that its telemetry follows.
@@ -66,9 +67,11 @@ pub struct Emulator {
     nodes: Vec<EmulatedNode>,
     image: PathBuf,
     bus: IdealBus<FrameBytes>,
+    noise: Noise,
     tick_ns: u64,
     /// Tick that comes next.
     tick: u32,
+    /// Node by node, and the components of each in order.
     observations: Vec<Observation<f32>>,
     events: Vec<NodeEvent>,
 }
@@ -94,23 +97,22 @@ impl Emulator {
         for (mut process, config) in processes.into_iter().zip(configs) {
             let stream = process.connect(BOOT, &options.interrupt)?;
             let link = Link::new(config.id, stream, options.interrupt.clone())?;
-            let next_state = config.initial_state.first().copied().unwrap_or_default();
+            let next_state = config.initial_state.to_vec();
             nodes.push(EmulatedNode { process, link, next_state, stopped: false, ticked: false });
         }
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
-        let initial = |config: &NodeConfig| {
-            config
-                .initial_state
-                .iter()
-                .map(|&x| Observation { x, ..Observation::default() })
-                .collect::<Vec<_>>()
-        };
-        let observations = configs.iter().flat_map(initial).collect();
-        let (image, events) = (options.image.clone(), Vec::new());
-        let mut network = Self { nodes, image, bus, tick_ns, tick: 0, observations, events };
+        let states = configs.iter().flat_map(|config| config.initial_state.iter().copied());
+        let observations = states.map(|x| Observation { x, ..Observation::default() }).collect();
+        let (image, noise, events) = (options.image.clone(), Noise::default(), Vec::new());
+        let mut network = Self { nodes, image, bus, noise, tick_ns, tick: 0, observations, events };
         let ready = network.identify().and_then(|()| network.configure(configs));
         ready.map_err(|error| network.explain(error))?;
         Ok(network)
+    }
+
+    /// With noise on the states that nodes send.
+    pub fn with_noise(self, noise: Noise) -> Self {
+        Self { noise, ..self }
     }
 
     /// Starts all nodes and takes their announced initial states.
@@ -127,12 +129,12 @@ impl Emulator {
             node.link.write(&serial::encode(&start))?;
         }
         for index in 0..self.nodes.len() {
-            self.take_state(index, 0)?;
+            self.take_announcement(index)?;
         }
         Ok(())
     }
 
-    /// Runs one tick on every node, and gives what they saw, by index.
+    /// Runs one tick on every node, and gives what they saw, by index and then by component.
     ///
     /// # Errors
     /// A node that does not answer or dies, or an interrupt.
@@ -261,38 +263,61 @@ impl Emulator {
         }
     }
 
-    /// Waits for a node's state (the tick after the one that ran), or for the fault that it may say instead, and puts it on
-    /// the bus.
-    fn take_state(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
-        let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
-        let message = node.link.wait_for(ANSWER, "state", |received| match received {
-            Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
-            _ => None,
-        })?;
-        self.take_message(index, message, now);
+    /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
+    fn take_announcement(&mut self, index: usize) -> Result<(), EmulatorError> {
+        let mut left = self.nodes.get(index).map_or(0, |node| node.next_state.len());
+        while left > 0 {
+            let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { break };
+            let message = node.link.wait_for(ANSWER, "state", |received| match received {
+                Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
+                _ => None,
+            })?;
+            self.take_message(index, message, 0);
+            left -= 1;
+        }
         Ok(())
     }
 
+    /// Waits for everything that a node says about a tick: its state (of the tick after the one that ran) or a fault, perhaps an
+    /// edge, and its telemetry, which ends it.
     fn take_tick(&mut self, index: usize, now: u64) -> Result<(), EmulatorError> {
-        let Some(state) = self.nodes.get(index).filter(|node| !node.stopped).map(|node| node.next_state)
-        else {
-            return Ok(());
-        };
-        self.take_state(index, now)?;
-        let Some(node) = self.nodes.get_mut(index).filter(|node| node.ticked) else { return Ok(()) };
-        let telemetry = node.link.wait_for(ANSWER, "telemetry", |received| match received {
-            Received::Reply(Reply::Telemetry(telemetry)) => Some(telemetry),
-            _ => None,
-        })?;
-        if telemetry.tick != self.tick {
-            return Err(EmulatorError::OutOfStep {
-                node: node.link.id(),
-                tick: self.tick,
-                found: telemetry.tick,
-            });
+        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
+        node.ticked = false;
+        let state = node.next_state.clone();
+        loop {
+            let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
+            if node.stopped && !node.ticked {
+                return Ok(());
+            }
+            let awaited = if node.ticked { "telemetry" } else { "state" };
+            match node.link.wait_for(ANSWER, awaited, Some)? {
+                Received::Message(message) => self.take_message(index, message, now),
+                Received::Reply(Reply::Telemetry(telemetry)) => {
+                    self.take_telemetry(index, &state, &telemetry)?;
+                    if usize::from(telemetry.component) + 1 >= state.len() {
+                        return Ok(());
+                    }
+                }
+                Received::Reply(_) => {}
+            }
         }
-        if let Some(slot) = self.observations.get_mut(index) {
-            *slot = observation(state, &telemetry);
+    }
+
+    fn take_telemetry(
+        &mut self,
+        index: usize,
+        state: &[f32],
+        telemetry: &Telemetry,
+    ) -> Result<(), EmulatorError> {
+        if let Some(node) = self.nodes.get(index).filter(|_| telemetry.tick != self.tick) {
+            let (node, tick, found) = (node.link.id(), self.tick, telemetry.tick);
+            return Err(EmulatorError::OutOfStep { node, tick, found });
+        }
+        let component = usize::from(telemetry.component);
+        // All nodes have as many components.
+        let slot = self.observations.get_mut(index * state.len() + component);
+        if let (Some(slot), Some(&x)) = (slot, state.get(component)) {
+            *slot = observation(x, telemetry);
         }
         Ok(())
     }
@@ -300,19 +325,22 @@ impl Emulator {
     fn take_message(&mut self, index: usize, message: Message, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         match message {
-            Message::State { x, .. } => {
-                node.next_state = x;
+            Message::State { component, x, .. } => {
+                if let Some(next) = node.next_state.get_mut(usize::from(component.get())) {
+                    *next = x;
+                }
                 node.ticked = true;
             }
             Message::Fault { code, severity, .. } => {
                 node.stopped = severity == Severity::Stopped;
-                // Only this fault is the outcome of a tick, which the node has seen as any other.
-                node.ticked = code == FaultCode::STATE_LIMIT;
+                // Only these faults are the outcome of a tick, which the node has seen as any other.
+                node.ticked = matches!(code, FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT);
                 self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
             }
             Message::Edge { .. } => {}
             Message::Ctrl { .. } | Message::Sync { .. } => return,
         }
+        let message = self.noise.disturb(index, message);
         self.bus.send(now, index, serial::encode(&message));
     }
 }

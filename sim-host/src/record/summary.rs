@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::atomic::{RecordError, write_atomic};
 use crate::emergent::Contraction;
@@ -67,17 +67,30 @@ pub struct EmergentSummary {
     /// `max |x_i - xi|` at the end, in state units.
     pub final_error: Option<f64>,
     /// `xi` at the end, in state units.
-    pub xi_final: Option<f64>,
+    pub xi_final: Option<PerComponent>,
     /// `max |x_i - blended|` at the end, in state units: the distance to the average of the fields.
     pub blended_error: Option<f64>,
     /// The blended dynamics at the end, in state units.
-    pub blended_final: Option<f64>,
+    pub blended_final: Option<PerComponent>,
     /// How fast the emergent dynamics contract.
     pub contraction: Option<Contraction>,
     /// `mu_i^-1(f_em - f_i)` at the end, by id: what `nu_i / psi_i` settles to under a narrow funnel.
     pub steady_ratio: Vec<f64>,
     /// The largest of their sizes over the recorded rows, by id: one minus it is the margin of a node.
     pub steady_ratio_max: Vec<f64>,
+}
+
+/// One value per component of a state: a number for scalar states, an array for vectors.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PerComponent(pub Vec<f64>);
+
+impl Serialize for PerComponent {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0.as_slice() {
+            [value] => value.serialize(serializer),
+            values => values.serialize(serializer),
+        }
+    }
 }
 
 /// How far from the continuous-time reference, in state units.
@@ -160,9 +173,9 @@ pub(super) mod tests {
             sync: Some(SyncSummary { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
             emergent: Some(EmergentSummary {
                 final_error: Some(0.25),
-                xi_final: Some(-3.0),
+                xi_final: Some(PerComponent(vec![-3.0])),
                 blended_error: Some(4.5),
-                blended_final: Some(1.5),
+                blended_final: Some(PerComponent(vec![1.5])),
                 contraction: Some(Contraction { slowest: -0.75, mean: -1.0 }),
                 steady_ratio: vec![0.5, -0.5],
                 steady_ratio_max: vec![0.5, 0.75],

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::atomic::{AtomicFile, RecordError};
 use super::number::Precision;
 
-/// One recorded instant; the vectors have one entry per node, by id.
+/// One recorded instant; the vectors have one entry per node and component, by id and then by component.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Row {
     /// Time, in seconds.
@@ -19,21 +19,30 @@ pub struct Row {
     pub psi: Vec<f64>,
     /// Coupling inputs, in state units per second.
     pub u: Vec<f64>,
-    /// The emergent trajectory, in state units, where it is known.
-    pub xi: Option<f64>,
-    /// The blended dynamics, in state units, where they are known.
-    pub blended: Option<f64>,
+    /// The emergent trajectory by component, in state units; empty where it is not known.
+    pub xi: Vec<f64>,
+    /// The blended dynamics by component, in state units; empty where they are not known.
+    pub blended: Vec<f64>,
 }
 
 /// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`. An unknown `xi` or `blended` is an empty
-/// field.
+/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`; for vector states `x_1_0, x_1_1, ...`, `xi_0, ...` and so
+/// on. An unknown `xi` or `blended` is an empty field.
 #[derive(Debug)]
 pub struct TrajectoryWriter {
     file: AtomicFile,
-    nodes: usize,
+    shape: Shape,
     precision: Precision,
+}
+
+/// What a row consists of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Components of a state.
+    pub components: usize,
 }
 
 impl TrajectoryWriter {
@@ -41,19 +50,19 @@ impl TrajectoryWriter {
     ///
     /// # Errors
     /// [`RecordError`], naming `path` and the reason.
-    pub fn create(path: impl Into<PathBuf>, nodes: usize, precision: Precision) -> Result<Self, RecordError> {
+    pub fn create(path: impl Into<PathBuf>, shape: Shape, precision: Precision) -> Result<Self, RecordError> {
         let mut file = AtomicFile::create(path)?;
-        file.write(|out| header(out, nodes))?;
-        Ok(Self { file, nodes, precision })
+        file.write(|out| header(out, shape))?;
+        Ok(Self { file, shape, precision })
     }
 
     /// Appends a row.
     ///
     /// # Errors
-    /// [`RecordError`] if it cannot be written, or if one of its vectors does not have one entry per node.
+    /// [`RecordError`] if it cannot be written, or if one of its vectors does not have one entry per node and component.
     pub fn write(&mut self, row: &Row) -> Result<(), RecordError> {
-        let (nodes, precision) = (self.nodes, self.precision);
-        self.file.write(|out| line(out, row, nodes, precision))
+        let (shape, precision) = (self.shape, self.precision);
+        self.file.write(|out| line(out, row, shape, precision))
     }
 
     /// Gives the file its name.
@@ -65,22 +74,35 @@ impl TrajectoryWriter {
     }
 }
 
-fn header(out: &mut dyn Write, nodes: usize) -> io::Result<()> {
+fn header(out: &mut dyn Write, Shape { nodes, components }: Shape) -> io::Result<()> {
     write!(out, "t")?;
     for name in ["x", "nu", "psi", "u"] {
         for id in 1..=nodes {
-            write!(out, ",{name}_{id}")?;
+            columns(out, &format!("{name}_{id}"), components)?;
         }
     }
-    writeln!(out, ",xi,blended")
+    columns(out, "xi", components)?;
+    columns(out, "blended", components)?;
+    writeln!(out)
 }
 
-fn line(out: &mut dyn Write, row: &Row, nodes: usize, precision: Precision) -> io::Result<()> {
+/// `name`, or `name_0, name_1, ...` for vector states.
+fn columns(out: &mut dyn Write, name: &str, components: usize) -> io::Result<()> {
+    match components {
+        1 => write!(out, ",{name}"),
+        _ => (0..components).try_for_each(|component| write!(out, ",{name}_{component}")),
+    }
+}
+
+fn line(out: &mut dyn Write, row: &Row, shape: Shape, precision: Precision) -> io::Result<()> {
     // Time is counted in ticks and stays exact to f64 whatever the states are.
     Precision::Double.write(out, row.t)?;
     for table in [&row.x, &row.nu, &row.psi, &row.u] {
-        if table.len() != nodes {
-            let what = format!("a row has {} entries for {nodes} nodes at t = {} s", table.len(), row.t);
+        if table.len() != shape.nodes * shape.components {
+            let Shape { nodes, components } = shape;
+            let each = if components == 1 { String::new() } else { format!(" of {components} components") };
+            let what =
+                format!("a row has {} entries for {nodes} nodes{each} at t = {} s", table.len(), row.t);
             return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
         }
         for &value in table {
@@ -88,10 +110,12 @@ fn line(out: &mut dyn Write, row: &Row, nodes: usize, precision: Precision) -> i
             precision.write(out, value)?;
         }
     }
-    for prediction in [row.xi, row.blended] {
-        out.write_all(b",")?;
-        if let Some(value) = prediction {
-            Precision::Double.write(out, value)?;
+    for prediction in [&row.xi, &row.blended] {
+        for component in 0..shape.components {
+            out.write_all(b",")?;
+            if let Some(&value) = prediction.get(component) {
+                Precision::Double.write(out, value)?;
+            }
         }
     }
     out.write_all(b"\n")
@@ -102,7 +126,7 @@ mod tests {
     use super::super::atomic::tests::Folder;
     use super::*;
 
-    fn row(t: f64, xi: Option<f64>, blended: Option<f64>) -> Row {
+    fn row(t: f64, xi: &[f64], blended: &[f64]) -> Row {
         let single = |v: f32| f64::from(v);
         let pair = |a, b| vec![single(a), single(b)];
         Row {
@@ -111,8 +135,8 @@ mod tests {
             nu: pair(1e-9, 3.0),
             psi: pair(4.0, 40.0),
             u: pair(0.25, 1e20),
-            xi,
-            blended,
+            xi: xi.to_vec(),
+            blended: blended.to_vec(),
         }
     }
 
@@ -120,9 +144,10 @@ mod tests {
     fn the_file_is_the_one_of_the_contract() {
         let folder = Folder::new("trajectory");
         let path = folder.0.join("trajectory.csv");
-        let mut writer = TrajectoryWriter::create(&path, 2, Precision::Single).unwrap();
-        writer.write(&row(0.0, None, Some(-1.5))).unwrap();
-        writer.write(&row(0.001, Some(0.3), None)).unwrap();
+        let mut writer =
+            TrajectoryWriter::create(&path, Shape { nodes: 2, components: 1 }, Precision::Single).unwrap();
+        writer.write(&row(0.0, &[], &[-1.5])).unwrap();
+        writer.write(&row(0.001, &[0.3], &[])).unwrap();
         assert!(!path.exists());
         writer.finish().unwrap();
         let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi,blended\n\
@@ -132,11 +157,27 @@ mod tests {
     }
 
     #[test]
+    fn components_have_columns_of_their_own() {
+        let folder = Folder::new("components");
+        let path = folder.0.join("trajectory.csv");
+        let shape = Shape { nodes: 1, components: 2 };
+        let mut writer = TrajectoryWriter::create(&path, shape, Precision::Single).unwrap();
+        writer.write(&row(0.0, &[], &[])).unwrap();
+        writer.write(&row(0.001, &[0.3, 0.4], &[0.7, 0.8])).unwrap();
+        writer.finish().unwrap();
+        let expected = "t,x_1_0,x_1_1,nu_1_0,nu_1_1,psi_1_0,psi_1_1,u_1_0,u_1_1,xi_0,xi_1,blended_0,blended_1\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,,,\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,0.4,0.7,0.8\n";
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
+    }
+
+    #[test]
     fn a_row_of_another_size_is_refused() {
         let folder = Folder::new("size");
         let path = folder.0.join("trajectory.csv");
-        let mut writer = TrajectoryWriter::create(&path, 3, Precision::Double).unwrap();
-        let error = writer.write(&row(0.5, None, None)).unwrap_err();
+        let mut writer =
+            TrajectoryWriter::create(&path, Shape { nodes: 3, components: 1 }, Precision::Double).unwrap();
+        let error = writer.write(&row(0.5, &[], &[])).unwrap_err();
         assert!(error.to_string().contains("2 entries for 3 nodes at t = 0.5 s"), "{error}");
     }
 }

@@ -59,7 +59,7 @@ fn shown(nodes: &[Node]) -> Vec<&Node> {
     let mut shown: Vec<&Node> = nodes.iter().collect();
     shown.sort_by(|a, b| b.worst.total_cmp(&a.worst));
     shown.truncate(NODES);
-    shown.sort_by_key(|n| n.id);
+    shown.sort_by_key(|n| (n.id, n.component));
     shown
 }
 
@@ -69,9 +69,10 @@ fn heading<DB: DrawingBackend>(
     shown: usize,
 ) -> Result<(), PlotError> {
     let all = trace.nodes.len();
+    let kind = if trace.components() == 1 { "nodes" } else { "components of nodes" };
     let which = match all - shown {
         0 => String::new(),
-        _ => format!("the {shown} of {all} nodes nearest to the boundary; "),
+        _ => format!("the {shown} of {all} {kind} nearest to the boundary; "),
     };
     let what = format!(
         "{which}coloured: diffusive term \u{3BD}, shaded: inside the funnel \u{3C8}, grey: its boundary"
@@ -93,7 +94,7 @@ impl Sheet<'_> {
     fn against_funnel<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
         let positive = self.node.psi.iter().copied().filter(|p| p.is_finite() && *p > 0.0);
         let (low, high) = positive.fold((f64::INFINITY, 0.0f64), |(l, h), p| (l.min(p), h.max(p)));
-        let caption = format!("node {}   largest |\u{3BD}|/\u{3C8} = {:.3}", self.node.id, self.node.worst);
+        let caption = format!("{}   largest |\u{3BD}|/\u{3C8} = {:.3}", self.node.label, self.node.worst);
         let caption = Text::new(caption, at(76, 14), font(16).color(&INK));
         area.draw(&caption).map_err(PlotError::new)?;
         if high / low <= LINEAR { self.band(area) } else { self.decades(area, low, high) }

@@ -14,7 +14,8 @@ const SIZE: (u32, u32) = (1000, 520);
 const LEGEND: u32 = 130;
 
 /// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
-/// figure, as SVG text. Up to twelve nodes get a colour each; more are drawn alike.
+/// figure, as SVG text. Up to twelve curves get a colour each; of more, each component of a vector does, and scalar states are
+/// drawn alike.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -39,7 +40,13 @@ fn curves<DB: DrawingBackend>(
     trace: &Trace,
     span: std::ops::Range<f64>,
 ) -> Result<(), PlotError> {
-    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).chain(&trace.blended).copied();
+    let values = trace
+        .nodes
+        .iter()
+        .flat_map(|n| n.x.iter())
+        .chain(trace.xi.iter().flatten())
+        .chain(trace.blended.iter().flatten())
+        .copied();
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -64,36 +71,63 @@ fn curves<DB: DrawingBackend>(
         .draw()
         .map_err(PlotError::new)?;
     for (k, node) in trace.nodes.iter().enumerate() {
-        let style = if trace.nodes.len() <= NODES { line(colour(k), 2) } else { line(CROWD, 1) };
+        let style = match Colours::of(trace) {
+            Colours::Curve => line(colour(k), 2),
+            Colours::Component => line(colour(node.component), 1),
+            Colours::One => line(CROWD, 1),
+        };
         let points = thin(&trace.t, |k| node.x[k]);
         chart.draw_series(LineSeries::new(points, style)).map_err(PlotError::new)?;
     }
-    for (_, values, stroke) in predictions(trace) {
+    for (_, components, stroke) in predictions(trace) {
         let (mark, space) = stroke.pattern().unwrap_or((1, 0));
-        let points = thin(&trace.t, |k| values[k]);
-        let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
-        chart.draw_series(series).map_err(PlotError::new)?;
+        for values in components {
+            let points = thin(&trace.t, |k| values[k]);
+            let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
+            chart.draw_series(series).map_err(PlotError::new)?;
+        }
     }
     Ok(())
 }
 
-/// What is predicted, where it is known anywhere: its name, its values over time, and how it is drawn.
-fn predictions(trace: &Trace) -> impl Iterator<Item = (&'static str, &Vec<f64>, Stroke)> {
+/// What has a colour of its own.
+enum Colours {
+    /// Every component of every node: few enough.
+    Curve,
+    /// Every component, for all nodes.
+    Component,
+    /// Nothing.
+    One,
+}
+
+impl Colours {
+    fn of(trace: &Trace) -> Self {
+        match (trace.nodes.len() <= NODES, trace.components()) {
+            (true, _) => Self::Curve,
+            (false, 1) => Self::One,
+            (false, _) => Self::Component,
+        }
+    }
+}
+
+/// What is predicted, where it is known anywhere: its name, its values over time by component, and how it is drawn.
+fn predictions(trace: &Trace) -> impl Iterator<Item = (&'static str, &Vec<Vec<f64>>, Stroke)> {
     let all = [("blended", &trace.blended, Stroke::Dashed), ("emergent \u{3BE}", &trace.xi, Stroke::Dotted)];
-    all.into_iter().filter(|(_, values, _)| values.iter().any(|v| v.is_finite()))
+    all.into_iter().filter(|(_, values, _)| values.iter().flatten().any(|v| v.is_finite()))
 }
 
 fn entries(trace: &Trace) -> Vec<Entry> {
-    let count = trace.nodes.len();
-    let mut entries: Vec<Entry> = if count <= NODES {
-        let entry = |(k, id): (usize, usize)| Entry {
-            label: format!("node {id}"),
-            style: line(colour(k), 2),
-            stroke: Stroke::Solid,
-        };
-        trace.nodes.iter().map(|n| n.id).enumerate().map(entry).collect()
-    } else {
-        vec![Entry { label: format!("{count} nodes"), style: line(CROWD, 1), stroke: Stroke::Solid }]
+    let components = trace.components();
+    let count = trace.nodes.len() / components;
+    let entry = |label: String, style| Entry { label, style, stroke: Stroke::Solid };
+    let mut entries: Vec<Entry> = match Colours::of(trace) {
+        Colours::Curve => {
+            trace.nodes.iter().enumerate().map(|(k, n)| entry(n.label.clone(), line(colour(k), 2))).collect()
+        }
+        Colours::Component => {
+            (0..components).map(|c| entry(format!("x{c} of {count}"), line(colour(c), 1))).collect()
+        }
+        Colours::One => vec![entry(format!("{count} nodes"), line(CROWD, 1))],
     };
     let black =
         |(name, _, stroke): (&str, _, _)| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };

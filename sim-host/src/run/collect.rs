@@ -37,7 +37,7 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Takes what the nodes saw at tick `k`, by index.
+    /// Takes what the nodes saw at tick `k`, by index and then by component.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>]) {
         for observation in seen {
             self.hash.push(observation.x);
@@ -90,7 +90,7 @@ fn row(t: f64, seen: &[Observation<f32>], prediction: &Prediction) -> Row {
         nu: column(|o| o.nu),
         psi: column(|o| o.psi),
         u: column(|o| o.u),
-        xi: prediction.xi,
-        blended: prediction.blended,
+        xi: prediction.xi.clone(),
+        blended: prediction.blended.clone(),
     }
 }

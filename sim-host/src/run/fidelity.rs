@@ -6,31 +6,33 @@ use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::reference;
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
-use crate::configure::{Drive, listeners, node_configs};
+use crate::central::Central;
+use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator::{Emulator, EmulatorOptions, decode_log};
 use crate::engine::Engine;
+use crate::noise::Noise;
 use crate::progress::Progress;
 use crate::record::BusSummary;
-use crate::scenario::Scenario;
+use crate::scenario::{CouplingKind, Scenario};
 use funnel_core::{Node, Params};
-use funnel_protocol::Refusal;
 use funnel_protocol::config::TickSource;
 use funnel_protocol::report::Counters;
+use funnel_protocol::{NodeConfig, Refusal};
 use std::collections::BTreeMap;
+
+/// Drive of nodes in this program.
+const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
 
 /// Fidelity `loopback`.
 pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
-    let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
-    let mut nodes = Vec::new();
-    for config in node_configs(scenario, drive).map_err(RunError::bad_input)? {
-        let params = Params::new(&config).map_err(|error| {
-            RunError::bad_input(format!("node {} refused its configuration: {error}", config.id))
-        })?;
-        nodes.push(Node::new(params));
+    if scenario.coupling == CouplingKind::WeaklyCentralised {
+        return central(scenario, options);
     }
+    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
+    let nodes = accepted(&configs)?.into_iter().map(Node::new).collect();
     let exact = reference::where_expected(scenario, options)?;
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
-    let mut engine = Engine::new(nodes, bus(scenario));
+    let mut engine = Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario));
     let progress = progress("loopback", scenario, options);
     engine.start();
     // One tick more than the run has: it is what makes the diffusive terms at the end.
@@ -52,6 +54,33 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     })
 }
 
+/// What the nodes make of their configurations.
+fn accepted(configs: &[NodeConfig]) -> Result<Vec<Params<f32>>, RunError> {
+    let params = |config: &NodeConfig| {
+        Params::new(config).map_err(|error| {
+            RunError::bad_input(format!("node {} refused its configuration: {error}", config.id))
+        })
+    };
+    configs.iter().map(params).collect()
+}
+
+/// Weakly-centralised coupling, in one loop over all nodes and without a bus.
+fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+    let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?)?;
+    let exact = reference::where_expected(scenario, options)?;
+    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
+    let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
+    let progress = progress("loopback", scenario, options);
+    for k in 0..=scenario.time.ticks {
+        check_interrupt(options)?;
+        collector.tick(k, central.advance());
+        progress.at(k as f64 * scenario.time.tick_s());
+    }
+    let counters = central.counters();
+    let bus = Some(bus_record(Traffic::default(), &counters));
+    Ok(Outcome { bus, counters, events: central.events().to_vec(), ..collector.finish() })
+}
+
 /// Fidelity `emulator`.
 pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
@@ -61,7 +90,8 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         qemu: "qemu-system-arm".to_owned(),
         interrupt: options.interrupt.clone(),
     };
-    let mut emulator = Emulator::new(&configs, bus(scenario), &emulator_options)?;
+    let mut emulator =
+        Emulator::new(&configs, bus(scenario), &emulator_options)?.with_noise(Noise::of(scenario));
     let exact = reference::where_expected(scenario, options)?;
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
     let progress = progress("emulator", scenario, options);

@@ -12,6 +12,7 @@ pub use error::RunError;
 pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::Outcome;
 
+use crate::emergent::EmergentTrajectory;
 use crate::record::Summary;
 use crate::scenario::{LARGEST_RUN, Scenario};
 use output::Outputs;
@@ -44,6 +45,13 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
 /// See [`RunError`].
 pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     fits(scenario)?;
+    if scenario.expect.emergent_error.is_some() && EmergentTrajectory::new(scenario).is_none() {
+        return Err(RunError::bad_input(format!(
+            "the emergent dynamics are not known for {} coupling of states with {} components; leave expect.emergent_error out",
+            scenario.coupling.name(),
+            scenario.components()
+        )));
+    }
     match options.on {
         Fidelity::Loopback => fidelity::loopback(scenario, options),
         Fidelity::Emulator => fidelity::emulator(scenario, options),

@@ -4,8 +4,8 @@ use super::options::Fidelity;
 use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
 use crate::record::{
-    BusSummary, EmergentSummary, Expectation, FunnelSummary, ReferenceSummary, Row, Summary, SyncSummary,
-    TraceHash,
+    BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent, ReferenceSummary, Row, Summary,
+    SyncSummary, TraceHash,
 };
 use crate::scenario::Scenario;
 use funnel_protocol::report::Counters;
@@ -15,7 +15,7 @@ use funnel_protocol::report::Counters;
 pub struct Outcome {
     /// Trajectory.
     pub rows: Vec<Row>,
-    /// States at the end, by index.
+    /// States at the end, by index and then by component.
     pub last: Vec<f64>,
     /// Widest funnel at the end, as the nodes had it: floored at the resolution of `nu`, where it is.
     pub widest: f64,
@@ -42,7 +42,7 @@ pub struct Outcome {
 impl Outcome {
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
-        let final_spread = spread(&self.last);
+        let final_spread = spread(&self.last, scenario.components());
         let emergent = self.emergent();
         Summary {
             scenario: scenario.title.clone(),
@@ -68,12 +68,13 @@ impl Outcome {
 
     fn emergent(&self) -> EmergentSummary {
         let prediction = &self.prediction;
-        let distance = |to: f64| self.last.iter().map(|x| (x - to).abs()).fold(0.0, f64::max);
+        let known = |values: &[f64]| (!values.is_empty()).then(|| PerComponent(values.to_vec()));
+        let error = |values: &[f64]| (!values.is_empty()).then(|| distance(&self.last, values));
         EmergentSummary {
-            final_error: prediction.xi.map(distance),
-            xi_final: prediction.xi,
-            blended_error: prediction.blended.map(distance),
-            blended_final: prediction.blended,
+            final_error: error(&prediction.xi),
+            xi_final: known(&prediction.xi),
+            blended_error: error(&prediction.blended),
+            blended_final: known(&prediction.blended),
             contraction: prediction.contraction,
             steady_ratio: prediction.steady_ratio.clone(),
             steady_ratio_max: prediction.steady_ratio_max.clone(),
@@ -94,15 +95,30 @@ impl Outcome {
             ("blended_error", expect.blended_error, emergent.blended_error),
             ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
         ];
+        let final_value = expect.final_value.map(|expected| {
+            Expectation::below(
+                "final_value",
+                expected.within,
+                Some(distance(&self.last, &vec![expected.is; scenario.components()])),
+            )
+        });
         let judge = |(name, limit, value): (&str, Option<f64>, _)| {
             limit.map(|limit| Expectation::below(name, limit, value))
         };
-        judged.into_iter().filter_map(judge).collect()
+        judged.into_iter().filter_map(judge).chain(final_value).collect()
     }
 }
 
-fn spread(states: &[f64]) -> f64 {
-    let largest = states.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let smallest = states.iter().copied().fold(f64::INFINITY, f64::min);
-    largest - smallest
+/// `max x - min x`, of the component in which the states are farthest apart.
+fn spread(states: &[f64], components: usize) -> f64 {
+    let apart = |component| {
+        let states = || states.iter().copied().skip(component).step_by(components.max(1));
+        states().fold(f64::NEG_INFINITY, f64::max) - states().fold(f64::INFINITY, f64::min)
+    };
+    (0..components).map(apart).fold(0.0, f64::max)
+}
+
+/// The largest distance of a state, by index and then by component, to a point.
+fn distance(states: &[f64], point: &[f64]) -> f64 {
+    states.iter().zip(point.iter().cycle()).map(|(x, xi)| (x - xi).abs()).fold(0.0, f64::max)
 }

@@ -5,7 +5,9 @@ use super::options::{Fidelity, RunOptions};
 use super::outcome::Outcome;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{AtomicFile, Precision, RecordError, Summary, TrajectoryWriter, junit, write_atomic};
+use crate::record::{
+    AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter, junit, write_atomic,
+};
 use crate::report::{PlotError, Trace, funnels_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
@@ -31,8 +33,9 @@ impl Outputs {
                 Fidelity::Reference => Precision::Double,
                 Fidelity::Loopback | Fidelity::Emulator => Precision::Single,
             };
+            let shape = Shape { nodes: scenario.nodes.len(), components: scenario.components() };
             let path = folder.join("trajectory.csv");
-            outputs.trajectory = Some(TrajectoryWriter::create(path, scenario.nodes.len(), precision)?);
+            outputs.trajectory = Some(TrajectoryWriter::create(path, shape, precision)?);
             outputs.json.push(AtomicFile::create(folder.join("summary.json"))?);
         }
         if let Some(path) = &options.json {
@@ -88,7 +91,7 @@ fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result
 }
 
 fn write_plots(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
-    let mut trace = Trace::new(scenario.title.as_str());
+    let mut trace = Trace::new(scenario.title.as_str()).with_components(scenario.components());
     outcome.rows.iter().for_each(|row| trace.push(row));
     write_atomic(folder.join("states.svg"), plot(states_svg(&trace))?.as_bytes())?;
     write_atomic(folder.join("funnels.svg"), plot(funnels_svg(&trace))?.as_bytes())?;

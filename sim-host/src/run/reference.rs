@@ -8,7 +8,7 @@ use crate::exit::Exit;
 use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
-use crate::scenario::{FunnelSpec, GainSpec, Scenario};
+use crate::scenario::{CouplingKind, FunnelSpec, GainSpec, Scenario};
 use funnel_core::gain::median;
 use std::ops::ControlFlow;
 
@@ -24,7 +24,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     outcome.reference = Some(ReferenceSummary::default());
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
         let prediction = predictor.advance(row.t);
-        (row.xi, row.blended) = (prediction.xi, prediction.blended);
+        (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
         outcome.last.clone_from(&row.x);
         outcome.widest = row.psi.iter().copied().fold(0.0, f64::max);
         if k.is_multiple_of(stride) {
@@ -77,13 +77,23 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
         nu: table(&solution.nu, k),
         psi: table(&solution.psi, k),
         u: table(&solution.u, k),
-        xi: None,
-        blended: None,
+        xi: Vec::new(),
+        blended: Vec::new(),
     };
     solution.times.iter().enumerate().map(row)
 }
 
 fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
+    let coupling = scenario.coupling;
+    let law = matches!(coupling, CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain);
+    if scenario.components() > 1 || !law {
+        return Err(RunError::bad_input(format!(
+            "there is no reference for {} coupling of states with {} components, only for the node-wise law of scalar states; \
+             leave expect.reference_error out",
+            coupling.name(),
+            scenario.components()
+        )));
+    }
     let gains: Option<Vec<_>> = scenario.nodes.iter().map(|node| gain(&node.gain)).collect();
     let funnels: Option<Vec<_>> = scenario.nodes.iter().map(|node| funnel(&node.funnel)).collect();
     let (Some(gains), Some(funnels)) = (gains, funnels) else {
@@ -95,8 +105,8 @@ fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
         phase: s.phase,
     };
     let field = |dynamics: &crate::scenario::Affine| reference::Affine {
-        slope: dynamics.slope,
-        offset: dynamics.offset,
+        slope: dynamics.slope(),
+        offset: dynamics.offset(),
         sines: dynamics.sines.iter().map(sine).collect(),
     };
     Ok(ReferenceProblem {
@@ -124,6 +134,8 @@ fn funnel(spec: &FunnelSpec) -> Option<reference::Funnel> {
             Some(reference::Funnel::Exponential { start, end, rate, factor })
         }
         FunnelSpec::Constant { width, factor } => Some(reference::Funnel::Constant { width, factor }),
-        FunnelSpec::ReciprocalTime { .. } | FunnelSpec::FiniteTime { .. } => None,
+        FunnelSpec::ReciprocalTime { .. } | FunnelSpec::FiniteTime { .. } | FunnelSpec::Schedule { .. } => {
+            None
+        }
     }
 }

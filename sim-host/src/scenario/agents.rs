@@ -8,13 +8,17 @@ use std::collections::BTreeMap;
 use funnel_core::params;
 use funnel_protocol::config::MAX_SINES;
 
+use super::affine::{Affine, Sine};
+use super::components::Components;
 use super::coupling::{Coupling, read_funnel, read_gain};
-use super::diagnostic::Problem;
-use super::model::{Affine, NodeSpec, Sine};
+use super::diagnostic::{Diagnostic, Problem};
+use super::model::{CouplingKind, GainSpec, NodeSpec};
 use super::reader::{Log, Range, Section, integer, later, number, ready};
 use super::tree::{Item, Place, Value};
 
-const STATE: Range = Range::any("state units").or_vector();
+const STATE: Range = Range::any("state units");
+const INPUT: Range = Range::any("state units per second");
+const NOISE: Range = Range::non_negative("state units").on_host();
 
 /// What one `[agent]` or `[[node]]` table says.
 #[derive(Clone, Copy, Default)]
@@ -23,6 +27,16 @@ struct Given<'a> {
     dynamics: Option<&'a Item>,
     gain: Option<&'a Item>,
     funnel: Option<&'a Item>,
+    noise: Option<&'a Item>,
+}
+
+/// What all nodes have in common.
+struct Common<'a> {
+    defaults: Given<'a>,
+    coupling: CouplingKind,
+    components: Components,
+    root: &'a Place,
+    log: &'a Log,
 }
 
 /// The nodes, and where each one's initial state (or else its funnel) was written.
@@ -32,8 +46,9 @@ pub(super) fn read<'a>(
     count: u64,
 ) -> (Vec<NodeSpec>, Vec<Place>) {
     let log = root.log();
-    let defaults = read_agent(root, coupling);
-    let overrides = read_overrides(root, count);
+    let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
+    let defaults = read_agent(root, coupling, &components);
+    let overrides = read_overrides(root, coupling.kind, count);
     let lacks = |id: &u64| overrides.get(id).is_none_or(|given| given.dynamics.is_none());
     let without = (1..=count).find(|id| defaults.dynamics.is_none() && lacks(id));
     if let Some(id) = without {
@@ -41,24 +56,31 @@ pub(super) fn read<'a>(
         let problem = Problem::MissingKey { section: "[agent]".to_owned() };
         log.report(root.place().diagnostic(problem, "agent.dynamics", allowed));
     }
-    let node = |id| read_node(id, &defaults, overrides.get(&u64::from(id)), root.place(), log);
+    let common = Common { defaults, coupling: coupling.kind, components, root: root.place(), log };
+    let node = |id| read_node(id, &common, overrides.get(&u64::from(id)));
     (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip()
 }
 
-fn read_agent<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>) -> Given<'a> {
+fn read_agent<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>, components: &Components) -> Given<'a> {
     let mut given = Given { gain: coupling.gain, funnel: coupling.funnel, ..Given::default() };
     if let Some(mut agent) = root.section("agent") {
         let log = agent.log();
         given.state = agent.take("state");
         given.dynamics = agent.take("dynamics");
+        given.noise = agent.take("noise");
         agent.finish();
-        given.state.and_then(|item| read_state(item, log));
-        given.dynamics.and_then(|item| read_dynamics(item, log));
+        given.state.and_then(|item| read_state(item, components, log));
+        given.dynamics.and_then(|item| read_dynamics(item, components, log));
+        given.noise.and_then(|item| read_noise(item, log));
     }
     given
 }
 
-fn read_overrides<'a>(root: &mut Section<'a>, count: u64) -> BTreeMap<u64, Given<'a>> {
+fn read_overrides<'a>(
+    root: &mut Section<'a>,
+    coupling: CouplingKind,
+    count: u64,
+) -> BTreeMap<u64, Given<'a>> {
     let log = root.log();
     let mut all = BTreeMap::new();
     for item in root.array("node") {
@@ -69,8 +91,12 @@ fn read_overrides<'a>(root: &mut Section<'a>, count: u64) -> BTreeMap<u64, Given
             dynamics: section.take("dynamics"),
             gain: section.take("gain"),
             funnel: section.take("funnel"),
+            noise: section.take("noise"),
         };
         section.finish();
+        if coupling == CouplingKind::EdgeWise {
+            given.gain.into_iter().chain(given.funnel).for_each(|item| log.report(one_sided(item)));
+        }
         let Some(id) = id else { continue };
         match integer(id, (1, count), "[graph] nodes") {
             Ok(number) if all.insert(number, given).is_some() => {
@@ -83,13 +109,17 @@ fn read_overrides<'a>(root: &mut Section<'a>, count: u64) -> BTreeMap<u64, Given
     all
 }
 
-fn read_node(
-    id: u16,
-    defaults: &Given<'_>,
-    given: Option<&Given<'_>>,
-    root: &Place,
-    log: &Log,
-) -> Option<(NodeSpec, Place)> {
+/// With edge-wise coupling both ends of an edge must find the same input.
+fn one_sided(item: &Item) -> Box<Diagnostic> {
+    let allowed =
+        "must not be there with edge-wise coupling, where both ends of an edge need the same gain and funnel";
+    let mut diagnostic = item.diagnostic(Problem::Value, allowed);
+    diagnostic.hint = Some("set it in [coupling]".to_owned());
+    diagnostic
+}
+
+fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<(NodeSpec, Place)> {
+    let Common { defaults, coupling, components, root, log } = common;
     let given = given.copied().unwrap_or_default();
     let state = given.state.or(defaults.state);
     let dynamics = merged(defaults.dynamics, given.dynamics);
@@ -99,10 +129,15 @@ fn read_node(
     let place = place.unwrap_or(root).clone();
     let node = NodeSpec {
         id,
-        state: state.map_or(Some(0.0), |item| read_state(item, log))?,
-        dynamics: read_dynamics(&dynamics?, log)?,
-        gain: read_gain(&gain?, log)?,
+        state: state.map_or(Some(vec![0.0; components.count]), |item| read_state(item, components, log))?,
+        dynamics: read_dynamics(&dynamics?, components, log)?,
+        gain: match gain {
+            // Nothing uses it.
+            None if *coupling == CouplingKind::None => GainSpec::Reciprocal { scale: 1.0 },
+            gain => read_gain(&gain?, *coupling, log)?,
+        },
         funnel: read_funnel(&funnel?, log)?,
+        noise: given.noise.or(defaults.noise).map_or(Some(0.0), |item| read_noise(item, log))?,
     };
     Some((node, place))
 }
@@ -122,37 +157,60 @@ fn merged(base: Option<&Item>, over: Option<&Item>) -> Option<Item> {
     Some(Item { value: Value::Table(table), ..over.clone() })
 }
 
-fn read_state(item: &Item, log: &Log) -> Option<f64> {
-    number(item, STATE).map_err(|diagnostic| log.report(diagnostic)).ok()
+fn read_state(item: &Item, components: &Components, log: &Log) -> Option<Vec<f64>> {
+    components.numbers(item, STATE).map_err(|diagnostic| log.report(diagnostic)).ok()
 }
 
-fn read_dynamics(item: &Item, log: &Log) -> Option<Affine> {
+fn read_noise(item: &Item, log: &Log) -> Option<f64> {
+    number(item, NOISE).map_err(|diagnostic| log.report(diagnostic)).ok()
+}
+
+fn read_dynamics(item: &Item, components: &Components, log: &Log) -> Option<Affine> {
     let mut section = Section::open(item, log)?;
     section.choice("kind", &[ready("affine", ()), later("expression", ())], None)?;
+    let slope = Range::any("1/s").up_to(params::LARGEST_RATE);
     let affine = Affine {
-        slope: section.number("slope", Some(0.0), Range::any("1/s").up_to(params::LARGEST_RATE).or_vector()),
-        offset: section.number("offset", Some(0.0), Range::any("state units per second").or_vector()),
-        sines: section.array("sines").iter().filter_map(|item| read_sine(item, log)).collect(),
+        slope: section.value("slope", vec![0.0], |item| components.matrix(item, slope)),
+        offset: section.value("offset", vec![0.0; components.count], |item| components.numbers(item, INPUT)),
+        sines: read_sines(&mut section, components),
     };
-    if let Some(surplus) = section.array("sines").get(MAX_SINES) {
-        let allowed = format!("must not be there: a node takes at most {MAX_SINES} sines");
-        log.report(surplus.diagnostic(Problem::Value, allowed));
-    }
     section.finish();
     Some(affine)
 }
 
-fn read_sine(item: &Item, log: &Log) -> Option<Sine> {
+fn read_sines(dynamics: &mut Section<'_>, components: &Components) -> Vec<Sine> {
+    let log = dynamics.log();
+    let mut sines = Vec::new();
+    let mut surplus = None;
+    for item in dynamics.array("sines") {
+        sines.extend(read_sine(item, components, log).into_iter().flatten());
+        if sines.len() > MAX_SINES {
+            surplus = surplus.or(Some(item));
+        }
+    }
+    if let Some(surplus) = surplus {
+        let over = if components.count > 1 { " over all components, zero amplitudes apart" } else { "" };
+        let allowed = format!("must not be there: a node takes at most {MAX_SINES} sines{over}");
+        log.report(surplus.diagnostic(Problem::Value, allowed));
+    }
+    sines
+}
+
+/// One sine per component that has an amplitude.
+fn read_sine(item: &Item, components: &Components, log: &Log) -> Option<Vec<Sine>> {
     let mut section = Section::open(item, log)?;
-    let sine = Sine {
-        amplitude: section.number("amplitude", None, Range::any("state units per second").or_vector()),
-        frequency: section.number(
-            "frequency",
-            None,
-            Range::non_negative("rad/s").up_to(params::LARGEST_RATE),
-        ),
-        phase: section.number("phase", Some(0.0), Range::any("rad").up_to(params::LARGEST_PHASE).or_vector()),
-    };
+    let phase = Range::any("rad").up_to(params::LARGEST_PHASE);
+    let nothing = vec![0.0; components.count];
+    section.need(
+        "amplitude",
+        "must be a number or an array of numbers, one per component (state units per second)",
+    );
+    let amplitudes = section.value("amplitude", nothing.clone(), |item| components.numbers(item, INPUT));
+    let frequency =
+        section.number("frequency", None, Range::non_negative("rad/s").up_to(params::LARGEST_RATE));
+    let phases = section.value("phase", nothing, |item| components.numbers(item, phase));
     section.finish();
-    Some(sine)
+    let sines = amplitudes.into_iter().zip(phases).enumerate();
+    let sines = sines.map(|(component, (amplitude, phase))| Sine { component, amplitude, frequency, phase });
+    Some(sines.filter(|sine| components.count == 1 || sine.amplitude != 0.0).collect())
 }

@@ -3,6 +3,8 @@
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{self, ComputeEigenvectors};
 use faer::{Mat, Par, diag::Diag};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// An undirected edge between two different nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,6 +120,30 @@ impl Graph {
         terms
     }
 
+    /// The longest of the shortest ways between two nodes, where an edge is `1 / alpha` long; 0 for a single node.
+    #[must_use]
+    pub fn resistive_diameter(&self) -> f64 {
+        (0..self.nodes).map(|from| self.farthest(from)).fold(0.0, f64::max)
+    }
+
+    /// Dijkstra's algorithm from one node: the length of the way to the node that is farthest off.
+    fn farthest(&self, from: usize) -> f64 {
+        let mut settled = vec![false; self.nodes];
+        // Lengths are positive, so that their bits are ordered as they are.
+        let mut ahead = BinaryHeap::from([Reverse((0.0f64.to_bits(), from))]);
+        let mut farthest = 0.0;
+        while let Some(Reverse((bits, node))) = ahead.pop() {
+            if std::mem::replace(&mut settled[node], true) {
+                continue;
+            }
+            farthest = f64::from_bits(bits);
+            for (next, weight) in self.neighbours(node) {
+                ahead.push(Reverse(((farthest + 1.0 / weight).to_bits(), next)));
+            }
+        }
+        farthest
+    }
+
     /// The connected components as sorted lists of indices; one for a connected graph.
     #[must_use]
     pub fn components(&self) -> Vec<Vec<usize>> {
@@ -212,6 +238,16 @@ mod tests {
         assert_eq!(graph.diffusive_terms(&[1.0, 2.0, 6.0]), vec![2.0, 0.0, -2.0]);
         assert_eq!(graph.degrees(), [2.0, 2.5, 0.5]);
         assert_eq!(graph.neighbours(1), vec![(0, 2.0), (2, 0.5)]);
+    }
+
+    #[test]
+    fn the_resistive_diameter_goes_the_shortest_way() {
+        let edge = |a, b, weight| Edge { a, b, weight };
+        // 0 to 2 directly is 10 long, over 1 it is 2.5; 3 hangs on 2.
+        let edges = vec![edge(0, 1, 2.0), edge(0, 2, 0.1), edge(1, 2, 0.5), edge(2, 3, 4.0)];
+        assert_eq!(Graph { nodes: 4, edges }.resistive_diameter(), 2.75);
+        assert_eq!(graph(Topology::Ring, 6).resistive_diameter(), 3.0);
+        assert_eq!(graph(Topology::Path, 1).resistive_diameter(), 0.0);
     }
 
     #[test]

@@ -1,22 +1,58 @@
 //! The theorem's condition on the start: every diffusive term inside its funnel.
 
 use super::diagnostic::{Diagnostic, Diagnostics, Problem};
-use super::model::{FunnelSpec, NodeSpec, Scenario};
+use super::graph::Graph;
+use super::model::{CouplingKind, FunnelSpec, NodeSpec, Scenario};
 use super::tree::Place;
 use crate::figure::figure;
 use funnel_core::math;
 
-/// `|nu_i| / psi_i` at t = 0, by index. The guarantee needs every one below 1 (the paper's Theorem 1).
+/// `|nu| / psi` at t = 0, by index and then by component; with edge-wise coupling that of each node's worst edge. The
+/// guarantee needs every one below 1 (the paper's Theorem 1).
 #[must_use]
 pub fn initial_ratios(scenario: &Scenario) -> Vec<f64> {
-    let terms = scenario.graph.diffusive_terms(&scenario.initial_states());
-    terms.iter().zip(&scenario.nodes).map(|(nu, node)| nu.abs() / node.funnel.width(0.0)).collect()
+    let count = scenario.components();
+    let terms = initial_terms(scenario);
+    let widths = scenario.nodes.iter().flat_map(|node| std::iter::repeat_n(node.funnel.width(0.0), count));
+    terms.iter().zip(widths).map(|(nu, psi)| nu.abs() / psi).collect()
 }
 
-/// Refuses nodes that start on or outside their funnel; `places` says where each node's state was given.
+/// The diffusive terms at t = 0, by index and then by component; with edge-wise coupling the largest of an edge.
+fn initial_terms(scenario: &Scenario) -> Vec<f64> {
+    let count = scenario.components();
+    let mut terms = vec![0.0f64; scenario.nodes.len() * count];
+    for component in 0..count {
+        let states: Vec<f64> = scenario.nodes.iter().map(|node| node.state[component]).collect();
+        let found = match scenario.coupling {
+            CouplingKind::EdgeWise => largest_edge_terms(&scenario.graph, &states),
+            _ => scenario.graph.diffusive_terms(&states),
+        };
+        found.into_iter().enumerate().for_each(|(index, term)| terms[index * count + component] = term);
+    }
+    terms
+}
+
+/// The largest `alpha_ij |x_i - x_j|` at each node.
+fn largest_edge_terms(graph: &Graph, states: &[f64]) -> Vec<f64> {
+    let mut terms = vec![0.0f64; graph.nodes];
+    for edge in &graph.edges {
+        let term = edge.weight * (states[edge.b] - states[edge.a]).abs();
+        terms[edge.a] = terms[edge.a].max(term);
+        terms[edge.b] = terms[edge.b].max(term);
+    }
+    terms
+}
+
+/// Refuses nodes that start on or outside their funnel; `places` says where each node's state was given. A coupling that
+/// promises nothing may start anywhere.
 pub(super) fn check(scenario: &Scenario, places: &[Place]) -> Result<(), Diagnostics> {
+    if !scenario.coupling.keeps_funnels() {
+        return Ok(());
+    }
     let ratios = initial_ratios(scenario);
-    let outside = scenario.nodes.iter().zip(ratios).zip(places).filter(|((_, ratio), _)| *ratio >= 1.0);
+    let worst = |ratios: &[f64]| ratios.iter().copied().fold(0.0, f64::max);
+    let worst: Vec<_> = ratios.chunks_exact(scenario.components()).map(worst).collect();
+    let outside = scenario.nodes.iter().zip(worst).zip(places).filter(|((_, ratio), _)| *ratio >= 1.0);
     let found: Vec<_> = outside.map(|((node, ratio), place)| explain(node, ratio, place)).collect();
     if found.is_empty() { Ok(()) } else { Err(Diagnostics(found)) }
 }
@@ -36,7 +72,9 @@ fn explain(node: &NodeSpec, ratio: f64, place: &Place) -> Diagnostic {
     let mut diagnostic = place.diagnostic(Problem::Whole, &key, allowed);
     let factor = round_up(1.05 * ratio * node.funnel.factor());
     diagnostic.hint = Some(match node.funnel {
-        FunnelSpec::Exponential { factor: own, .. } | FunnelSpec::FiniteTime { factor: own, .. } => {
+        FunnelSpec::Exponential { factor: own, .. }
+        | FunnelSpec::FiniteTime { factor: own, .. }
+        | FunnelSpec::Schedule { factor: own, .. } => {
             format!("funnel start = {} (or factor = {factor}) would do", round_up(1.05 * nu / own))
         }
         FunnelSpec::Constant { factor: own, .. } => {

@@ -3,7 +3,9 @@
 //! Reading goes in steps, each of which stops where it found mistakes: the syntax, then every key by itself,
 //! then what only the whole shows (the graph, the number of ticks, the start inside the funnel).
 
+mod affine;
 mod agents;
+mod components;
 mod coupling;
 mod diagnostic;
 mod duration;
@@ -20,15 +22,18 @@ use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnel_core::params;
 use std::path::Path;
 
+pub use affine::{Affine, Sine};
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use model::{
-    Affine, BusModel, BusSpec, CouplingKind, Expect, FunnelSpec, GainSpec, NodeSpec, Scenario, Sine, TimeSpec,
+    BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FunnelSpec, GainSpec, NodeSpec,
+    NormalisedSpec, Scenario, TimeSpec,
 };
 pub use overrides::Override;
 
+use coupling::Coupling;
 use reader::{Log, Range, Section, later, ready, unsupported};
 use tree::{Item, Place};
 
@@ -101,9 +106,13 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let time = whole_ticks(&time, network.nodes, &log);
     let graph = network::build(&network, seed, &log);
     fresh(&bus, &time, root, &log);
+    no_bus(coupling.kind, root, &log);
+    let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
+    network::room(&graph, components, &network, &log);
     log.checkpoint()?;
     let path = path.to_owned();
-    let scenario = Scenario { title, seed, time, graph, coupling: coupling.kind, nodes, bus, expect, path };
+    let Coupling { kind: coupling, on_breach, .. } = coupling;
+    let scenario = Scenario { title, seed, time, graph, coupling, on_breach, nodes, bus, expect, path };
     initial::check(&scenario, &places)?;
     Ok(scenario)
 }
@@ -178,6 +187,18 @@ fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
     }
 }
 
+/// Weakly-centralised coupling is simulated without a bus, so that nothing of it can be asked for.
+fn no_bus(coupling: CouplingKind, root: &Item, log: &Log) {
+    let section = root.get("bus").filter(|_| coupling == CouplingKind::WeaklyCentralised);
+    for key in ["loss", "latency", "jitter"] {
+        if let Some(item) = section.and_then(|section| section.get(key)) {
+            let allowed =
+                "must not be there with weakly-centralised coupling, which is simulated without a bus";
+            log.report(item.diagnostic(Problem::Value, allowed));
+        }
+    }
+}
+
 fn read_bus(file: &mut Section<'_>) -> BusSpec {
     let mut bus = BusSpec { model: BusModel::Ideal, loss: 0.0, latency_ns: 0, jitter_ns: 0 };
     let models = [
@@ -205,6 +226,14 @@ fn read_expect(file: &mut Section<'_>) -> Expect {
         emergent_error: section.optional_number("emergent_error", length),
         blended_error: section.optional_number("blended_error", length),
         reference_error: section.optional_number("reference_error", length),
+        final_value: section.section("final_value").map(|mut value| {
+            let final_value = FinalValue {
+                is: value.number("is", None, Range::any("state units").on_host()),
+                within: value.number("within", None, length),
+            };
+            value.finish();
+            final_value
+        }),
     };
     section.finish();
     expect

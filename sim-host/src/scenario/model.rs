@@ -3,6 +3,7 @@
 use funnel_core::math;
 use std::path::PathBuf;
 
+use super::affine::Affine;
 use super::graph::Graph;
 
 /// Everything that a run depends on.
@@ -18,6 +19,8 @@ pub struct Scenario {
     pub graph: Graph,
     /// The coupling law.
     pub coupling: CouplingKind,
+    /// What a node does outside its funnel.
+    pub on_breach: BreachSpec,
     /// One per node; index i has id i + 1.
     pub nodes: Vec<NodeSpec>,
     /// The bus between the nodes.
@@ -29,10 +32,16 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// The initial states, by index (state units).
+    /// Components of a state, 1 to 8; every node has as many.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.nodes.first().map_or(1, |node| node.state.len())
+    }
+
+    /// The initial states, by index and then by component (state units).
     #[must_use]
     pub fn initial_states(&self) -> Vec<f64> {
-        self.nodes.iter().map(|node| node.state).collect()
+        self.nodes.iter().flat_map(|node| node.state.iter().copied()).collect()
     }
 
     /// The widest funnel at time `t` (s), over the nodes (state units).
@@ -41,13 +50,15 @@ impl Scenario {
         self.nodes.iter().map(|node| node.funnel.width(t)).fold(0.0, f64::max)
     }
 
-    /// The paper's bound on `|x_i - x_j|` while every `|nu_i| < psi_i <= widest` (state units):
-    /// `2 sqrt(N) / lambda2 * widest`; 0 for a single node.
+    /// The bound on `|x_i - x_j|`, component by component, while every diffusive term is inside funnels of at most `widest`
+    /// (state units); 0 for a single node. With edge-wise coupling every edge keeps `alpha_ij |x_i - x_j| < psi`, which adds up
+    /// along the shortest way; else it is the paper's `2 sqrt(N) / lambda2 * widest`.
     #[must_use]
     pub fn sync_bound(&self, widest: f64) -> f64 {
-        match self.nodes.len() {
-            0 | 1 => 0.0,
-            n => 2.0 * (n as f64).sqrt() / self.graph.lambda2() * widest,
+        match (self.nodes.len(), self.coupling) {
+            (0 | 1, _) => 0.0,
+            (_, CouplingKind::EdgeWise) => widest * self.graph.resistive_diameter(),
+            (n, _) => 2.0 * (n as f64).sqrt() / self.graph.lambda2() * widest,
         }
     }
 }
@@ -76,7 +87,7 @@ impl TimeSpec {
 }
 
 /// How the diffusive terms become inputs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CouplingKind {
     /// The paper's law: `u_i = mu_i(nu_i / psi_i)`.
     NodeWise,
@@ -91,9 +102,51 @@ pub enum CouplingKind {
     /// `u_i = k nu_i`.
     Linear,
     /// A linear gain that grows while the error is large.
-    LambdaTracker,
+    LambdaTracker {
+        /// Errors below this leave the gain as it is (state units).
+        eta: f64,
+    },
     /// No coupling.
     None,
+}
+
+impl CouplingKind {
+    /// Its name in a scenario.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NodeWise => "node-wise",
+            Self::EdgeWise => "edge-wise",
+            Self::ElementWise => "element-wise",
+            Self::MaxGain => "max-gain",
+            Self::WeaklyCentralised => "weakly-centralised",
+            Self::Linear => "linear",
+            Self::LambdaTracker { .. } => "lambda-tracker",
+            Self::None => "none",
+        }
+    }
+
+    /// Whether the law is one that keeps diffusive terms inside funnels, rather than a baseline to compare with.
+    #[must_use]
+    pub fn keeps_funnels(self) -> bool {
+        !matches!(self, Self::Linear | Self::LambdaTracker { .. } | Self::None)
+    }
+}
+
+/// What a node does when its diffusive term leaves the funnel (LAW.md 5).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BreachSpec {
+    /// Goes on.
+    Ride,
+    /// Stops with a safe output and a fault.
+    Stop,
+    /// Widens its own funnel, and lets the added width decay.
+    Reopen {
+        /// The ratio right after is one over this; above 1.
+        margin: f64,
+        /// 1/s, above zero.
+        rate: f64,
+    },
 }
 
 /// One node.
@@ -101,65 +154,16 @@ pub enum CouplingKind {
 pub struct NodeSpec {
     /// The index in `Scenario::nodes` plus one; more than a run takes where the scenario can only be checked.
     pub id: u16,
-    /// Initial state (state units).
-    pub state: f64,
+    /// Initial state, by component (state units).
+    pub state: Vec<f64>,
     /// The node's own vector field.
     pub dynamics: Affine,
     /// Its gain.
     pub gain: GainSpec,
     /// Its funnel.
     pub funnel: FunnelSpec,
-}
-
-/// `f(t, x) = slope x + offset + sum amplitude sin(frequency t + phase)`, in state units per second.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Affine {
-    /// 1/s.
-    pub slope: f64,
-    /// State units / s.
-    pub offset: f64,
-    /// The sines, in the order of the file.
-    pub sines: Vec<Sine>,
-}
-
-impl Affine {
-    /// `f(t, x) - slope x`, the part that does not depend on the state (state units / s).
-    #[must_use]
-    pub fn forcing(&self, t: f64) -> f64 {
-        self.offset + self.sines.iter().map(|sine| sine.value(t)).sum::<f64>()
-    }
-
-    /// `f(t, x)` (state units / s).
-    #[must_use]
-    pub fn value(&self, t: f64, x: f64) -> f64 {
-        self.slope * x + self.forcing(t)
-    }
-
-    /// The partial derivative of `f` by time (state units / s^2).
-    #[must_use]
-    pub fn rate_of_forcing(&self, t: f64) -> f64 {
-        let rate = |sine: &Sine| sine.amplitude * sine.frequency * math::cos(sine.frequency * t + sine.phase);
-        self.sines.iter().map(rate).sum()
-    }
-}
-
-/// `amplitude sin(frequency t + phase)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sine {
-    /// State units / s.
-    pub amplitude: f64,
-    /// rad/s.
-    pub frequency: f64,
-    /// rad.
-    pub phase: f64,
-}
-
-impl Sine {
-    /// The value at time `t` (s).
-    #[must_use]
-    pub fn value(&self, t: f64) -> f64 {
-        self.amplitude * math::sin(self.frequency * t + self.phase)
-    }
+    /// Standard deviation of what is added to each state as it is sent (state units).
+    pub noise: f64,
 }
 
 /// The gain `mu(s) = gamma(|s|) s`, s in (-1, 1), in state units / s.
@@ -187,11 +191,49 @@ pub enum GainSpec {
         /// The paper's epsilon, above zero.
         eps: f64,
     },
-    /// A linear gain, for comparison.
+    /// `u = slope nu` whatever the funnel is, for comparison.
     Linear {
         /// 1/s, above zero.
         slope: f64,
     },
+}
+
+/// What a schedule goes on with: a normalised funnel `psibar(t)` in state units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NormalisedSpec {
+    /// `width`.
+    Constant {
+        /// State units, above zero.
+        width: f64,
+    },
+    /// `(start - end) exp(-rate t) + end`, from the same t = 0 as everything else.
+    Exponential {
+        /// State units, above zero.
+        start: f64,
+        /// State units, zero or more.
+        end: f64,
+        /// 1/s, above zero.
+        rate: f64,
+    },
+}
+
+impl NormalisedSpec {
+    /// `psibar(t)` for t >= 0 in seconds (state units).
+    #[must_use]
+    pub fn width(&self, t: f64) -> f64 {
+        match *self {
+            Self::Constant { width } => width,
+            Self::Exponential { start, end, rate } => (start - end) * math::exp(-rate * t) + end,
+        }
+    }
+
+    /// The derivative of [`Self::width`] by time (state units / s).
+    fn slope(&self, t: f64) -> f64 {
+        match *self {
+            Self::Constant { .. } => 0.0,
+            Self::Exponential { start, end, rate } => -rate * (start - end) * math::exp(-rate * t),
+        }
+    }
 }
 
 /// The funnel `psi(t)` in state units. `factor` is the paper's `r_i` and multiplies the whole funnel.
@@ -233,6 +275,20 @@ pub enum FunnelSpec {
         /// Above zero.
         factor: f64,
     },
+    /// `factor eps psibar(t)` from `at` on, and before the exponential that joins `factor start` to it (paper, theorem on
+    /// emergent behaviour).
+    Schedule {
+        /// State units, above zero.
+        start: f64,
+        /// The paper's `t_1`, in nanoseconds.
+        at_ns: u64,
+        /// The paper's epsilon, above zero.
+        eps: f64,
+        /// `psibar`.
+        then: NormalisedSpec,
+        /// Above zero.
+        factor: f64,
+    },
 }
 
 impl FunnelSpec {
@@ -247,6 +303,13 @@ impl FunnelSpec {
             Self::ReciprocalTime { scale, factor } => factor * scale / t,
             Self::FiniteTime { start, at_ns, power, factor } => {
                 factor * start * math::pow((1.0 - t / (at_ns as f64 * 1e-9)).max(0.0), power)
+            }
+            Self::Schedule { start, at_ns, eps, then, factor } => {
+                let at = at_ns as f64 * 1e-9;
+                if t >= at {
+                    return factor * eps * then.width(t);
+                }
+                factor * start * math::exp(-t / at * math::ln(start / (eps * then.width(at))))
             }
         }
     }
@@ -265,6 +328,13 @@ impl FunnelSpec {
                 let rest = 1.0 - t / at;
                 if rest > 0.0 { -factor * start * power / at * math::pow(rest, power - 1.0) } else { 0.0 }
             }
+            Self::Schedule { at_ns, eps, then, factor, .. } => {
+                let at = at_ns as f64 * 1e-9;
+                if t >= at {
+                    return factor * eps * then.slope(t);
+                }
+                -self.width(t) / at * math::ln(self.width(0.0) / (factor * eps * then.width(at)))
+            }
         }
     }
 
@@ -275,7 +345,8 @@ impl FunnelSpec {
             Self::Exponential { factor, .. }
             | Self::Constant { factor, .. }
             | Self::ReciprocalTime { factor, .. }
-            | Self::FiniteTime { factor, .. } => factor,
+            | Self::FiniteTime { factor, .. }
+            | Self::Schedule { factor, .. } => factor,
         }
     }
 }
@@ -319,4 +390,15 @@ pub struct Expect {
     pub blended_error: Option<f64>,
     /// Largest distance to the continuous-time reference over nodes and time (state units).
     pub reference_error: Option<f64>,
+    /// Where every component of every node ends.
+    pub final_value: Option<FinalValue>,
+}
+
+/// Where all states end, and how near to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FinalValue {
+    /// State units.
+    pub is: f64,
+    /// Largest distance, above zero (state units).
+    pub within: f64,
 }

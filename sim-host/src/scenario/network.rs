@@ -8,6 +8,7 @@ use super::reader::{Choice, Log, Range, Section, integer, number, ready};
 use super::topology::Topology;
 use super::tree::{Item, Place, Value};
 use funnel_core::params;
+use funnel_protocol::config::MAX_NEIGHBOURS;
 
 /// The largest network that can be read, and checked. A run takes fewer: see [`super::LARGEST_RUN`].
 pub(super) const MAX_NODES: u64 = 2_000;
@@ -126,6 +127,18 @@ fn light(graph: &Graph, network: &Network<'_>, log: &Log) {
     if let Some((index, degree)) = heavy {
         let (id, most) = (index + 1, params::LARGEST_WEIGHT);
         let allowed = format!("the weights of node {id} add up to {degree:e}; a node takes {most:e} at most");
+        log.report(network.place.diagnostic(Problem::Whole, "graph", allowed));
+    }
+}
+
+/// Every component of every neighbour has its place in a node's table.
+pub(super) fn room(graph: &Graph, components: usize, network: &Network<'_>, log: &Log) {
+    let crowded = (0..graph.nodes).find(|&index| graph.neighbours(index).len() * components > MAX_NEIGHBOURS);
+    if let Some(index) = crowded.filter(|_| components > 1) {
+        let (id, neighbours) = (index + 1, graph.neighbours(index).len());
+        let allowed = format!(
+            "node {id} has {neighbours} neighbours with {components} components each; a node has room for {MAX_NEIGHBOURS} in all"
+        );
         log.report(network.place.diagnostic(Problem::Whole, "graph", allowed));
     }
 }

@@ -41,8 +41,6 @@ pub(super) struct Range {
     unit: &'static str,
     /// Smallest and largest size that a node takes (zero apart), where the value goes to one.
     on_node: Option<(f64, f64)>,
-    /// A later version takes an array here.
-    vector: bool,
 }
 
 impl Range {
@@ -54,7 +52,6 @@ impl Range {
             high: f64::INFINITY,
             unit,
             on_node: Some((0.0, params::LARGEST)),
-            vector: false,
         }
     }
 
@@ -102,9 +99,9 @@ impl Range {
         Self { on_node: Some((smallest, largest)), ..self }
     }
 
-    /// An array is known here, but not supported yet.
-    pub const fn or_vector(self) -> Self {
-        Self { vector: true, ..self }
+    /// The diagnostic for something that is no number; `or` says what else is allowed.
+    pub fn mismatch(&self, item: &Item, or: &str) -> Box<Diagnostic> {
+        item.diagnostic(Problem::Value, format!("{}{or}, not {}", self.text(), item.value.type_name()))
     }
 
     fn text(&self) -> String {
@@ -316,6 +313,23 @@ impl<'a> Section<'a> {
         Some(kind.value)
     }
 
+    /// What `read` makes of the entry `key`; `default` where it is absent or, reported, wrong.
+    pub fn value<T>(
+        &mut self,
+        key: &'static str,
+        default: T,
+        read: impl FnOnce(&Item) -> Result<T, Box<Diagnostic>>,
+    ) -> T {
+        match self.take(key).map(read) {
+            Some(Ok(value)) => value,
+            Some(Err(diagnostic)) => {
+                self.log.report(diagnostic);
+                default
+            }
+            None => default,
+        }
+    }
+
     /// A sub-table that may be absent.
     pub fn section(&mut self, key: &'static str) -> Option<Section<'a>> {
         let item = self.take(key)?;
@@ -380,12 +394,7 @@ pub(super) fn number(item: &Item, range: Range) -> Result<f64, Box<Diagnostic>> 
     let value = match item.value {
         Value::Integer(integer) => integer as f64,
         Value::Float(float) => float,
-        Value::Array(_) if range.vector => return Err(unsupported(item, "this version runs scalar states")),
-        _ => {
-            return Err(
-                item.diagnostic(Problem::Value, format!("{}, not {}", range.text(), item.value.type_name()))
-            );
-        }
+        _ => return Err(range.mismatch(item, "")),
     };
     range.accept(value).map_err(|allowed| item.diagnostic(Problem::Value, allowed))
 }

@@ -59,25 +59,27 @@ fn defaults_and_overrides_are_resolved() {
     assert_eq!(scenario.time, TimeSpec { tick_ns: 1_000_000, ticks: 2_000 });
     assert_eq!(scenario.time.end_s(), 2.0);
     assert_eq!(scenario.graph.edges.len(), 2);
-    let sines = vec![Sine { amplitude: 10.0, frequency: 1.0, phase: 0.0 }];
+    let sines = vec![Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: 0.0 }];
     assert_eq!(
         scenario.nodes[0],
         NodeSpec {
             id: 1,
-            state: 1.0,
-            dynamics: Affine { slope: -1.0, offset: 0.0, sines: sines.clone() },
+            state: vec![1.0],
+            dynamics: Affine::scalar(-1.0, 0.0, sines.clone()),
             gain: GainSpec::Reciprocal { scale: 2.0 },
             funnel: FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 1.0, factor: 1.0 },
+            noise: 0.0,
         }
     );
     assert_eq!(
         scenario.nodes[1],
         NodeSpec {
             id: 2,
-            state: -3.0,
-            dynamics: Affine { slope: -0.5, offset: 0.0, sines },
+            state: vec![-3.0],
+            dynamics: Affine::scalar(-0.5, 0.0, sines),
             gain: GainSpec::Logarithmic { scale: 1.0 },
             funnel: FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 1.0, factor: 3.0 },
+            noise: 0.0,
         }
     );
     assert_eq!(initial_ratios(&scenario), [0.1, 8.0 / 120.0, 0.1]);
@@ -101,7 +103,8 @@ fn a_wrong_value_names_place_key_value_and_range() {
     );
     assert_eq!(
         errors("state = -3", "state = true"),
-        "dir/a.toml:23:9: node.2.state = true: must be a finite number (state units), not a boolean"
+        "dir/a.toml:23:9: node.2.state = true: must be a finite number (state units) or an array of such numbers, not a \
+         boolean"
     );
     assert_eq!(
         errors("state = -3", "state = 1e300"),
@@ -164,10 +167,7 @@ fn times_need_units_and_whole_ticks() {
 fn what_comes_later_is_told_apart_from_what_is_unknown() {
     let later = "known, but not supported by this version yet";
     for (from, to, place) in [
-        ("\"node-wise\"", "\"edge-wise\"", "13:8: coupling.kind = \"edge-wise\""),
-        ("\"reciprocal\"", "\"linear\"", "14:17: coupling.gain.kind"),
         ("\"affine\"", "\"expression\"", "19:21: agent.dynamics.kind"),
-        ("state = 1.0", "state = [1.0, 2.0]", "18:9: agent.state = [1.0, 2.0]"),
         ("[expect]", "[bus]\nmodel = \"can\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can\""),
         ("[expect]", "[[event]]\nat = \"1s\"\n[expect]", "28:1: event"),
     ] {
@@ -176,6 +176,249 @@ fn what_comes_later_is_told_apart_from_what_is_unknown() {
         assert!(message.starts_with(&format!("dir/a.toml:{place}")), "{message}");
         assert_eq!(message.lines().count(), 1, "{message}");
     }
+}
+
+/// Two components, and a matrix at node 2.
+const VECTOR: &[&str] = &[
+    "agent.state=[1, 2]",
+    "agent.dynamics={kind='affine',slope=-1,offset=[0.5,0],sines=[{amplitude=[0,3],frequency=2,phase=[0,1]},{amplitude=1,frequency=3}]}",
+    "node.2.dynamics.slope=[[-1,4],[-4,-2]]",
+];
+
+#[test]
+fn vector_states_take_a_number_or_an_array_everywhere() {
+    let scenario = read(FILE, VECTOR).unwrap();
+    assert_eq!(scenario.components(), 2);
+    assert_eq!(scenario.initial_states(), [1.0, 2.0, -3.0, -3.0, 1.0, 2.0]);
+    let sine = |component, amplitude, frequency, phase| Sine { component, amplitude, frequency, phase };
+    let sines = vec![sine(1, 3.0, 2.0, 1.0), sine(0, 1.0, 3.0, 0.0), sine(1, 1.0, 3.0, 0.0)];
+    let first = Affine { slope: vec![-1.0], offset: vec![0.5, 0.0], sines: sines.clone() };
+    assert_eq!(scenario.nodes[0].dynamics, first);
+    let second = Affine { slope: vec![-1.0, 4.0, -4.0, -2.0], offset: vec![0.5, 0.0], sines };
+    assert_eq!(scenario.nodes[1].dynamics, second);
+    assert_eq!(second.component(0, 0.0, &[1.0, 10.0]), -1.0 + 40.0 + 0.5);
+    let wave = 3.0 * funnel_core::math::sin(2.0 * 0.25 + 1.0) + funnel_core::math::sin(3.0 * 0.25);
+    assert!((second.component(1, 0.25, &[1.0, 10.0]) - (-4.0 - 20.0 + wave)).abs() < 1e-15);
+    assert_eq!((first.lipschitz(), second.lipschitz()), (1.0, 6.0));
+    // |nu| is 4 and 5, of node 2 twice that; its funnel has the factor 3.
+    assert_eq!(initial_ratios(&scenario), [0.1, 0.125, 8.0 / 120.0, 10.0 / 120.0, 0.1, 0.125]);
+    assert_eq!(read(FILE, &["agent.dynamics.slope=[[-1]]"]).unwrap().nodes[0].dynamics.slope, [-1.0]);
+}
+
+#[test]
+fn arrays_of_another_length_name_the_one_that_counts() {
+    let set = |more: &str| read(FILE, &[VECTOR, &[more]].concat()).unwrap_err().to_string();
+    assert!(set("node.3.state=[1,2,3]").starts_with(
+        "--set agent.state=[1, 2]: agent.state = [1, 2]: must have 3 numbers, one per component, since node.3.state has as \
+         many; here are 2\n"
+    ));
+    assert!(
+        set("node.1.state=[]")
+            .ends_with("node.1.state = []: must have 1 to 8 numbers, one per component; here are 0")
+    );
+    assert!(
+        set("node.1.state=[1,2,3,4,5,6,7,8,9]")
+            .ends_with("must have 1 to 8 numbers, one per component; here are 9")
+    );
+    assert!(
+        set("node.1.dynamics.slope=[[1,2],[3]]").ends_with(
+            "node.1.dynamics.slope[1] = [3]: must have 2 numbers, one per component, since agent.state has as many; here are 1"
+        ),
+        "{}",
+        set("node.1.dynamics.slope=[[1,2],[3]]")
+    );
+    assert!(
+        set("node.1.dynamics.slope=[1,2]")
+            .contains("node.1.dynamics.slope[0] = 1: must be a row of the matrix, an array of numbers")
+    );
+    assert!(set("node.1.dynamics.offset='x'").ends_with(
+        "must be a finite number (state units per second) or an array of such numbers, not a string"
+    ));
+    assert!(set("node.1.dynamics.slope=true").ends_with(
+        "must be a finite number (1/s) or a matrix of such numbers, an array of rows, not a boolean"
+    ));
+    assert!(
+        set("node.1.state=[1,nan]").contains("node.1.state[1] = nan: must be a finite number (state units)")
+    );
+}
+
+#[test]
+fn the_sines_of_all_components_count() {
+    let sines = |amplitude: &str| {
+        let sines = vec![format!("{{ amplitude = {amplitude}, frequency = 1 }}"); 5].join(",");
+        read(FILE, &[VECTOR, &[&format!("agent.dynamics.sines=[{sines}]")]].concat())
+    };
+    let error = sines("1").unwrap_err().to_string();
+    assert!(
+        error.contains("agent.dynamics.sines[4] = ")
+            && error.contains("at most 8 sines over all components, zero amplitudes apart"),
+        "{error}"
+    );
+    assert_eq!(sines("[0, 1]").unwrap().nodes[0].dynamics.sines.len(), 5);
+}
+
+#[test]
+fn every_coupling_is_read() {
+    for kind in ["node-wise", "edge-wise", "element-wise", "max-gain", "weakly-centralised"] {
+        let text = FILE.split("[[node]]").next().unwrap();
+        let scenario = read(text, &[&format!("coupling.kind={kind}")]).unwrap();
+        assert_eq!(scenario.coupling.name(), kind);
+        assert!(scenario.coupling.keeps_funnels());
+    }
+    let linear = ["coupling.gain={kind='linear',slope=3}", "node.2.gain={kind='linear',slope=3}"];
+    let with = |more: &[&str]| read(FILE, &[&linear, more].concat());
+    assert_eq!(with(&["coupling.kind=linear"]).unwrap().nodes[1].gain, GainSpec::Linear { slope: 3.0 });
+    assert!(with(&["coupling.kind=node-wise"]).is_ok());
+    let tracker = with(&["coupling.kind=lambda-tracker", "coupling.eta=0.1"]).unwrap();
+    assert_eq!(tracker.coupling, CouplingKind::LambdaTracker { eta: 0.1 });
+    let free = FILE.replace("kind = \"node-wise\"", "kind = \"none\"");
+    let free = free.replace("gain = { kind = \"reciprocal\", scale = 2.0 }\n", "");
+    assert_eq!(read(&free, &[]).unwrap().coupling, CouplingKind::None);
+    // Where nothing is promised, a node may start outside.
+    assert!(
+        read(&free, &["node.2.state=1e6"]).is_ok()
+            && with(&["coupling.kind=linear", "node.2.state=1e6"]).is_ok()
+    );
+}
+
+#[test]
+fn a_gain_that_does_not_suit_the_coupling_is_refused() {
+    let set = |sets: &[&str]| read(FILE, sets).unwrap_err().to_string();
+    let linear = ["coupling.gain={kind='linear',slope=3}", "node.2.gain={kind='linear',slope=3}"];
+    for kind in ["element-wise", "max-gain", "weakly-centralised"] {
+        let error = set(&[&linear[..], &[&format!("coupling.kind={kind}")]].concat());
+        assert!(
+            error.contains(&format!(
+                "must be a funnel's gain (reciprocal, logarithmic, locally-linear, median) with {kind}"
+            )),
+            "{error}"
+        );
+    }
+    let error = set(&["coupling.kind=linear"]);
+    assert!(error.contains("14:8: coupling.gain = { kind = \"reciprocal\", scale = 2.0 }: must be { kind = \"linear\", slope }"), "{error}");
+    let error = set(&["coupling.kind=lambda-tracker", linear[0], linear[1]]);
+    assert!(
+        error
+            .contains("missing key 'eta' in [coupling] of kind 'lambda-tracker': must be >= 0 (state units)"),
+        "{error}"
+    );
+    assert!(set(&["coupling.eta=1"]).contains("unknown key 'eta' in [coupling] of kind 'node-wise'"));
+    let error = set(&["coupling.kind=edge-wise"]);
+    assert!(
+        error.contains("25:10: node.2.funnel = { factor = 3.0 }: must not be there with edge-wise coupling"),
+        "{error}"
+    );
+    assert!(error.contains("26:8: node.2.gain = ") && error.contains("set it in [coupling]"), "{error}");
+}
+
+#[test]
+fn edge_wise_starts_are_judged_by_the_edges() {
+    let text = FILE.split("[[node]]").next().unwrap();
+    let sets = ["coupling.kind=edge-wise", "node.2.state=30", "graph.weight=1.3"];
+    // Two edges of 29 * 1.3 = 37.7 each, below 40; node-wise their sum is above.
+    let edge_wise = read(text, &sets).unwrap();
+    assert!(initial_ratios(&edge_wise).iter().all(|ratio| (ratio - 37.7 / 40.0).abs() < 1e-12));
+    assert!(read(text, &sets[1..]).is_err());
+    assert_eq!(edge_wise.sync_bound(2.0), 2.0 * 2.0 / 1.3);
+}
+
+#[test]
+fn breach_policies_are_a_name_or_a_table() {
+    let policy =
+        |value: &str| read(FILE, &[&format!("coupling.on_breach={value}")]).map(|read| read.on_breach);
+    assert_eq!(read(FILE, &[]).unwrap().on_breach, BreachSpec::Ride);
+    assert_eq!(policy("'ride'").unwrap(), BreachSpec::Ride);
+    assert_eq!(policy("stop").unwrap(), BreachSpec::Stop);
+    assert_eq!(policy("reopen").unwrap(), BreachSpec::Reopen { margin: 1.5, rate: 1.0 });
+    let reopen = "{kind='reopen',margin=2,rate=0.5}";
+    assert_eq!(policy(reopen).unwrap(), BreachSpec::Reopen { margin: 2.0, rate: 0.5 });
+    let error = |value: &str| policy(value).unwrap_err().to_string();
+    assert!(
+        error("reopn").ends_with(
+            "coupling.on_breach = reopn: must be one of ride, stop, reopen; did you mean 'reopen'?"
+        )
+    );
+    assert!(
+        error("{kind='reopen',margin=1}")
+            .contains("coupling.on_breach.margin = 1: must be from 1.01 to 1000000 (1)")
+    );
+    assert!(
+        error("{kind='stop',margin=2}")
+            .contains("unknown key 'margin' in [coupling.on_breach] of kind 'stop'")
+    );
+    assert!(error("3").ends_with("coupling.on_breach = 3: must be a table"));
+}
+
+#[test]
+fn what_a_coupling_cannot_do_is_refused() {
+    let text = FILE.split("[[node]]").next().unwrap();
+    let error = |sets: &[&str]| read(text, sets).unwrap_err().to_string();
+    let edge_wise = error(&["coupling.kind=edge-wise", "coupling.on_breach=reopen"]);
+    assert!(
+        edge_wise.contains("coupling.on_breach = reopen: must be ride or stop with edge-wise"),
+        "{edge_wise}"
+    );
+    let central = "coupling.kind=weakly-centralised";
+    assert!(error(&[central, "coupling.on_breach=stop"]).contains("must be ride with weakly-centralised"));
+    let lossy = error(&[central, "bus.loss=0.1"]);
+    assert!(lossy.contains("bus.loss = 0.1: must not be there with weakly-centralised coupling"), "{lossy}");
+    let crowd = ["graph={kind='star',nodes=65}", "agent.state=[0,0]"];
+    let crowded = error(&crowd);
+    assert!(
+        crowded.contains(
+            "graph: node 1 has 64 neighbours with 2 components each; a node has room for 126 in all"
+        ),
+        "{crowded}"
+    );
+    assert!(read(text, &["graph={kind='star',nodes=64}", crowd[1]]).is_ok());
+}
+
+#[test]
+fn a_schedule_joins_two_funnels() {
+    let schedule = "coupling.funnel={kind='schedule',start=40,at='2s',eps=0.01,factor=2,\
+                    then={kind='exponential',start=4,end=2,rate=0.5}}";
+    let funnel = read(FILE, &[schedule]).unwrap().nodes[0].funnel;
+    let joined = 0.01 * (2.0 * funnel_core::math::exp(-1.0) + 2.0);
+    for (t, width) in [(0.0, 40.0), (1.0, (40.0 * joined).sqrt()), (2.0, joined), (1e9, 0.02)] {
+        assert!((funnel.width(t) / (2.0 * width) - 1.0).abs() < 1e-12, "{t}: {}", funnel.width(t));
+    }
+    assert!((funnel.width(1.999_999_999) / funnel.width(2.0) - 1.0).abs() < 1e-7);
+    let error = |set: &str| read(FILE, &[schedule, set]).unwrap_err().to_string();
+    assert!(
+        error("coupling.funnel.then.kind=reciprocal-time").contains("must be one of exponential, constant")
+    );
+    assert!(
+        error("coupling.funnel.then={kind='constant'}")
+            .contains("missing key 'width' in [coupling.funnel.then]")
+    );
+    assert!(
+        error("coupling.funnel.then.factor=2").contains("unknown key 'factor' in [coupling.funnel.then]")
+    );
+    assert!(
+        error("coupling.funnel.eps=0").contains("coupling.funnel.eps = 0: must be from 0.000000001 to 1 (1)")
+    );
+    assert!(
+        error("node.1.state=99").contains("funnel start = 54 (or factor = 2.7) would do"),
+        "{}",
+        error("node.1.state=99")
+    );
+}
+
+#[test]
+fn noise_and_the_final_value_are_read() {
+    let scenario =
+        read(FILE, &["agent.noise=0.25", "node.3.noise=0", "expect.final_value={is=-1.5,within=0.05}"])
+            .unwrap();
+    assert_eq!(scenario.nodes.iter().map(|node| node.noise).collect::<Vec<_>>(), [0.25, 0.25, 0.0]);
+    assert_eq!(scenario.expect.final_value, Some(FinalValue { is: -1.5, within: 0.05 }));
+    assert!(set_error("agent.noise=-1").ends_with("agent.noise = -1: must be >= 0 (state units)"));
+    assert!(set_error("agent.nosie=1").ends_with("did you mean 'noise'?"));
+    assert!(set_error("expect.final_value=1").ends_with("expect.final_value = 1: must be a table"));
+    assert!(set_error("expect.final_value={is=1}").contains("missing key 'within' in [expect.final_value]"));
+    assert!(
+        set_error("expect.final_value={is=1,within=1,far=2}")
+            .contains("unknown key 'far' in [expect.final_value]")
+    );
 }
 
 #[test]
@@ -278,7 +521,7 @@ fn overrides_from_the_command_line_apply_and_are_blamed() {
     ];
     let scenario = read(FILE, &sets).unwrap();
     assert_eq!(scenario.time.ticks, 1_000);
-    assert_eq!(scenario.nodes[1].state, 5.0);
+    assert_eq!(scenario.nodes[1].state, [5.0]);
     assert_eq!(
         scenario.nodes[2].funnel,
         FunnelSpec::Exponential { start: 40.0, end: 2.0, rate: 0.5, factor: 2.0 }
@@ -432,6 +675,20 @@ fn what_the_reader_takes_a_node_takes() {
             "coupling.gain={kind='locally-linear',bound=1e9}",
             "coupling.funnel={kind='reciprocal-time',scale=1e9}",
         ],
+        VECTOR,
+        &["agent.state=[0,0,0,0,0,0,0,0]", "agent.dynamics.sines=[]", "coupling.kind=element-wise"],
+        &["coupling.kind=max-gain", "coupling.on_breach={kind='reopen',margin=1e6,rate=1e6}"],
+        &["coupling.kind=none", "coupling.on_breach={kind='reopen',margin=1.01,rate=1e-9}"],
+        &[
+            "coupling.kind=lambda-tracker",
+            "coupling.eta=0",
+            "coupling.gain={kind='linear',slope=1e9}",
+            "node.2.gain={kind='linear',slope=1e-9}",
+        ],
+        &["coupling.funnel={kind='schedule',start=40,at='2s',eps=1e-9,then={kind='constant',width=1e-9}}"],
+        &[
+            "coupling.funnel={kind='schedule',start=1e9,at='1ns',eps=1,then={kind='exponential',start=1e9,end=0,rate=1e6}}",
+        ],
         &[
             "coupling.gain={kind='median',eta=1e-9,eps=0.999}",
             "coupling.funnel={kind='finite-time',start=1e9,at='1s',power=10}",
@@ -452,6 +709,13 @@ fn the_slope_of_a_funnel_is_its_derivative() {
         FunnelSpec::Constant { width: 2.0, factor: 3.0 },
         FunnelSpec::ReciprocalTime { scale: 5.0, factor: 0.5 },
         FunnelSpec::FiniteTime { start: 10.0, at_ns: 2_000_000_000, power: 1.5, factor: 2.0 },
+        FunnelSpec::Schedule {
+            start: 9.0,
+            at_ns: 3_000_000_000,
+            eps: 0.5,
+            then: NormalisedSpec::Exponential { start: 5.0, end: 1.0, rate: 0.4 },
+            factor: 2.0,
+        },
     ];
     for funnel in funnels {
         for t in [0.3, 1.9, 2.0, 7.0] {

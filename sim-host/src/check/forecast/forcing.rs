@@ -43,7 +43,7 @@ impl Forcing {
         });
         let count = scenario.nodes.len();
         let mut forcing = Self {
-            offsets: scenario.nodes.iter().map(|node| node.dynamics.offset).collect(),
+            offsets: scenario.nodes.iter().map(|node| node.dynamics.offset()).collect(),
             phasors: phasors.collect(),
             value: vec![0.0; count],
             rate: vec![0.0; count],

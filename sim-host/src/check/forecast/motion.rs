@@ -32,7 +32,7 @@ type Instants = [Vec<f64>; 3];
 /// What the fields of a step are made of.
 struct Fields<'s> {
     scenario: &'s Scenario,
-    gains: Option<&'s [BuiltinGain<f64>]>,
+    gains: &'s [BuiltinGain<f64>],
     forcing: Instants,
     widths: Instants,
     agents: Vec<Agent<f64, BuiltinGain<f64>>>,
@@ -42,7 +42,7 @@ struct Fields<'s> {
 impl Fields<'_> {
     fn each(&self, instant: usize, x: f64) -> impl Iterator<Item = f64> {
         let fields = self.scenario.nodes.iter().zip(&self.forcing[instant]);
-        fields.map(move |(node, forcing)| node.dynamics.slope * x + forcing)
+        fields.map(move |(node, forcing)| node.dynamics.slope() * x + forcing)
     }
 
     /// The mean of the fields, which is the blended vector field (state units / s).
@@ -50,12 +50,11 @@ impl Fields<'_> {
         self.each(instant, x).sum::<f64>() / self.scenario.nodes.len() as f64
     }
 
-    /// `f_em` (state units / s); the mean where the coupling has no emergent dynamics here.
+    /// `f_em` (state units / s).
     fn emergent(&mut self, instant: usize, xi: f64) -> f64 {
-        let Some(gains) = self.gains else { return self.mean(instant, xi) };
         let mut agents = std::mem::take(&mut self.agents);
         agents.clear();
-        let parts = self.each(instant, xi).zip(&self.widths[instant]).zip(gains);
+        let parts = self.each(instant, xi).zip(&self.widths[instant]).zip(self.gains);
         agents.extend(parts.map(|((f, &psi), &gain)| Agent { psi, f, gain }));
         self.guess = field(&agents, self.guess);
         self.agents = agents;
@@ -82,7 +81,7 @@ fn step(x: f64, h: f64, mut f: impl FnMut(usize, f64) -> f64) -> f64 {
 
 impl Motion {
     /// From the mean of the initial states, as the emergent trajectory of a run.
-    pub fn of(scenario: &Scenario, widths: &Widths, gains: Option<&[BuiltinGain<f64>]>) -> Self {
+    pub fn of(scenario: &Scenario, widths: &Widths, gains: &[BuiltinGain<f64>]) -> Self {
         let mut grid = Grid::of(scenario);
         let states = scenario.initial_states();
         let mut forcing = Forcing::new(scenario, 0.5 * grid.step);
@@ -144,13 +143,13 @@ struct Alone {
 impl Alone {
     fn of(scenario: &Scenario, step: f64) -> Self {
         let factors = |field: &Affine| {
-            let z = field.slope * step;
+            let z = field.slope() * step;
             (math::exp(z), step * growth(z))
         };
-        let stable = scenario.nodes.iter().enumerate().filter(|(_, node)| node.dynamics.slope < 0.0);
+        let stable = scenario.nodes.iter().enumerate().filter(|(_, node)| node.dynamics.slope() < 0.0);
         let node = |(index, node): (usize, &crate::scenario::NodeSpec)| {
             let (decay, gain) = factors(&node.dynamics);
-            (index, node.state, decay, gain)
+            (index, node.state[0], decay, gain)
         };
         Self { nodes: stable.map(node).collect() }
     }

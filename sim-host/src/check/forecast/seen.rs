@@ -3,9 +3,9 @@
 use super::forcing::Forcing;
 use super::motion::Motion;
 use super::relative_widths;
-use crate::check::contraction;
 use crate::check::widths::Widths;
 use crate::scenario::{Graph, Scenario};
+use funnel_core::emergent::{Agent, contraction};
 use funnel_core::gain::{BuiltinGain, Gain};
 use funnel_core::params::FLOOR_ULPS;
 
@@ -56,7 +56,7 @@ pub(super) fn along(
     motion: &Motion,
     scenario: &Scenario,
     widths: &Widths,
-    gains: Option<&[BuiltinGain<f64>]>,
+    gains: &[BuiltinGain<f64>],
     degrees: &[f64],
     resolution: &[f64],
 ) -> Seen {
@@ -76,11 +76,11 @@ pub(super) fn along(
         slope_mean: 0.0,
         at_floor: None,
     };
-    let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope).collect();
+    let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope()).collect();
     let tick = scenario.time.tick_s();
     let compare = Compare::new(&scenario.graph, motion.grid.steps);
     let mut forcing = Forcing::new(scenario, motion.grid.step);
-    let (mut relative, mut rates, mut apart) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut relative, mut rates, mut apart, mut agents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (k, (&xi, &velocity)) in motion.xi.iter().zip(&motion.velocity).enumerate() {
         let t = motion.grid.at(k);
         rates.clear();
@@ -90,21 +90,16 @@ pub(super) fn along(
             let floor = tick * tick * degrees[index] * apart[index];
             seen.nodes[index].holds(floor, psi.max(resolution[index]), t);
         }
-        if let Some(gains) = gains {
-            let inputs: Vec<_> = slopes
-                .iter()
-                .zip(&forcing.value)
-                .map(|(slope, forcing)| velocity - (slope * xi + forcing))
-                .collect();
-            relative_widths(scenario, widths, t, &mut relative);
-            seen.contracts(contraction::slope(&inputs, &slopes, &relative, gains), t);
-            for (node, (input, gain)) in seen.nodes.iter_mut().zip(inputs.iter().zip(gains)) {
-                node.settles(*input, gain, t);
-            }
-            seen.floored(&inputs, scenario, widths, gains, resolution, t);
-        } else {
-            seen.contracts(slopes.iter().sum::<f64>() / slopes.len() as f64, t);
+        relative_widths(scenario, widths, t, &mut relative);
+        agents.clear();
+        let fields = slopes.iter().zip(&forcing.value).map(|(slope, forcing)| slope * xi + forcing);
+        agents.extend(fields.zip(&relative).zip(gains).map(|((f, &psi), &gain)| Agent { psi, f, gain }));
+        seen.contracts(contraction(&agents, velocity, slopes.iter().copied()), t);
+        let inputs: Vec<_> = agents.iter().map(|agent| velocity - agent.f).collect();
+        for (node, (input, gain)) in seen.nodes.iter_mut().zip(inputs.iter().zip(gains)) {
+            node.settles(*input, gain, t);
         }
+        seen.floored(&inputs, scenario, widths, gains, resolution, t);
         forcing.advance();
     }
     seen.slope_mean /= motion.xi.len() as f64;

@@ -1,0 +1,238 @@
+//! Weakly-centralised coupling: `u_i = G nu_i / psi_i` with `G = max_j gamma_j(|nu_j| / psi_j)`, the same for all nodes.
+//!
+//! Every node would have to know the gains of all others within the same tick, which no bus carries. So this is a simulation and
+//! nothing more: one loop over all nodes in f32, with the field, the funnel, its floor and the step of the node. In sampled form each
+//! node solves its own (*) (LAW.md 3) for a gain `gamma_j = |u_j| / |s_j|`, and with the largest of them
+//!
+//! ```text
+//! psi_i u_i / G + b_i u_i = r_i
+//! ```
+
+use crate::engine::NodeEvent;
+use crate::noise::Noise;
+use crate::scenario::Graph;
+use funnel_core::field::{State, VectorField, compensated_add};
+use funnel_core::funnel::Widths;
+use funnel_core::law::node_wise::{C, THETA};
+use funnel_core::{Event, Gain, Observation, Params, Real};
+use funnel_protocol::message::FaultCode;
+use funnel_protocol::report::{Counters, count};
+
+/// All nodes, and the largest gain among them.
+pub struct Central {
+    members: Vec<Member>,
+    noise: Noise,
+    tick: u32,
+    /// A state went beyond its limit.
+    stopped: bool,
+    observations: Vec<Observation<f32>>,
+    events: Vec<NodeEvent>,
+}
+
+/// One node.
+struct Member {
+    params: Params<f32>,
+    /// Index and weight of its neighbours.
+    neighbours: Vec<(usize, f32)>,
+    /// `theta c T d`, s.
+    b: f32,
+    parts: Vec<Part>,
+    psi: Widths<f32>,
+    counters: Counters,
+    in_breach: bool,
+}
+
+/// One component of a state.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    x: f32,
+    carry: f32,
+    dx: f32,
+    /// What neighbours see of it, and how much that changed over the last tick.
+    seen: f32,
+    increment: f32,
+    nu: f32,
+    dnu: f32,
+    r: f32,
+    u: f32,
+}
+
+impl Central {
+    /// Nodes that are ready to start, by index.
+    pub fn new(params: Vec<Params<f32>>, graph: &Graph, mut noise: Noise) -> Self {
+        let member = |(index, params): (usize, Params<f32>)| {
+            let neighbours: Vec<_> =
+                graph.neighbours(index).into_iter().map(|(other, weight)| (other, weight as f32)).collect();
+            let degree: f64 = neighbours.iter().map(|&(_, weight)| f64::from(weight)).sum();
+            let b = (THETA * C * (params.tick_ns as f64 * 1e-9) * degree) as f32;
+            let parts = params.initial_state.iter().map(|&x| Part {
+                x,
+                seen: noise.measure(index, x),
+                ..Part::default()
+            });
+            let parts = parts.collect();
+            let psi = params.funnel.widths(0);
+            Member { params, neighbours, b, parts, psi, counters: Counters::default(), in_breach: false }
+        };
+        let members: Vec<_> = params.into_iter().enumerate().map(member).collect();
+        Self { members, noise, tick: 0, stopped: false, observations: Vec::new(), events: Vec::new() }
+    }
+
+    /// Runs one tick and gives what the nodes saw, by index and then by component. Once a state is beyond its limit, everything
+    /// stays as it was seen last.
+    pub fn advance(&mut self) -> &[Observation<f32>] {
+        if !self.stopped {
+            self.listen();
+            let first = self.tick == 0;
+            for member in &mut self.members {
+                member.right_sides(first);
+            }
+            let largest = self.members.iter().map(Member::gain).fold(0.0, f32::max);
+            for member in &mut self.members {
+                member.inputs(largest);
+            }
+            self.observe();
+            self.step();
+        }
+        &self.observations
+    }
+
+    /// What nodes reported so far.
+    pub fn events(&self) -> &[NodeEvent] {
+        &self.events
+    }
+
+    /// What nodes counted so far, by index.
+    pub fn counters(&self) -> Vec<Counters> {
+        self.members.iter().map(|member| member.counters.clone()).collect()
+    }
+
+    /// Diffusive terms and funnels.
+    fn listen(&mut self) {
+        let parts: Vec<Vec<Part>> = self.members.iter().map(|member| member.parts.clone()).collect();
+        for member in &mut self.members {
+            let mut largest = 0.0f32;
+            for (component, own) in member.parts.iter_mut().enumerate() {
+                (own.nu, own.dnu) = (0.0, 0.0);
+                largest = largest.max(own.x.abs());
+                for &(other, weight) in &member.neighbours {
+                    let Some(other) = parts.get(other).and_then(|parts| parts.get(component)) else {
+                        continue;
+                    };
+                    own.nu += weight * ((other.seen - own.x) + own.carry);
+                    own.dnu += weight * (other.increment - own.dx);
+                    largest = largest.max(other.seen.abs());
+                }
+            }
+            member.widths(self.tick, largest);
+        }
+    }
+
+    fn observe(&mut self) {
+        let (tick, at) =
+            (self.tick, (u64::from(self.tick) + 1) * self.members.first().map_or(0, |m| m.params.tick_ns));
+        self.observations.clear();
+        for (node, member) in self.members.iter_mut().enumerate() {
+            let psi = member.psi.now;
+            let seen = |part: &Part| Observation {
+                tick,
+                x: part.x,
+                nu: part.nu,
+                psi,
+                ratio: part.nu.abs() / psi,
+                u: part.u,
+            };
+            self.observations.extend(member.parts.iter().map(seen));
+            let ratio = member.parts.iter().map(|part| part.nu.abs() / psi).fold(0.0, f32::max);
+            if let Some(event) = member.judge(tick, ratio) {
+                self.events.push(NodeEvent { at, node, event });
+            }
+        }
+    }
+
+    /// Advances all states by a tick.
+    fn step(&mut self) {
+        let at = (u64::from(self.tick) + 1) * self.members.first().map_or(0, |member| member.params.tick_ns);
+        for (node, member) in self.members.iter_mut().enumerate() {
+            let before: Vec<f32> = member.parts.iter().map(|part| part.x).collect();
+            midpoint(&member.params, self.tick, &mut member.parts);
+            count(&mut member.counters.ticks);
+            for (part, before) in member.parts.iter_mut().zip(before) {
+                part.dx = part.x - before;
+                let seen = self.noise.measure(node, part.x);
+                part.increment = seen - part.seen;
+                part.seen = seen;
+            }
+            let limit = member.params.state_limit;
+            // Written so that NaN is beyond.
+            if !member.parts.iter().all(|part| part.x.abs() <= limit) {
+                self.stopped = true;
+                self.events.push(NodeEvent { at, node, event: Event::Fault(FaultCode::STATE_LIMIT) });
+            }
+        }
+        self.tick += 1;
+    }
+}
+
+impl Member {
+    /// The funnel, floored as a node floors it.
+    fn widths(&mut self, tick: u32, largest: f32) {
+        self.psi = self.params.funnel.widths(tick);
+        let floor = (self.params.floor_per_state * largest).max(f32::TINY);
+        if self.psi.ahead <= floor {
+            count(&mut self.counters.floored);
+            self.psi = Widths { now: self.psi.now.max(floor), ahead: floor };
+        }
+    }
+
+    /// `r` of (*) for every component.
+    fn right_sides(&mut self, first: bool) {
+        for part in &mut self.parts {
+            if first {
+                part.u = self.params.law.gain.input(part.nu, self.psi.now);
+            }
+            part.r = part.nu + THETA as f32 * part.dnu + self.b * part.u;
+        }
+    }
+
+    /// The gain `|u| / |s|` that the node would use by itself, 1/s times state units; at rest the slope of `mu` at zero.
+    fn gain(&self) -> f32 {
+        let law = &self.params.law.gain;
+        let gamma = |part: &Part| {
+            let solution = law.solve(self.psi.ahead, self.b, part.r);
+            if solution.s == 0.0 { 1.0 / law.inverse_slope(0.0) } else { (solution.u / solution.s).abs() }
+        };
+        self.parts.iter().map(gamma).fold(0.0, f32::max)
+    }
+
+    /// Inputs with the gain of all.
+    fn inputs(&mut self, gain: f32) {
+        for part in &mut self.parts {
+            part.u = part.r / (self.psi.ahead / gain + self.b);
+        }
+    }
+
+    fn judge(&mut self, tick: u32, ratio: f32) -> Option<Event> {
+        let breach = ratio >= 1.0;
+        self.counters.breaches += u32::from(breach);
+        let changed = std::mem::replace(&mut self.in_breach, breach) != breach;
+        changed.then_some(match breach {
+            true => Event::BreachBegan { tick, ratio },
+            false => Event::BreachEnded { tick },
+        })
+    }
+}
+
+/// The node's midpoint step, for all components at once.
+fn midpoint(params: &Params<f32>, k: u32, parts: &mut [Part]) {
+    let (field, tick, half_ticks) = (&params.field, params.tick, u64::from(k) << 1);
+    let now: State<f32> = parts.iter().map(|part| part.x).collect();
+    let to_middle = |(index, part): (usize, &Part)| {
+        part.x + tick * 0.5 * (field.component(half_ticks, &now, index) + part.u)
+    };
+    let middle: State<f32> = parts.iter().enumerate().map(to_middle).collect();
+    for (index, part) in parts.iter_mut().enumerate() {
+        let rate = field.component(half_ticks | 1, &middle, index) + part.u;
+        compensated_add(&mut part.x, &mut part.carry, tick * rate);
+    }
+}
