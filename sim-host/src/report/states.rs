@@ -2,6 +2,7 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use std::ops::Range;
 
 use super::legend::{self, Entry, Stroke};
 use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
@@ -14,7 +15,8 @@ const SIZE: (u32, u32) = (1000, 520);
 const LEGEND: u32 = 130;
 
 /// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
-/// figure, as SVG text. Up to twelve nodes get a colour each; more are drawn alike.
+/// figure, as SVG text. Up to twelve nodes get a colour each; more are drawn alike. What
+/// of the blended dynamics is far from all states is left out.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -37,9 +39,9 @@ pub fn states_svg(trace: &Trace) -> Result<String, PlotError> {
 fn curves<DB: DrawingBackend>(
     area: &DrawingArea<DB, Shift>,
     trace: &Trace,
-    span: std::ops::Range<f64>,
+    span: Range<f64>,
 ) -> Result<(), PlotError> {
-    let values = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).chain(&trace.blended).copied();
+    let heights = heights(trace);
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -47,7 +49,7 @@ fn curves<DB: DrawingBackend>(
         .margin_bottom(px(8))
         .x_label_area_size(px(46))
         .y_label_area_size(px(70))
-        .build_cartesian_2d(span, axis::padded(values))
+        .build_cartesian_2d(span, heights.clone())
         .map_err(PlotError::new)?;
     chart
         .configure_mesh()
@@ -70,11 +72,22 @@ fn curves<DB: DrawingBackend>(
     }
     for (_, values, stroke) in predictions(trace) {
         let (mark, space) = stroke.pattern().unwrap_or((1, 0));
-        let points = thin(&trace.t, |k| values[k]);
+        let mut points = thin(&trace.t, |k| values[k]);
+        points.retain(|(_, value)| heights.contains(value));
         let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
         chart.draw_series(series).map_err(PlotError::new)?;
     }
     Ok(())
+}
+
+/// The range of the vertical axis: all of the states and of `xi`, and of the blended dynamics what is not farther from those than
+/// a quarter of their own range. An average that outliers drag far away would leave no room for the states.
+fn heights(trace: &Trace) -> Range<f64> {
+    let states = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(&trace.xi).copied();
+    let inner = axis::padded(states.clone());
+    let room = 0.25 * (inner.end - inner.start);
+    let near = inner.start - room..inner.end + room;
+    axis::padded(states.chain(trace.blended.iter().copied().filter(|value| near.contains(value))))
 }
 
 /// What is predicted, where it is known anywhere: its name, its values over time, and how it is drawn.
@@ -99,4 +112,26 @@ fn entries(trace: &Trace) -> Vec<Entry> {
         |(name, _, stroke): (&str, _, _)| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };
     entries.extend(predictions(trace).map(black));
     entries
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Row;
+
+    /// Of a trace with states from -1 to 1 and blended dynamics from 0 to `end`.
+    fn heights_with(end: f64) -> Range<f64> {
+        let mut trace = Trace::new("");
+        for (t, blended) in [(0.0, 0.0), (1.0, end)] {
+            trace.push(&Row { t, x: vec![-1.0, 1.0], blended: Some(blended), ..Row::default() });
+        }
+        heights(&trace)
+    }
+
+    #[test]
+    fn an_average_far_away_takes_no_room_from_the_states() {
+        assert!(heights_with(1.3).contains(&1.3));
+        assert_eq!(heights_with(-85.0), heights_with(0.0));
+        assert!(heights_with(0.0).contains(&1.0));
+    }
 }
