@@ -252,9 +252,24 @@ cmd_scenarios() { #: run every scenario in scenarios/ and judge its expectations
     done
 }
 
+cmd_gallery() { #: draw the book's figures and compute the README's table of scenarios anew
+    cargo run --release --locked --quiet --package sim-host --example gallery
+}
+
+cmd_gallery-check() { #: check that the README's table of scenarios is what they give now
+    cargo run --release --locked --quiet --package sim-host --example gallery -- --check
+}
+
+cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
+    have mdbook || { say "SKIPPED the book: no mdbook here; cargo install mdbook"; return; }
+    mdbook build docs/book
+    say "the book: target/book/index.html"
+}
+
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware size addresses selftest parity scenarios cost; do
+    for name in setup fmt clippy unit thumb firmware size addresses selftest parity scenarios gallery-check \
+        cost book; do
         say "--- $name"
         "cmd_$name"
     done
@@ -263,7 +278,7 @@ cmd_test() { #: set up, then every check, cheap ones first
 
 cmd_help() { #: list the sub-commands
     echo "usage: ./ci.sh SUB-COMMAND..."
-    sed -nE 's/^cmd_([a-z_]+)\(\) [{(] *#: (.*)/  \1\t\2/p' ci.sh | expand -t 14
+    sed -nE 's/^cmd_([a-z_-]+)\(\) [{(] *#: (.*)/  \1\t\2/p' ci.sh | expand -t 18
 }
 
 (( $# > 0 )) || { cmd_help >&2; exit 2; }

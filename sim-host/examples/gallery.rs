@@ -75,7 +75,7 @@ fn name(scenario: &Scenario) -> String {
 /// Two digits for what an f64 solver says, which need not be the same to the last bit everywhere.
 fn row(scenario: &Scenario, summary: &Summary) -> String {
     let name = name(scenario);
-    let number = |value: Option<f64>, digits| value.map_or(String::new(), |value| figure(value, digits));
+    let number = |value: Option<f64>, digits| value.map_or(String::new(), |value| digits_of(value, digits));
     format!(
         "| [{name}](docs/book/src/scenarios/{name}.md) | {} | {} | {} | {} |\n",
         number(summary.funnel.map(|funnel| funnel.max_ratio), 3),
@@ -83,6 +83,11 @@ fn row(scenario: &Scenario, summary: &Summary) -> String {
         number(summary.emergent.as_ref().and_then(|emergent| emergent.final_error), 2),
         number(summary.reference.map(|reference| reference.max_error), 2),
     )
+}
+
+/// So many significant digits, below 1e-3 too, where [`figure`] gives one less.
+fn digits_of(value: f64, digits: usize) -> String {
+    figure(value, if value.abs() < 1e-3 { digits + 1 } else { digits })
 }
 
 fn draw(scenario: &Scenario, outcome: &Outcome) {

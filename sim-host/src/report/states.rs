@@ -2,6 +2,7 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use std::ops::Range;
 
 use super::legend::{self, Entry, Stroke};
 use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
@@ -15,7 +16,7 @@ const LEGEND: u32 = 130;
 
 /// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
 /// figure, as SVG text. Up to twelve curves get a colour each; of more, each component of a vector does, and scalar states are
-/// drawn alike.
+/// drawn alike. What of the blended dynamics is far from all states is left out.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -38,15 +39,9 @@ pub fn states_svg(trace: &Trace) -> Result<String, PlotError> {
 fn curves<DB: DrawingBackend>(
     area: &DrawingArea<DB, Shift>,
     trace: &Trace,
-    span: std::ops::Range<f64>,
+    span: Range<f64>,
 ) -> Result<(), PlotError> {
-    let values = trace
-        .nodes
-        .iter()
-        .flat_map(|n| n.x.iter())
-        .chain(trace.xi.iter().flatten())
-        .chain(trace.blended.iter().flatten())
-        .copied();
+    let heights = heights(trace);
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -54,7 +49,7 @@ fn curves<DB: DrawingBackend>(
         .margin_bottom(px(8))
         .x_label_area_size(px(46))
         .y_label_area_size(px(70))
-        .build_cartesian_2d(span, axis::padded(values))
+        .build_cartesian_2d(span, heights.clone())
         .map_err(PlotError::new)?;
     chart
         .configure_mesh()
@@ -82,7 +77,8 @@ fn curves<DB: DrawingBackend>(
     for (_, components, stroke) in predictions(trace) {
         let (mark, space) = stroke.pattern().unwrap_or((1, 0));
         for values in components {
-            let points = thin(&trace.t, |k| values[k]);
+            let mut points = thin(&trace.t, |k| values[k]);
+            points.retain(|(_, value)| heights.contains(value));
             let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
             chart.draw_series(series).map_err(PlotError::new)?;
         }
@@ -110,6 +106,16 @@ impl Colours {
     }
 }
 
+/// The range of the vertical axis: all of the states and of `xi`, and of the blended dynamics what is not farther from those than
+/// a quarter of their own range. An average that outliers drag far away would leave no room for the states.
+fn heights(trace: &Trace) -> Range<f64> {
+    let states = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(trace.xi.iter().flatten()).copied();
+    let inner = axis::padded(states.clone());
+    let room = 0.25 * (inner.end - inner.start);
+    let near = inner.start - room..inner.end + room;
+    axis::padded(states.chain(trace.blended.iter().flatten().copied().filter(|value| near.contains(value))))
+}
+
 /// What is predicted, where it is known anywhere: its name, its values over time by component, and how it is drawn.
 fn predictions(trace: &Trace) -> impl Iterator<Item = (&'static str, &Vec<Vec<f64>>, Stroke)> {
     let all = [("blended", &trace.blended, Stroke::Dashed), ("emergent \u{3BE}", &trace.xi, Stroke::Dotted)];
@@ -133,4 +139,26 @@ fn entries(trace: &Trace) -> Vec<Entry> {
         |(name, _, stroke): (&str, _, _)| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };
     entries.extend(predictions(trace).map(black));
     entries
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Row;
+
+    /// Of a trace with states from -1 to 1 and blended dynamics from 0 to `end`.
+    fn heights_with(end: f64) -> Range<f64> {
+        let mut trace = Trace::new("");
+        for (t, blended) in [(0.0, 0.0), (1.0, end)] {
+            trace.push(&Row { t, x: vec![-1.0, 1.0], blended: Some(blended), ..Row::default() });
+        }
+        heights(&trace)
+    }
+
+    #[test]
+    fn an_average_far_away_takes_no_room_from_the_states() {
+        assert!(heights_with(1.3).contains(&1.3));
+        assert_eq!(heights_with(-85.0), heights_with(0.0));
+        assert!(heights_with(0.0).contains(&1.0));
+    }
 }
