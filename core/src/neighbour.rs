@@ -66,11 +66,9 @@ pub struct EdgeInputs<F> {
 /// What enters the sums of the node itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Own<F> {
-    /// State, state units.
+    /// State as it was sent, state units. The node knows it better than an f32 does, but must not use that here: neighbours do not,
+    /// and the diffusive terms of a network have to add up to zero (docs/notes/2026-11-23-whole-paper.md).
     pub x: F,
-    /// What rounding has added to `x`: the node knows its state as `x - carry`, better than an f32 does, and a funnel near
-    /// its floor is kept the better for it.
-    pub carry: F,
     /// Change of `x` over the last tick, state units.
     pub dx: F,
 }
@@ -207,7 +205,7 @@ impl<F: Real> Neighbours<F> {
     /// Sums of one component at tick `k`, for the node's own state.
     #[inline]
     pub fn sums(&mut self, k: u32, component: u8, own: Own<F>) -> Sums<F> {
-        let Own { x, carry, dx } = own;
+        let Own { x, dx } = own;
         let extrapolate_ticks = self.extrapolate_ticks as i32;
         let mut sums = Sums { largest: x.abs(), ..Sums::default() };
         for edge in &mut self.edges {
@@ -224,15 +222,14 @@ impl<F: Real> Neighbours<F> {
             let value = edge.value_at(k);
             // A value that came early is taken back to `k`, which is not for want of a fresh one.
             sums.extrapolated += u32::from(age > 0);
-            sums.nu += edge.weight * ((value - x) + carry);
+            sums.nu += edge.weight * (value - x);
             sums.dnu += edge.weight * (edge.increment - dx);
             sums.largest = sums.largest.max(value.abs());
         }
         sums
     }
 
-    /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones. The carry stays out: the
-    /// other end does not know it, and the two inputs of an edge would not cancel.
+    /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones.
     pub fn edge_inputs<G: Gain<F>>(
         &mut self,
         k: u32,

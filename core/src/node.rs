@@ -76,7 +76,7 @@ struct Part<F> {
 
 impl<F: Real> Part<F> {
     fn own(&self) -> Own<F> {
-        Own { x: self.x, carry: self.carry, dx: self.dx }
+        Own { x: self.x, dx: self.dx }
     }
 }
 
@@ -453,8 +453,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             [part] => midpoint_step(field, *tick, k, &mut part.x, &mut part.carry, part.u),
             parts => vector_step(field, *tick, k, parts),
         }
-        // Of `x` as neighbours see it: their `dnu` and this node's then add up to zero, as `nu` must, which the carry
-        // would spoil (28 times the emergent error on scenarios/asymptotic-path-11.toml).
+        // Of `x` as neighbours see it: their `dnu` and this node's then add up to zero.
         self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.dx = part.x - before);
         self.tick = k.wrapping_add(1);
         count(&mut self.counters.ticks);
