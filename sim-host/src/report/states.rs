@@ -150,7 +150,7 @@ mod tests {
     fn heights_with(end: f64) -> Range<f64> {
         let mut trace = Trace::new("");
         for (t, blended) in [(0.0, 0.0), (1.0, end)] {
-            trace.push(&Row { t, x: vec![-1.0, 1.0], blended: Some(blended), ..Row::default() });
+            trace.push(&Row { t, x: vec![-1.0, 1.0], blended: vec![blended], ..Row::default() });
         }
         heights(&trace)
     }
