@@ -52,6 +52,8 @@ pub enum Funnel<F> {
         partial_decay: F,
         /// The first tick of the second part.
         switch: u32,
+        /// `factor * eps * psibar(t_1)`, where the parts join.
+        joined: F,
         /// `factor * eps *` the span of `psibar`.
         span: F,
         /// `factor * eps *` the limit of `psibar`.
@@ -70,6 +72,14 @@ pub struct Widths<F> {
     pub now: F,
     /// `psi((k + theta) T)`: what the law (*) uses.
     pub ahead: F,
+}
+
+impl<F: Real> Widths<F> {
+    /// The same, nowhere narrower than `floor`, from where the width ahead reaches it.
+    #[inline]
+    pub fn floored(self, floor: F) -> Self {
+        if self.ahead > floor { self } else { Self { now: self.now.max(floor), ahead: floor } }
+    }
 }
 
 impl<F: Real> Funnel<F> {
@@ -103,7 +113,8 @@ impl<F: Real> Funnel<F> {
                 let (start, at) = (f64::from(start), at_ns as f64 * 1e-9);
                 let (span, end, rate) = normalised(then);
                 let scale = factor * f64::from(eps);
-                let joined = f64::from(eps) * (span * Real::exp(-rate * at) + end);
+                // A funnel that has closed by then has no logarithm.
+                let joined = (f64::from(eps) * (span * Real::exp(-rate * at) + end)).max(f64::TINY);
                 let per_tick = math::ln(start / joined) * tick / at;
                 Self::Schedule {
                     start: F::from_f64(factor * start),
@@ -111,6 +122,7 @@ impl<F: Real> Funnel<F> {
                     partial_decay: F::from_f64(Real::exp(-per_tick * theta)),
                     // From the first tick at or after t_1 on; saturates, as a node's ticks do.
                     switch: -math::floor(1e-9 - at / tick) as u32,
+                    joined: F::from_f64(factor * joined),
                     span: F::from_f64(scale * span),
                     end: F::from_f64(scale * end),
                     later_decay: F::from_f64(rate * tick),
@@ -144,6 +156,7 @@ impl<F: Real> Funnel<F> {
                 decay_per_tick,
                 partial_decay,
                 switch,
+                joined,
                 span,
                 end,
                 later_decay,
@@ -151,7 +164,10 @@ impl<F: Real> Funnel<F> {
             } => {
                 if k < switch {
                     let now = start * (-(decay_per_tick * F::from_u32(k))).exp();
-                    return Widths { now, ahead: now * partial_decay };
+                    // Not past the join, which may lie far within a tick.
+                    let ahead = now * partial_decay;
+                    let ahead = if decay_per_tick < F::ZERO { ahead.min(joined) } else { ahead.max(joined) };
+                    return Widths { now, ahead };
                 }
                 let transient = span * (-(later_decay * F::from_u32(k))).exp();
                 Widths { now: transient + end, ahead: transient * later_partial + end }

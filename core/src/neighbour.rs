@@ -63,6 +63,23 @@ pub struct EdgeInputs<F> {
     pub u: F,
 }
 
+/// The funnel of every edge at one tick. Each is floored by the states at its two ends and by nothing else: both ends know these,
+/// and their inputs have to cancel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeFunnel<F> {
+    /// Before flooring.
+    pub widths: Widths<F>,
+    /// Floor per unit of the larger `|x|`.
+    pub floor_per_state: F,
+}
+
+impl<F: Real> EdgeFunnel<F> {
+    #[inline]
+    fn between(&self, x: F, other: F) -> Widths<F> {
+        self.widths.floored((self.floor_per_state * x.abs().max(other.abs())).max(F::TINY))
+    }
+}
+
 /// What enters the sums of the node itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Own<F> {
@@ -236,13 +253,15 @@ impl<F: Real> Neighbours<F> {
         component: u8,
         own: Own<F>,
         (law, gain): (&EdgeWise<F>, &G),
-        psi: Widths<F>,
+        psi: EdgeFunnel<F>,
     ) -> EdgeInputs<F> {
         let mut inputs: EdgeInputs<F> = EdgeInputs::default();
         for edge in self.edges.iter_mut().filter(|edge| edge.known && edge.component == component) {
-            let nu = edge.weight * (edge.value_at(k) - own.x);
+            let value = edge.value_at(k);
+            let nu = edge.weight * (value - own.x);
             let dnu = edge.weight * (edge.increment - own.dx);
-            let u = law.step(gain, &EdgeTerm { nu, dnu, stiffness: edge.stiffness, last: edge.last }, psi);
+            let term = EdgeTerm { nu, dnu, stiffness: edge.stiffness, last: edge.last };
+            let u = law.step(gain, &term, psi.between(own.x, value));
             edge.last = Some(u);
             inputs.u += u;
             if nu.abs() > inputs.nu.abs() {

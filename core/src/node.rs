@@ -10,7 +10,7 @@ use crate::law::max_gain::{self, Term};
 use crate::law::node_wise::Memory;
 use crate::law::{Coupling, EdgeWise};
 use crate::math::Real;
-use crate::neighbour::{Heard, Own, Sums};
+use crate::neighbour::{EdgeFunnel, Heard, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
 use funnel_protocol::config::{MAX_COMPONENTS, TickSource};
@@ -345,7 +345,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let largest = self.listen(k);
         let mut psi = self.widths(k, largest);
         if let Coupling::EdgeWise(law) = self.params.coupling {
-            self.edge_inputs(k, &law, psi);
+            self.edge_inputs(k, &law);
         }
         let ratio = self.parts.iter().fold(F::ZERO, |most, part| most.max(part.nu.abs())) / psi.now;
         let breach = self.judge(k, ratio);
@@ -405,7 +405,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     }
 
     /// Edge-wise coupling: the input of every component, and as its diffusive term that of the edge where it is largest.
-    fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>, psi: Widths<F>) {
+    fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>) {
+        let psi =
+            EdgeFunnel { widths: self.params.funnel.widths(k), floor_per_state: self.params.floor_per_state };
         for (component, part) in self.parts.iter_mut().enumerate() {
             let law = (law, &self.params.law.gain);
             let inputs = self.params.neighbours.edge_inputs(k, component as u8, part.own(), law, psi);
@@ -479,7 +481,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             self.floored = true;
             self.report_event(Event::FunnelFloored { tick: k, width: floor.to_f32() });
         }
-        Widths { now: psi.now.max(floor), ahead: floor }
+        psi.floored(floor)
     }
 
     /// Counts a breach and says when it begins and ends; what follows from it is up to the policy (LAW.md 5).

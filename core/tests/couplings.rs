@@ -203,13 +203,30 @@ fn edge_wise_inputs_of_the_two_ends_are_opposite_bit_for_bit() {
 }
 
 #[test]
+fn edge_wise_inputs_cancel_where_the_resolution_floors_the_funnel() {
+    // States of different sizes, so that each end has another neighbour of another size.
+    let states: [&[f32]; 5] = [&[1000.0], &[1.0], &[-3.0], &[5.0], &[2000.0]];
+    let mut net = Net::start(&ring(&states, |_, config| {
+        config.coupling = CouplingConfig::EdgeWise;
+        config.funnel.shape = FunnelShape::Constant { width: 1e-9 };
+    }));
+    net.run(1);
+    let sum: f64 = net.nodes.iter().map(|node| f64::from(node.observations()[0].u)).sum();
+    let largest = net.nodes.iter().map(|node| node.observations()[0].u.abs()).fold(0.0, f32::max);
+    assert_eq!(net.nodes[1].counters().floored, 1);
+    assert!(sum.abs() < 1e-6 * f64::from(largest), "{sum} beside {largest}");
+}
+
+#[test]
 fn a_linear_gain_pulls_with_its_slope_and_a_tracker_with_a_growing_one() {
     let linear = GainConfig::Linear { slope: 3.0 };
     let mut net = Net::start(&ring(&[&[0.0], &[0.01]], |_, config| config.gain = linear));
     net.run(1);
-    // nu = 0.01 times the weight 1.5; (*) at rest gives k nu.
+    // nu = 0.01 times the weight 1.5; k nu, but for (b k)^2: the first step is implicit too, and b = theta c T d.
+    let implicit = 1.0 + 1.1 * 1e-3 * 1.5 * 3.0;
+    let expected = |nu: f32| 3.0 * nu * (2.0 * implicit - 1.0) / (implicit * implicit);
     let u = net.nodes[0].observations()[0].u;
-    assert!((u - 3.0 * 0.015).abs() < 1e-6, "{u}");
+    assert!((u - expected(0.015)).abs() < 1e-7 && (u - 0.045).abs() < 2e-6, "{u}");
     let tracker = |_: usize, config: &mut NodeConfig| {
         (config.coupling, config.gain) = (CouplingConfig::LambdaTracker { eta: 0.5 }, linear);
     };
@@ -221,7 +238,27 @@ fn a_linear_gain_pulls_with_its_slope_and_a_tracker_with_a_growing_one() {
     let mut quiet = Net::start(&ring(&[&[0.0], &[0.2]], tracker));
     quiet.run(1);
     // Inside the dead zone the gain stays as it is.
-    assert!((quiet.nodes[0].observations()[0].u - 3.0 * 0.3).abs() < 1e-5);
+    assert!((quiet.nodes[0].observations()[0].u - expected(0.3)).abs() < 1e-6);
+}
+
+#[test]
+fn the_first_tick_of_a_steep_gain_throws_no_state_away() {
+    let (reciprocal, linear) = (GainConfig::Reciprocal { scale: 1e6 }, GainConfig::Linear { slope: 1e9 });
+    for (coupling, gain) in [
+        (CouplingConfig::NodeWise, reciprocal),
+        (CouplingConfig::NodeWise, linear),
+        (CouplingConfig::MaxGain, reciprocal),
+        (CouplingConfig::EdgeWise, reciprocal),
+        (CouplingConfig::LambdaTracker { eta: 0.1 }, linear),
+    ] {
+        let states: [&[f32]; 4] = [&[1.0], &[-2.0], &[0.5], &[4.0]];
+        let mut net =
+            Net::start(&ring(&states, |_, config| (config.coupling, config.gain) = (coupling, gain)));
+        net.run(2);
+        let worst = net.states().concat().into_iter().fold(0.0, |worst: f32, x| worst.max(x.abs()));
+        // An explicit step would move states by T mu(nu / psi), 1e3 and more.
+        assert!(worst < 10.0, "{coupling:?}: {worst}");
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use funnel_core::Real;
 use funnel_core::funnel::Funnel;
 use funnel_core::law::node_wise::THETA;
-use funnel_protocol::config::{FunnelConfig, FunnelShape};
+use funnel_protocol::config::{FunnelConfig, FunnelShape, NormalisedShape};
 
 const TICK: f64 = 1e-3;
 
@@ -32,6 +32,29 @@ fn each_kind_is_its_formula() {
         is(&reciprocal, k, |t| 1.0 / t);
         is(&finite, k, |t| 20.0 * funnel_core::math::pow(1.0 - t / 2.0, 1.5));
     }
+}
+
+#[test]
+fn a_schedule_joins_what_lies_far_within_a_tick_or_has_closed() {
+    let schedule = |at_ns, then| funnel(FunnelShape::Schedule { start: 10.0, at_ns, eps: 0.5, then });
+    let (wide, narrow) =
+        (NormalisedShape::Constant { width: 100.0 }, NormalisedShape::Constant { width: 1e-6 });
+    for (then, joined) in [(wide, 100.0), (narrow, 1e-6)] {
+        for at_ns in [1, 1_000, 999_999] {
+            let widths = schedule(at_ns, then).widths(0);
+            assert!((widths.now - 20.0).abs() < 1e-12, "{at_ns} ns: {widths:?}");
+            let past = f64::from(at_ns as u32) * 1e-9 < THETA * TICK;
+            let least = if past { joined } else { 20.0f64.min(joined) };
+            let most = if past { joined } else { 20.0f64.max(joined) };
+            let slack = 1e-6 * joined;
+            assert!(widths.ahead >= least - slack && widths.ahead <= most + slack, "{at_ns} ns: {widths:?}");
+            assert!((schedule(at_ns, then).widths(1).now - joined).abs() < slack);
+        }
+    }
+    let closed = schedule(1_000_000_000, NormalisedShape::Exponential { start: 1.0, end: 0.0, rate: 1e4 });
+    assert!((closed.widths(0).now - 20.0).abs() < 1e-12);
+    assert!(closed.widths(500).now > 0.0 && closed.widths(500).now < 20.0);
+    assert_eq!(closed.widths(1000).now, 0.0);
 }
 
 #[test]

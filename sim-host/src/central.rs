@@ -119,7 +119,7 @@ impl Central {
                     let Some(other) = parts.get(other).and_then(|parts| parts.get(component)) else {
                         continue;
                     };
-                    own.nu += weight * ((other.seen - own.x) + own.carry);
+                    own.nu += weight * (other.seen - own.x);
                     own.dnu += weight * (other.increment - own.dx);
                     largest = largest.max(other.seen.abs());
                 }
@@ -189,7 +189,7 @@ impl Member {
     fn right_sides(&mut self, first: bool) {
         for part in &mut self.parts {
             if first {
-                part.u = self.params.law.gain.input(part.nu, self.psi.now);
+                part.u = self.params.law.gain.solve(self.psi.ahead, self.b, part.nu).u;
             }
             part.r = part.nu + THETA as f32 * part.dnu + self.b * part.u;
         }

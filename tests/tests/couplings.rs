@@ -3,7 +3,7 @@
 
 use sim_host::emergent::EmergentTrajectory;
 use sim_host::run::{Fidelity, Outcome};
-use sim_host::scenario::{CouplingKind, GainSpec, Scenario};
+use sim_host::scenario::{CouplingKind, Edge, GainSpec, Graph, Scenario};
 use system_tests::{heterogeneous, run, scenario};
 
 #[test]
@@ -132,6 +132,21 @@ fn weakly_centralised_coupling_is_the_one_of_the_paper() {
     let (_, node_wise) = final_states(&heterogeneous("1s"));
     let apart = node_wise.iter().zip(&exact).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     assert!(apart > 20.0 * error.max(1e-4), "{apart} and {error}");
+}
+
+#[test]
+fn diffusive_terms_add_up_to_zero_whatever_the_coupling() {
+    for kind in [CouplingKind::NodeWise, CouplingKind::EdgeWise, CouplingKind::WeaklyCentralised] {
+        let sets = ["time.duration=10s", "coupling.funnel.end=0.02"];
+        let mut scenario = scenario("five-agents.toml", &sets);
+        scenario.coupling = kind;
+        scenario.nodes.truncate(2);
+        scenario.graph = Graph { nodes: 2, edges: vec![Edge { a: 0, b: 1, weight: 1.0 }] };
+        for row in run(&scenario, Fidelity::Loopback).rows {
+            // A node that used of its state what it does not send would see more than the other one does.
+            assert_eq!(row.nu[0], -row.nu[1], "{kind:?} at {}", row.t);
+        }
+    }
 }
 
 #[test]

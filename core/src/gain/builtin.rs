@@ -84,14 +84,4 @@ impl<F: Real> Gain<F> for BuiltinGain<F> {
             Self::Linear(gain) => gain.solve(psi, b, r),
         }
     }
-
-    #[inline]
-    fn input(&self, nu: F, psi: F) -> F {
-        match self {
-            Self::Reciprocal(gain) => gain.input(nu, psi),
-            Self::Logarithmic(gain) => gain.input(nu, psi),
-            Self::LocallyLinear(gain) => gain.input(nu, psi),
-            Self::Linear(gain) => gain.input(nu, psi),
-        }
-    }
 }

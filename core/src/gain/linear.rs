@@ -28,11 +28,6 @@ impl<F: Real> Gain<F> for Linear<F> {
         self.slope * s
     }
 
-    #[inline]
-    fn input(&self, nu: F, _: F) -> F {
-        self.slope * nu
-    }
-
     /// `u / slope + b u = r`.
     #[inline]
     fn solve(&self, _: F, b: F, r: F) -> Solution<F> {

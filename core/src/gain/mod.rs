@@ -32,9 +32,6 @@ pub struct Solution<F> {
     pub s: F,
 }
 
-/// Largest `|nu| / psi` from which an input is computed directly.
-const FIRST_RATIO: f64 = 0.99;
-
 /// A gain, odd in its argument.
 pub trait Gain<F: Real> {
     /// `mu^-1(u)` in (-1, 1), odd and strictly increasing; rounding may give exactly -1 or 1.
@@ -68,14 +65,6 @@ pub trait Gain<F: Real> {
 
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
-
-    /// The paper's law as it stands, `mu(nu / psi)`, state units / s, with the ratio held at 0.99 or below: what the very
-    /// first input is computed by.
-    #[inline]
-    fn input(&self, nu: F, psi: F) -> F {
-        let limit = F::from_f64(FIRST_RATIO);
-        self.apply((nu / psi).max(-limit).min(limit))
-    }
 
     /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (*)), for `psi > 0` and `b >= 0` (s).
     ///

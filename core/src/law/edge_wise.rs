@@ -48,11 +48,12 @@ impl<F: Real> EdgeWise<F> {
     /// One tick: the input of one edge, state units / s.
     #[inline]
     pub fn step<G: Gain<F>>(&self, gain: &G, edge: &EdgeTerm<F>, psi: Widths<F>) -> F {
+        let b = self.share * edge.stiffness;
         let last = match edge.last {
             Some(u) => u,
-            None => gain.input(edge.nu, psi.now),
+            // As the first input of `node_wise`.
+            None => gain.solve(psi.ahead, b, edge.nu).u,
         };
-        let b = self.share * edge.stiffness;
         gain.solve(psi.ahead, b, edge.nu + self.theta * edge.dnu + b * last).u
     }
 }

@@ -30,7 +30,7 @@ impl<F: Real> LambdaTracker<F> {
         // Explicit: a tracker has no better knowledge of the error to come. Bounded, so that nothing overflows.
         *k = (*k + self.tick * size * (size - self.eta).max(F::ZERO)).min(F::WIDEST);
         let gain = Linear { slope: *k };
-        let last = memory.last_input.unwrap_or(gain.input(nu, F::ONE));
+        let last = memory.last_input.unwrap_or(gain.solve(F::ONE, law.b, nu).u);
         let u = gain.solve(F::ONE, law.b, nu + law.theta * dnu + law.b * last).u;
         memory.last_input = Some(u);
         u

@@ -23,7 +23,7 @@ pub struct Term<F> {
 pub fn step<F: Real, G: Gain<F>>(law: &NodeWise<F, G>, terms: &mut [Term<F>], first: bool, psi: Widths<F>) {
     if first {
         let longest = terms.iter().fold(F::ZERO, |most, term| most.max(term.nu.abs()));
-        let u = law.gain.input(longest, psi.now);
+        let u = law.first_input(longest, psi);
         terms.iter_mut().for_each(|term| term.u = share(u, term.nu, longest));
     }
     // From here on `u` holds the right side, until it is the input.

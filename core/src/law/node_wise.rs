@@ -61,11 +61,18 @@ impl<F: Real, G: Gain<F>> NodeWise<F, G> {
     pub fn step(&self, memory: &mut Memory<F>, nu: F, dnu: F, psi: Widths<F>) -> Solution<F> {
         let last = match memory.last_input {
             Some(u) => u,
-            None => self.gain.input(nu, psi.now),
+            None => self.first_input(nu, psi),
         };
         let solution = self.gain.solve(psi.ahead, self.b, self.right_side(nu, dnu, last));
         memory.last_input = Some(solution.u);
         solution
+    }
+
+    /// What stands for the last input where there is none: (*) without memory, `psi mu^-1(u) + b u = nu`. The paper's law as it
+    /// stands would be an explicit step, which throws the states apart where the gain is steep (LAW.md 2).
+    #[inline]
+    pub(super) fn first_input(&self, nu: F, psi: Widths<F>) -> F {
+        self.gain.solve(psi.ahead, self.b, nu).u
     }
 
     /// `r` of (*) for the last input `last` (state units / s).

@@ -1,6 +1,6 @@
 //! A scenario, fully resolved: every node with its own dynamics, gain and funnel, in SI units and f64.
 
-use funnel_core::math;
+use funnel_core::{Real, math};
 use std::path::PathBuf;
 
 use super::affine::Affine;
@@ -291,6 +291,11 @@ pub enum FunnelSpec {
     },
 }
 
+/// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then has a width still.
+fn joined(eps: f64, then: NormalisedSpec, at: f64) -> f64 {
+    (eps * then.width(at)).max(f64::TINY)
+}
+
 impl FunnelSpec {
     /// `psi(t)` for t >= 0 in seconds (state units).
     #[must_use]
@@ -309,7 +314,7 @@ impl FunnelSpec {
                 if t >= at {
                     return factor * eps * then.width(t);
                 }
-                factor * start * math::exp(-t / at * math::ln(start / (eps * then.width(at))))
+                factor * start * math::exp(-t / at * math::ln(start / joined(eps, then, at)))
             }
         }
     }
@@ -333,7 +338,7 @@ impl FunnelSpec {
                 if t >= at {
                     return factor * eps * then.slope(t);
                 }
-                -self.width(t) / at * math::ln(self.width(0.0) / (factor * eps * then.width(at)))
+                -self.width(t) / at * math::ln(self.width(0.0) / (factor * joined(eps, then, at)))
             }
         }
     }
