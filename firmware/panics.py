@@ -56,11 +56,12 @@ class Image:
         target = jump_target(mnemonic, operands)
         if target is not None:
             callee = self.function_of(target)
-            tail_call = callee != function
-            return Site(address, function, callee) if CALL.match(mnemonic) or tail_call else None
+            # Within a function `bl` is a long jump, where it does not go to its beginning (ARMv6-M).
+            calls = callee != function or (CALL.match(mnemonic) and target == callee)
+            return Site(address, function, callee) if calls else None
+        # `mov pc` is how LLVM jumps by a table; it calls by blx, and leaves by bx.
         pointer = re.match(r"^bl?x", mnemonic) and operands != "lr"
-        loads_pc = re.match(r"^(mov|ldr)", mnemonic) and operands.startswith("pc,")
-        return Site(address, function, None) if pointer or loads_pc else None
+        return Site(address, function, None) if pointer else None
 
     def function_of(self, address):
         low, high = 0, len(self.starts)
@@ -90,6 +91,9 @@ class Image:
         low = self.code[first][0]
         jumps = [a for a, f, m, o in self.code if f == site.function and low <= (jump_target(m, o) or -1) <= site.address]
         block = [address for address, *_ in self.code[first:index]]
+        if not jumps:
+            # Reached by a table: from anywhere in the function.
+            jumps = [address for address, function, *_ in self.code if function == site.function]
         return [self.frames.get(address, []) for address in [site.address, *block, *jumps]]
 
     def never_falls(self, index):

@@ -23,7 +23,9 @@ pub async fn run(mut link: impl Link, uid: u64) -> ! {
 async fn step<L: Link>(session: &mut Session, link: &mut L) {
     match session.poll_at() {
         None => link.wait().await,
-        Some(at) => drop(select(link.wait(), Timer::at(instant(at))).await),
+        Some(at) => {
+            select(link.wait(), Timer::at(instant(at))).await;
+        }
     }
     while let Some(input) = link.next() {
         match input {

@@ -26,7 +26,10 @@ const _: () = {
         + cfg!(feature = "nucleo-f446re") as u8
         + cfg!(feature = "nrf52840-dk") as u8
         + cfg!(feature = "rp2040-pico") as u8;
-    assert!(boards == 1, "choose exactly one board feature; other boards than the default: --no-default-features");
+    assert!(
+        boards == 1,
+        "choose exactly one board feature; other boards than the default: --no-default-features"
+    );
 };
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());

@@ -124,7 +124,11 @@ mod tests {
         let mut mailbox = Mailbox::new();
         for id in 0..CAPACITY as u8 {
             let source = NodeId::new(id + 1).unwrap();
-            let frame = encode(&Message::Sync { source: Some(source), previous_tick: TickStamp::low(0, 24), phase_us: 0 });
+            let frame = encode(&Message::Sync {
+                source: Some(source),
+                previous_tick: TickStamp::low(0, 24),
+                phase_us: 0,
+            });
             assert_eq!(mailbox.put(frame), Put::Waits);
         }
         assert_eq!(mailbox.put(state(0, 1)), Put::Dropped);

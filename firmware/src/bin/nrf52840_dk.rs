@@ -45,7 +45,7 @@ fn main() -> ! {
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_nrf::init(clocks());
     let mut config = uarte::Config::default();
-    config.baudrate = uarte::Baudrate::BAUD1M;
+    config.baudrate = uarte::Baudrate::Baud1m;
     let (receive, transmit) = (RECEIVE.take(), TRANSMIT.take());
     let uart = BufferedUarte::new(
         chip.UARTE0,

@@ -9,7 +9,8 @@ use defmt_rtt as _;
 use embassy_stm32::can::config::NominalBitTiming;
 use embassy_stm32::can::{CanConfigurator, IT0InterruptHandler, IT1InterruptHandler};
 use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv, PllSource, Sysclk, mux,
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv, PllSource, Sysclk,
+    mux,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};

@@ -5,8 +5,8 @@ use core::num::NonZeroU16;
 use embassy_futures::select::{Either, select};
 use embassy_stm32::can::filter::Mask32;
 use embassy_stm32::can::frame::Frame;
-use embassy_stm32::can::{BufferedCanRx, Can, CanTx, Fifo, RxBuf};
 use embassy_stm32::can::util::NominalBitTiming;
+use embassy_stm32::can::{BufferedCanRx, Can, CanTx, Fifo, RxBuf};
 use embassy_stm32::pac;
 use embedded_can::StandardId;
 use funnel_link::BusState;
@@ -20,6 +20,7 @@ pub const RECEIVE_BUFFER: usize = 16;
 
 /// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to `seg2`, and by four quanta at
 /// most.
+#[allow(clippy::expect_used)] // at compile time
 pub const fn timing(prescaler: u8, seg1: u8, seg2: u8) -> NominalBitTiming {
     let prescaler = NonZeroU16::new(prescaler as u16);
     NominalBitTiming {

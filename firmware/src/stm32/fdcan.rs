@@ -9,7 +9,8 @@ use embassy_stm32::can::config::{
 use embassy_stm32::can::enums::BusErrorMode;
 use embassy_stm32::can::frame::{FdFrame, Header};
 use embassy_stm32::can::{
-    BufferedCanFd, BufferedFdCanReceiver, BufferedFdCanSender, CanConfigurator, OperatingMode, RxFdBuf, TxFdBuf,
+    BufferedCanFd, BufferedFdCanReceiver, BufferedFdCanSender, CanConfigurator, OperatingMode, RxFdBuf,
+    TxFdBuf,
 };
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::typelevel::Interrupt as _;
@@ -36,6 +37,7 @@ pub struct FdTiming {
 }
 
 /// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to `seg2`.
+#[allow(clippy::expect_used)] // at compile time
 pub const fn timing(prescaler: u8, seg1: u8, seg2: u8) -> NominalBitTiming {
     let prescaler = NonZeroU16::new(prescaler as u16);
     NominalBitTiming {
@@ -98,7 +100,8 @@ impl FdCan {
     ) -> Self {
         let mut config = configurator.config().set_nominal_bit_timing(nominal);
         // Not by a range filter, whose ends embassy puts the wrong way round: what matches no filter is accepted.
-        config.global_filter = GlobalFilter::reject_all().set_handle_standard_frames(NonMatchingFilter::IntoRxFifo0);
+        config.global_filter =
+            GlobalFilter::reject_all().set_handle_standard_frames(NonMatchingFilter::IntoRxFifo0);
         config.tx_buffer_mode = TxBufferMode::Fifo;
         config.automatic_bus_off_recovery = false;
         if let Some(timing) = fd {
@@ -119,7 +122,8 @@ impl FdCan {
     fn frame(&self, frame: &CanFrame) -> Option<FdFrame> {
         let id = StandardId::new(frame.id())?.into();
         let length = frame.data().len() as u8;
-        let header = if self.fd { Header::new_fd(id, length, false, true) } else { Header::new(id, length, false) };
+        let header =
+            if self.fd { Header::new_fd(id, length, false, true) } else { Header::new(id, length, false) };
         FdFrame::new(header, frame.data()).ok()
     }
 }

@@ -27,7 +27,7 @@ fn received(header: &Header, bytes: &[u8]) -> Option<Received> {
 }
 
 /// A number that is not zero, at compile time: quanta and prescalers of a bit.
-#[allow(clippy::panic)]
+#[allow(clippy::panic)] // at compile time
 const fn width(quanta: u8) -> NonZeroU8 {
     match NonZeroU8::new(quanta) {
         Some(width) => width,
