@@ -38,10 +38,8 @@ const BIT_RATE: u32 = 115_200;
 const TIMING: NominalBitTiming = timing(2, 15, 4);
 
 #[embassy_executor::task]
-async fn node(can: Can<'static>, uart: BufferedUart<'static>) {
-    static BUFFER: ConstStaticCell<RxBuf<RECEIVE_BUFFER>> = ConstStaticCell::new(RxBuf::new());
-    let can = BxCan::start(can, TIMING, BUFFER.take()).await;
-    app::run(CanNode::new(can, Serial::new(uart)), uid()).await
+async fn node(link: CanNode<BxCan, BufferedUart<'static>>) {
+    app::run(link, uid()).await
 }
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.
@@ -66,6 +64,7 @@ fn clocks() -> Config {
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    static BUFFER: ConstStaticCell<RxBuf<RECEIVE_BUFFER>> = ConstStaticCell::new(RxBuf::new());
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_stm32::init(clocks());
@@ -75,7 +74,8 @@ fn main() -> ! {
     let uart = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
         .expect("the bit rate is possible");
     let can = Can::new(chip.CAN1, chip.PA11, chip.PA12, Interrupts);
-    let node = node(can, uart).expect("the task is spawned once");
+    let can = BxCan::start(can, TIMING, BUFFER.take());
+    let node = node(CanNode::new(can, Serial::new(uart))).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -36,10 +36,8 @@ const NOMINAL: NominalBitTiming = timing(1, 63, 16);
 /// 2 Mbit/s in the data phase of CAN FD: 40 time quanta, sampled after 30 (75 %). All nodes of a bus must agree on it.
 const FD: Option<FdTiming> = if cfg!(feature = "can-fd") { Some(fd_timing(1, 29, 10)) } else { None };
 
-type Node = CanNode<FdCan, BufferedUart<'static>>;
-
 #[embassy_executor::task]
-async fn node(link: Node) {
+async fn node(link: CanNode<FdCan, BufferedUart<'static>>) {
     app::run(link, uid()).await
 }
 

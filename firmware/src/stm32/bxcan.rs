@@ -18,6 +18,9 @@ use crate::link::can::{Controller, Exchange};
 /// Received frames that wait for the task: the controller itself holds three. 16 are 1 ms of a full bus at 1 Mbit/s.
 pub const RECEIVE_BUFFER: usize = 16;
 
+/// Readings of a register to wait for the initialization mode at most, some 50 us.
+const LONGEST_WAIT: u32 = 1000;
+
 /// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to `seg2`, and by four quanta at
 /// most.
 #[allow(clippy::expect_used)] // at compile time
@@ -40,8 +43,8 @@ pub struct BxCan {
 }
 
 impl BxCan {
-    /// Starts the controller with this bit timing. It waits for 11 recessive bits: for ever, where the bus is held dominant.
-    pub async fn start(
+    /// Starts the controller with this bit timing. It takes part after 11 recessive bits, for which this does not wait.
+    pub fn start(
         mut can: Can<'static>,
         timing: NominalBitTiming,
         buffer: &'static mut RxBuf<RECEIVE_BUFFER>,
@@ -52,9 +55,8 @@ impl BxCan {
         drop(can.modify_config().set_bit_timing(timing));
         let (transmit, receive) = can.split();
         let receive = receive.buffered(buffer);
-        can.enable().await;
-        // `enable` turns automatic recovery from bus-off on; the node must decide that.
-        reinitialize(|| pac::CAN1.mcr().modify(|reg| reg.set_abom(false)));
+        // What `enable` does, but for automatic recovery from bus-off, which the node must decide.
+        pac::CAN1.mcr().modify(|reg| reg.set_sleep(false));
         Self { _can: can, transmit, receive }
     }
 }
@@ -88,18 +90,13 @@ impl Controller for BxCan {
     }
 
     fn restart(&mut self) {
-        // Leaving the initialization mode is what starts the recovery (RM0390, bus-off recovery).
-        reinitialize(|| ());
+        // Entering and leaving the initialization mode is what starts the recovery (RM0390, bus-off recovery).
+        pac::CAN1.mcr().modify(|reg| reg.set_inrq(true));
+        // Without traffic of its own it enters at once. If it does not, this restart fails, and another follows.
+        let entered = |_: &u32| pac::CAN1.msr().read().inak();
+        let _ = (0..LONGEST_WAIT).find(entered);
+        pac::CAN1.mcr().modify(|reg| reg.set_inrq(false));
     }
-}
-
-/// Runs `change` in the initialization mode, and does not wait for the bus afterwards.
-fn reinitialize(change: impl FnOnce()) {
-    pac::CAN1.mcr().modify(|reg| reg.set_inrq(true));
-    // A frame on the bus is waited for: at most 0.2 ms at 1 Mbit/s.
-    while !pac::CAN1.msr().read().inak() {}
-    change();
-    pac::CAN1.mcr().modify(|reg| reg.set_inrq(false));
 }
 
 async fn read(receive: &mut BufferedCanRx<'static, RECEIVE_BUFFER>) -> Exchange {
