@@ -154,6 +154,7 @@ cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its t
         firmware_cargo clippy --quiet --locked --features cost --bins -- -D warnings
         local board
         for board in $(boards); do board_cargo clippy "$board" -- -D warnings; done
+        board_cargo clippy nucleo_g474re --features can-fd -- -D warnings
     else
         say "SKIPPED clippy of the firmware: the toolchain for $TARGET has none"
     fi
@@ -176,7 +177,7 @@ cmd_firmware() { #: build the firmware images
     say "image: ${IMAGES#"$ROOT"/}/mps2_an386"
 }
 
-cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep
+cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
     cargo build --locked --quiet --package sim-host --example defmt_log
     python3 firmware/selftest.py qemu-system-arm target/debug/examples/defmt_log "$IMAGES/selftest"

@@ -1,7 +1,6 @@
 //! What carries frames between a session and the world: a serial line ([`serial`]), or CAN with a serial line for the
 //! service plane ([`can`]).
 
-#[cfg(feature = "can")]
 pub mod can;
 pub mod serial;
 
