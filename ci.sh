@@ -7,8 +7,17 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 readonly ROOT=$PWD
 readonly TARGET=thumbv7em-none-eabihf
+readonly SMALL_TARGET=thumbv6m-none-eabi # Cortex-M0+
 readonly IMAGES=$ROOT/firmware/target/$TARGET/release
-readonly FLASH_BUDGET=$((48 * 1024)) RAM_BUDGET=$((16 * 1024)) # bytes
+# Boards as their binaries are called (the features have dashes); their targets; where flash and RAM begin and how large
+# they are; budgets of flash and static RAM in bytes. The memory maps in firmware/boards are checked against this.
+readonly BOARDS="
+mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304 49152 16384
+nucleo_g474re $TARGET       0x08000000  524288 0x20000000   98304 73728 20480
+nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 73728 20480
+nrf52840_dk   $TARGET       0x00000000 1048576 0x20000000  262144 73728 20480
+rp2040_pico   $SMALL_TARGET 0x10000100 2096896 0x20000000  270336 73728 20480
+"
 readonly HOST_LIMIT=1500 # instructions per node-tick in loopback
 # The paths above and below are those of cargo's default target folders.
 unset CARGO_TARGET_DIR CARGO_BUILD_TARGET_DIR CARGO_BUILD_TARGET
@@ -23,8 +32,8 @@ have() { command -v "$1" >/dev/null 2>&1; }
 # Two ways to a compiler for the target. rustup's, where it can reach its servers; else Debian's, which brings
 # no core for the target but its source. FUNNEL_TOOLCHAIN=rustup or =debian forces one of them.
 
-rustup_has_target() {
-    have rustup && rustup target list --installed 2>/dev/null | grep -qx "$TARGET"
+rustup_has_targets() {
+    have rustup && [[ $(rustup target list --installed 2>/dev/null | grep -cx -e "$TARGET" -e "$SMALL_TARGET") == 2 ]]
 }
 
 # Debian's toolchain: the compiler, the source of core, and the linker; clippy is a package of its own.
@@ -36,9 +45,9 @@ debian_has_source() {
 # Prints rustup or debian: the toolchain that is complete. Fails if none is.
 toolchain() {
     case ${FUNNEL_TOOLCHAIN:-} in
-        rustup) rustup_has_target && echo rustup ;;
+        rustup) rustup_has_targets && echo rustup ;;
         debian) debian_has_source && echo debian ;;
-        "") { rustup_has_target && echo rustup; } || { debian_has_source && echo debian; } ;;
+        "") { rustup_has_targets && echo rustup; } || { debian_has_source && echo debian; } ;;
         *) fail "FUNNEL_TOOLCHAIN is '$FUNNEL_TOOLCHAIN', not rustup or debian" ;;
     esac
 }
@@ -46,11 +55,11 @@ toolchain() {
 setup_toolchain() {
     toolchain >/dev/null && return
     if [[ ${FUNNEL_TOOLCHAIN:-rustup} == rustup ]] && have rustup; then
-        say "adding the target $TARGET by rustup"
-        timeout 300 rustup target add "$TARGET" >/dev/null 2>&1 && return
+        say "adding the targets $TARGET and $SMALL_TARGET by rustup"
+        timeout 300 rustup target add "$TARGET" "$SMALL_TARGET" >/dev/null 2>&1 && return
         say "rustup can't fetch it"
     fi
-    [[ ${FUNNEL_TOOLCHAIN:-debian} == debian ]] || fail "no target $TARGET from rustup"
+    [[ ${FUNNEL_TOOLCHAIN:-debian} == debian ]] || fail "no targets $TARGET and $SMALL_TARGET from rustup"
     say "using Debian's rustc, which builds core from source"
     apt_install rustc-web cargo-web rust-web-src rust-web-clippy lld
     debian_has_source || fail "Debian's rustc, cargo, ld.lld and the source of core are still not all there"
@@ -75,17 +84,36 @@ apt_install() {
 # LIBRARIES are those that Debian's compiler builds from source; rustup's has them.
 target_cargo() ( # DIR LIBRARIES CARGO-ARGUMENTS...
     cd "$1"
-    chosen=$(toolchain) || fail "no toolchain for $TARGET: ./ci.sh setup"
+    chosen=$(toolchain) || fail "no toolchain for the targets: ./ci.sh setup"
     if [[ $chosen == debian ]]; then
         # Unstable options of a released compiler: without rustup there is no other way to core for the
         # target.
         export PATH=/usr/bin:$PATH RUSTC_BOOTSTRAP=1 CARGO_UNSTABLE_BUILD_STD=$2
-        export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld
+        export CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER=ld.lld CARGO_TARGET_THUMBV6M_NONE_EABI_LINKER=ld.lld
     fi
     exec cargo "${@:3}"
 )
 
 firmware_cargo() { target_cargo firmware core,alloc "$@"; }
+
+# cargo COMMAND for the image of one board.
+board_cargo() { # COMMAND BOARD CARGO-ARGUMENTS...
+    local board=$2 target
+    target=$(board_field "$board" 2)
+    firmware_cargo "$1" --quiet --locked --target "$target" --no-default-features --features "${board//_/-}" \
+        --bin "$board" "${@:3}"
+}
+
+boards() { awk 'NF { print $1 }' <<<"$BOARDS"; }
+
+# A column of the table of boards.
+board_field() { # BOARD COLUMN
+    awk -v board="$1" -v column="$2" '$1 == board { print $column }' <<<"$BOARDS"
+}
+
+board_image() { # BOARD
+    echo "$ROOT/firmware/target/$(board_field "$1" 2)/release/$1"
+}
 
 target_has_clippy() {
     case $(toolchain) in
@@ -124,6 +152,9 @@ cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its t
     cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
     if target_has_clippy; then
         firmware_cargo clippy --quiet --locked --features cost --bins -- -D warnings
+        local board
+        for board in $(boards); do board_cargo clippy "$board" -- -D warnings; done
+        board_cargo clippy nucleo_g474re --features can-fd -- -D warnings
     else
         say "SKIPPED clippy of the firmware: the toolchain for $TARGET has none"
     fi
@@ -139,7 +170,7 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
 
 cmd_thumb() { #: core and protocol alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnel-core funnel-protocol; do
+    for package in funnel-core funnel-link funnel-protocol; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done
@@ -150,7 +181,7 @@ cmd_firmware() { #: build the firmware images
     say "image: ${IMAGES#"$ROOT"/}/mps2_an386"
 }
 
-cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep
+cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
     cargo build --locked --quiet --package sim-host --example defmt_log
     python3 firmware/selftest.py qemu-system-arm target/debug/examples/defmt_log "$IMAGES/selftest"
@@ -207,13 +238,52 @@ cmd_bench() { #: node-ticks per second in loopback; depends on the machine, so n
     target/release/examples/loopback_ticks 20000
 }
 
-cmd_size() { #: check the image against its budget of flash and static RAM
-    firmware_cargo build --release --locked --quiet --bin mps2_an386
-    local text data bss flash ram
-    read -r text data bss _ < <(arm-none-eabi-size "$IMAGES/mps2_an386" | tail -n 1)
-    flash=$((text + data)) ram=$((data + bss))
-    say "mps2_an386: $flash of $FLASH_BUDGET bytes flash, $ram of $RAM_BUDGET bytes static RAM"
-    (( flash <= FLASH_BUDGET && ram <= RAM_BUDGET )) || fail "the image is over its budget"
+cmd_boards() { #: build the image of every board; check flash and RAM against budgets, and where it is linked to
+    one_root_memory_map
+    local board over=0
+    for board in $(boards); do board_cargo build "$board" --release; done
+    printf '| board | flash | of | static RAM | of |\n|---|---:|---:|---:|---:|\n'
+    for board in $(boards); do
+        board_size "$board" || over=1
+        board_addresses "$board"
+    done
+    (( over == 0 )) || fail "an image is over its budget"
+    say "vectors at the beginning of each chip's flash, code in its flash, .data and .bss in its RAM"
+}
+
+# A row of bytes; 1 where the image is over its budget. Everything static counts, with the buffers of the log.
+board_size() { # BOARD
+    local image flash ram flash_budget ram_budget
+    image=$(board_image "$1")
+    flash=$(sections_size "$image" '\.(vector_table|text|rodata|data|boot2)')
+    ram=$(sections_size "$image" '\.(data|bss|uninit)')
+    flash_budget=$(board_field "$1" 7) ram_budget=$(board_field "$1" 8)
+    printf '| %s | %d | %d | %d | %d |\n' "$1" "$flash" "$flash_budget" "$ram" "$ram_budget"
+    (( flash <= flash_budget && ram <= ram_budget ))
+}
+
+sections_size() { # IMAGE PATTERN
+    arm-none-eabi-size -A "$1" | awk -v pattern="^$2\$" '$1 ~ pattern { sum += $2 } END { print sum + 0 }'
+}
+
+board_addresses() { # BOARD
+    local image flash flash_end ram ram_end section
+    image=$(board_image "$1")
+    flash=$(($(board_field "$1" 3))) ram=$(($(board_field "$1" 5)))
+    flash_end=$((flash + $(board_field "$1" 4))) ram_end=$((ram + $(board_field "$1" 6)))
+    expect_at "$image" .vector_table "$flash"
+    for section in .text .rodata; do expect_within "$image" "$section" "$flash" "$flash_end"; done
+    for section in .data .bss; do expect_within "$image" "$section" "$ram" "$ram_end"; done
+    [[ $1 != rp2040_pico ]] || expect_at "$image" .boot2 $((flash - 256))
+}
+
+cmd_panics() { #: check that no code of core, link and protocol in the images leads to a panic
+    local board images=()
+    for board in $(boards); do
+        board_cargo build "$board" --release
+        images+=("$(board_image "$board")")
+    done
+    python3 firmware/panics.py "$ROOT" core,link,protocol "${images[@]}"
 }
 
 # First address of a section and the one after its end, in decimal.
@@ -231,15 +301,16 @@ expect_within() { # IMAGE SECTION LOW HIGH
         || fail "$(printf '%s of %s is at %#x..%#x, not within %#x..%#x' "$2" "${1##*/}" "$start" "$end" "$3" "$4")"
 }
 
-cmd_addresses() { #: check where the image is linked to: a root memory.x would silently win over the board's
+expect_at() { # IMAGE SECTION ADDRESS
+    local start
+    read -r start _ < <(section_span "$1" "$2")
+    (( start == $3 )) || fail "$(printf '%s of %s is at %#x, not %#x' "$2" "${1##*/}" "$start" "$3")"
+}
+
+# Anything more in it would silently win over the boards' memory maps.
+one_root_memory_map() {
     [[ $(sed -E 's|/\*.*\*/||; /^\/\*/,/\*\//d; /^[[:space:]]*$/d' memory.x) == "INCLUDE board-memory.x" ]] \
         || fail "memory.x in the root must hold nothing but INCLUDE board-memory.x"
-    firmware_cargo build --release --locked --quiet --bin mps2_an386
-    local image=$IMAGES/mps2_an386 flash_end=$((4 << 20)) ram=$((0x20000000)) section
-    expect_within "$image" .vector_table 0 $((0x400))
-    for section in .text .rodata; do expect_within "$image" "$section" 0 "$flash_end"; done
-    for section in .data .bss; do expect_within "$image" "$section" "$ram" $((ram + flash_end)); done
-    say "mps2_an386: vectors at 0, code in flash, .data and .bss in RAM"
 }
 
 cmd_scenarios() { #: run every scenario in scenarios/ and judge its expectations
@@ -268,8 +339,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware size addresses selftest parity scenarios gallery-check \
-        cost book; do
+    for name in setup fmt clippy unit thumb firmware boards panics selftest parity scenarios gallery-check cost book; do
         say "--- $name"
         "cmd_$name"
     done

@@ -5,7 +5,13 @@ use std::process::Command;
 use std::{env, error::Error, fs};
 
 /// Board features and their memory maps.
-const BOARDS: [(&str, &str); 1] = [("CARGO_FEATURE_MPS2_AN386", "boards/mps2-an386.x")];
+const BOARDS: [(&str, &str); 5] = [
+    ("CARGO_FEATURE_MPS2_AN386", "boards/mps2-an386.x"),
+    ("CARGO_FEATURE_NUCLEO_G474RE", "boards/nucleo-g474re.x"),
+    ("CARGO_FEATURE_NUCLEO_F446RE", "boards/nucleo-f446re.x"),
+    ("CARGO_FEATURE_NRF52840_DK", "boards/nrf52840-dk.x"),
+    ("CARGO_FEATURE_RP2040_PICO", "boards/rp2040-pico.x"),
+];
 
 type Outcome = Result<(), Box<dyn Error>>;
 
@@ -28,8 +34,15 @@ fn memory_map(out: &Path) -> Outcome {
     };
     copy(Path::new("../memory.x"), &out.join("memory.x"))?;
     copy(Path::new(board), &out.join("board-memory.x"))?;
-    // The interrupt table names its handlers itself (src/mps2/interrupt.rs), so there are no weak aliases.
-    fs::write(out.join("device.x"), "")?;
+    if env::var_os("CARGO_FEATURE_MPS2_AN386").is_some() {
+        // Its interrupt table names the handlers itself (src/mps2/interrupt.rs), so there are no weak aliases; the
+        // peripheral crates of the other chips bring their own device.x.
+        fs::write(out.join("device.x"), "")?;
+    }
+    if env::var_os("CARGO_FEATURE_RP2040_PICO").is_some() {
+        // The section of the second-stage boot loader, which cortex-m-rt does not know.
+        println!("cargo:rustc-link-arg-bins=-Tlink-rp.x");
+    }
     Ok(())
 }
 

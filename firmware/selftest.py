@@ -3,10 +3,13 @@
 
 usage: selftest.py QEMU DECODER IMAGE      DECODER IMAGE < LOG prints a defmt log
 """
-import pathlib, random, socket, struct, subprocess, sys, tempfile, time
+import binascii, pathlib, random, socket, struct, subprocess, sys, tempfile, time
 
 QEMU, DECODER, IMAGE = sys.argv[1:4]
 TIMEOUT = 60.0
+# Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10.
+NODE_CONFIG = bytes.fromhex("03c0843d00010000803f0024744901000080bf01000000000000000000803f0000803f0100002041"
+                            "0001020000803f010300")
 
 
 class Node:
@@ -125,6 +128,42 @@ def defect(command, code, expected, *options):
         return f"exit code {ended}, log: {log.strip().splitlines()[-1]}"
 
 
+def cobs(raw):
+    """COBS of less than 254 bytes, with its final zero."""
+    return b"".join(bytes([len(block) + 1]) + block for block in raw.split(b"\0")) + b"\0"
+
+
+def frame(kind, source, body):
+    raw = bytes([kind, source]) + body
+    return cobs(raw + struct.pack(">H", binascii.crc_hqx(raw, 0xFFFF)))
+
+
+def bus_off():
+    """The node stops, says so on the serial line at once, and on CAN when the controller is back."""
+    fault = b"\x05\x02\x01\x00"  # code 5, stopped, once
+    with Node(*ICOUNT) as node:
+        node.link.sendall(b"c" + frame(0x42, 0, NODE_CONFIG))
+        assert node.receive(len(frame(0x43, 3, b"\0"))) == frame(0x43, 3, b"\0"), "the configuration is refused"
+        node.link.sendall(frame(0x10, 0, b"\x00\x01\x00\x00\x00"))
+        said = node.receive(12)
+        expected = [frame(0x12, 3, fault + struct.pack("<H", tick)) for tick in range(45, 75)]
+        assert said in expected, said.hex()
+        log = wait_for(node, "CAN takes 0x103")
+        order = ["started", "hears node 2", "CAN takes 0x603", "CAN drops", "link: Off { count: 1, wait_ms: 100 }",
+                 "its CAN controller went off the bus", "CAN restarts", "link: Back", "CAN takes 0x103"]
+        places = [log.find(text) for text in order]
+        assert -1 not in places and places == sorted(places), log
+        return "the node stops, and tells it after the recovery"
+
+
+def wait_for(node, text):
+    end = time.monotonic() + TIMEOUT
+    while text not in (log := node.log()):
+        assert time.monotonic() < end, log
+        time.sleep(0.1)
+    return log
+
+
 def idle():
     """An idle node must sleep, or a bench of them starves."""
     with Node() as node:
@@ -151,6 +190,7 @@ TESTS = {
     "overflow": overflow,
     "panic": lambda: defect(b"p", 101, "deliberate, as asked for"),
     "hard fault": lambda: defect(b"f", 102, "hard fault at pc"),
+    "bus-off": bus_off,
     "idle": idle,
 }
 for name, test in TESTS.items():

@@ -1,5 +1,6 @@
 //! The node's own dynamics `f(t, x)`.
 
+use crate::collect::collect;
 use crate::math::{Real, turns_from_radians};
 use funnel_protocol::config::{FieldConfig, MAX_COMPONENTS, MAX_MATRIX, MAX_SINES};
 use heapless::Vec;
@@ -61,9 +62,9 @@ impl<F: Real> AffineSines<F> {
         offset.iter_mut().zip(&config.offset).for_each(|(slot, &value)| *slot = F::from_f32(value));
         let (slope, matrix) = match config.slope.as_slice() {
             [slope] => (F::from_f32(*slope), Vec::new()),
-            entries => (F::ZERO, entries.iter().map(|&entry| F::from_f32(entry)).collect()),
+            entries => (F::ZERO, collect(entries.iter().map(|&entry| F::from_f32(entry)))),
         };
-        Self { slope, matrix, offset, phasors: phasors.collect() }
+        Self { slope, matrix, offset, phasors: collect(phasors) }
     }
 }
 

@@ -8,6 +8,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod collect;
 pub mod emergent;
 pub mod field;
 pub mod funnel;

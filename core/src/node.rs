@@ -3,6 +3,7 @@
 //! Order of a tick `k`: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is advanced to
 //! `k + 1` and sent at once, so that it has a whole period to reach the neighbours (docs/notes/2026-11-23-first-light.md).
 
+use crate::collect::collect;
 use crate::field::{AffineSines, State, VectorField, compensated_add, midpoint_step};
 use crate::funnel::Widths;
 use crate::gain::{BuiltinGain, Gain};
@@ -112,8 +113,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         Self {
             phase: Phase::Ready,
             tick: 0,
-            parts: states.clone().map(|&x| Part { x, k, ..Part::default() }).collect(),
-            observations: states.map(|&x| Observation { x, ..Observation::default() }).collect(),
+            parts: collect(states.clone().map(|&x| Part { x, k, ..Part::default() })),
+            observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             schedule: Schedule::Wait,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             events: Deque::new(),
@@ -426,7 +427,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             }
             Coupling::MaxGain => {
                 let term = |part: &Part<F>| Term { nu: part.nu, dnu: part.dnu, u: part.u };
-                let mut terms: Vec<_, MAX_COMPONENTS> = self.parts.iter().map(term).collect();
+                let mut terms: Vec<_, MAX_COMPONENTS> = collect(self.parts.iter().map(term));
                 max_gain::step(law, &mut terms, self.counters.ticks == 0, psi);
                 self.parts.iter_mut().zip(&terms).for_each(|(part, term)| part.u = term.u);
             }
@@ -449,7 +450,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// Advances the state by a tick, unless that leads beyond its limit.
     fn advance(&mut self, k: u32) {
-        let before: State<F> = self.parts.iter().map(|part| part.x).collect();
+        let before: State<F> = collect(self.parts.iter().map(|part| part.x));
         let Params { field, tick, .. } = &self.params;
         match self.parts.as_mut_slice() {
             [part] => midpoint_step(field, *tick, k, &mut part.x, &mut part.carry, part.u),
@@ -559,8 +560,12 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.outgoing = Outgoing::default();
     }
 
-    /// Stops, says so once on the link, and stays silent.
     fn fault(&mut self, code: FaultCode) {
+        self.fail(code, u16::from(self.params.id.get()));
+    }
+
+    /// Stops, says so once on the link, and stays silent until it is configured anew. `arg` is the detail of the FAULT.
+    pub fn fail(&mut self, code: FaultCode, arg: u16) {
         if matches!(self.phase, Phase::Faulted(_)) {
             return;
         }
@@ -569,7 +574,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             source: self.params.id,
             code,
             severity: Severity::Stopped,
-            arg: u16::from(self.params.id.get()),
+            arg,
             tick: TickStamp::full(self.tick),
         });
         self.report_event(Event::Fault(code));
@@ -584,11 +589,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 /// The midpoint step of [`midpoint_step`] for all components at once.
 fn vector_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u32, parts: &mut [Part<F>]) {
     let half_ticks = u64::from(k) << 1;
-    let now: State<F> = parts.iter().map(|part| part.x).collect();
+    let now: State<F> = collect(parts.iter().map(|part| part.x));
     let to_middle = |(index, part): (usize, &Part<F>)| {
         part.x + tick * F::HALF * (field.component(half_ticks, &now, index) + part.u)
     };
-    let middle: State<F> = parts.iter().enumerate().map(to_middle).collect();
+    let middle: State<F> = collect(parts.iter().enumerate().map(to_middle));
     for (index, part) in parts.iter_mut().enumerate() {
         let rate = field.component(half_ticks | 1, &middle, index) + part.u;
         compensated_add(&mut part.x, &mut part.carry, tick * rate);

@@ -3,6 +3,7 @@
 //! The ranges are wide enough for any bench and narrow enough that no product in the law can overflow an f32
 //! (`tests/law.rs` sweeps their corners).
 
+use crate::collect::collect;
 use crate::field::{AffineSines, State};
 use crate::funnel::Funnel;
 use crate::gain::{self, BuiltinGain, Linear, LocallyLinear, Logarithmic, Reciprocal};
@@ -123,7 +124,7 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             tick_ns: u64::from(tick_ns),
             tick: F::from_f64(tick),
             tick_source: config.tick_source,
-            initial_state: config.initial_state.iter().map(|&x| F::from_f32(x)).collect(),
+            initial_state: collect(config.initial_state.iter().map(|&x| F::from_f32(x))),
             state_limit: F::from_f64(limit),
             field: field(tick),
             coupling: check_coupling(&config.coupling, tick)?,

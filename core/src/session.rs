@@ -6,7 +6,7 @@ use crate::node::{Action, Node};
 use crate::observe::{Event, Phase};
 use crate::params::Params;
 use funnel_protocol::config::ConfigError;
-use funnel_protocol::message::Message;
+use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, Telemetry};
 use funnel_protocol::serial::{Frame, HOST};
@@ -67,6 +67,13 @@ impl Session {
         };
         if let Err(reason) = outcome {
             self.refuse(reason);
+        }
+    }
+
+    /// The platform cannot go on for the node: its link is gone, for example. The node stops, with a safe output.
+    pub fn fail(&mut self, code: FaultCode, arg: u16) {
+        if let Some(node) = self.node.as_mut() {
+            node.fail(code, arg);
         }
     }
 

@@ -9,7 +9,7 @@ use funnel_protocol::config::{
 use funnel_protocol::message::{Command, Message, Target, TickStamp};
 use funnel_protocol::serial::Frame;
 use funnel_protocol::service::{Body, Identity, Reply, Request, kind};
-use funnel_protocol::{Refusal, WIRE_VERSION};
+use funnel_protocol::{FaultCode, Refusal, WIRE_VERSION};
 
 const IDENTITY: Identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid: 42 };
 
@@ -103,4 +103,21 @@ fn it_runs_by_sync_with_telemetry_and_reports() {
     let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };
     // Five states and the weight of the one edge.
     assert_eq!((report.counters.ticks, report.counters.sent), (4, 6));
+}
+
+#[test]
+fn a_platform_fault_stops_the_node_says_so_once_and_leaves_it_configurable() {
+    let mut session = Session::new(IDENTITY);
+    session.fail(FaultCode::BUS_OFF, 1);
+    assert_eq!(outputs(&mut session), [], "a blank node has nothing to stop");
+    ask(&mut session, &Request::Configure(config()));
+    tell(&mut session, start());
+    session.fail(FaultCode::BUS_OFF, 3);
+    session.fail(FaultCode::BUS_OFF, 4);
+    let said = outputs(&mut session);
+    let faults = said.iter().filter(|o| matches!(o, Output::Send(Message::Fault { arg: 3, .. }))).count();
+    let sent = said.iter().filter(|o| matches!(o, Output::Send(_))).count();
+    assert_eq!((faults, sent), (1, 1), "{said:?}");
+    assert_eq!(tell(&mut session, sync(u32::MAX)), [], "no tick");
+    assert_eq!(ask(&mut session, &Request::Configure(config())), [Output::Reply(Reply::Configured(Ok(())))]);
 }

@@ -1,73 +1,57 @@
-//! The app of every board: a session on a link. It moves bytes and time; the core decides.
+//! The app of every board: a session on a link. It moves frames and time; the core decides.
 
-use embassy_futures::select::{Either, select};
-use embassy_time::{Instant, Timer};
-use embedded_io_async::{Read, Write};
+use embassy_futures::select::select;
+use embassy_time::{Duration, Instant, Timer};
 use funnel_core::{Output, Session};
+use funnel_link::Change;
 use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::serial::{self, Deframer};
-use funnel_protocol::service::{Identity, MAX_REPLY_BODY, Reply};
+use funnel_protocol::message::FaultCode;
+use funnel_protocol::service::Identity;
 
-/// Longest reply before COBS: kind, source, body, CRC.
-const MAX_RAW: usize = 2 + MAX_REPLY_BODY + 2;
-/// Longest reply on the wire: COBS adds one byte in 254, and the final zero.
-const MAX_REPLY: usize = MAX_RAW + 2;
+use crate::link::{Input, Link};
 
-/// Runs a node on `link` until the link fails. `uid` is the chip's unique number, 0 where it has none.
-pub async fn run<L: Read + Write>(mut link: L, uid: u64) -> L::Error {
+/// Runs a node on `link`. `uid` is the chip's unique number, 0 where it has none.
+pub async fn run(mut link: impl Link, uid: u64) -> ! {
     defmt::info!("ready, wire version {=u8}", WIRE_VERSION);
     let mut session = Session::new(Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid });
-    let mut deframer: Deframer = Deframer::new();
     loop {
-        if let Err(error) = step(&mut session, &mut deframer, &mut link).await {
-            return error;
-        }
+        step(&mut session, &mut link).await;
     }
 }
 
-/// Waits for bytes or for the next tick, and does what follows from them.
-async fn step<L: Read + Write>(
-    session: &mut Session,
-    deframer: &mut Deframer,
-    link: &mut L,
-) -> Result<(), L::Error> {
-    let mut bytes = [0; 64];
-    let count = match session.poll_at() {
-        None => link.read(&mut bytes).await?,
-        // Dropping a pending read loses nothing (see the links).
-        Some(at) => match select(link.read(&mut bytes), Timer::at(instant(at))).await {
-            Either::First(count) => count?,
-            Either::Second(()) => 0,
-        },
-    };
-    for &byte in bytes.iter().take(count) {
-        if let Some(frame) = deframer.push(byte) {
-            session.on_frame(frame, now());
-            drain(session, link).await?;
+/// Waits for the link or for the next tick, and does what follows.
+async fn step<L: Link>(session: &mut Session, link: &mut L) {
+    match session.poll_at() {
+        None => link.wait().await,
+        Some(at) => {
+            select(link.wait(), Timer::at(instant(at))).await;
         }
     }
-    drain(session, link).await
+    while let Some(input) = link.next() {
+        match input {
+            Input::Frame(frame) => session.on_frame(frame, now()),
+            Input::Change(change) => on_change(session, link, change),
+        }
+        drain(session, link).await;
+    }
+    drain(session, link).await;
+}
+
+/// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is configured anew.
+fn on_change<L: Link>(session: &mut Session, link: &L, change: Change) {
+    defmt::warn!("link: {}, {}", change, link.health());
+    if let Change::Off { count, .. } = change {
+        session.fail(FaultCode::BUS_OFF, count);
+    }
 }
 
 /// Puts everything that the session has to say on the link and into the log.
-async fn drain<L: Read + Write>(session: &mut Session, link: &mut L) -> Result<(), L::Error> {
+async fn drain<L: Link>(session: &mut Session, link: &mut L) {
     while let Some(output) = session.poll(now()) {
         match output {
-            Output::Send(message) => link.write_all(&serial::encode(&message)).await?,
-            Output::Reply(reply) => send_reply(session.id(), &reply, link).await?,
+            Output::Send(message) => link.send(&message).await,
+            Output::Reply(reply) => link.reply(&reply, session.id()).await,
             Output::Report(event) => defmt::info!("{}", event),
-        }
-    }
-    Ok(())
-}
-
-async fn send_reply<L: Write>(id: u8, reply: &Reply, link: &mut L) -> Result<(), L::Error> {
-    let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_REPLY]);
-    match serial::encode_service(reply, id, &mut scratch, &mut frame) {
-        Some(length) => link.write_all(frame.get(..length).unwrap_or(&frame)).await,
-        None => {
-            defmt::error!("a reply does not fit its frame; not sent");
-            Ok(())
         }
     }
 }
@@ -77,13 +61,13 @@ fn now() -> u64 {
     Instant::now().as_micros() * 1000
 }
 
-/// The clock's first instant at or after `at` (ns), or an earlier one where that is more than four seconds away: a
+/// An instant of the clock at or after `at` (ns), or an earlier one where that is more than four seconds away: a
 /// node that is polled early does nothing. So the division is one of 32 bits, which is an instruction.
 fn instant(at: u64) -> Instant {
     let now = Instant::now();
     let wait_ns = at.saturating_sub(now.as_micros() * 1000);
     let wait_us = u32::try_from(wait_ns).unwrap_or(u32::MAX).div_ceil(1000);
-    Instant::from_micros(now.as_micros() + u64::from(wait_us))
+    now + Duration::from_micros(wait_us.into())
 }
 
 /// The version of this package: major, minor, patch.

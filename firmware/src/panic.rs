@@ -1,4 +1,6 @@
 //! A defect is reported in the log and stops the node; under an emulator it also ends the emulator.
+//!
+//! On hardware the node stands still with interrupts masked until it is reset: its last output stays. It sends no FAULT.
 #![allow(unsafe_code)]
 
 use core::panic::PanicInfo;
@@ -21,10 +23,25 @@ pub fn report(info: &PanicInfo) -> ! {
 
 fn stop(code: i32, log: impl FnOnce()) -> ! {
     cortex_m::interrupt::disable();
-    if !STOPPING.swap(true, Ordering::Relaxed) {
+    // Nothing interrupts this, and the Cortex-M0+ has no swap.
+    if !STOPPING.load(Ordering::Relaxed) {
+        STOPPING.store(true, Ordering::Relaxed);
         log();
     }
+    end(code)
+}
+
+#[cfg(feature = "mps2-an386")]
+fn end(code: i32) -> ! {
     semihosting::process::exit(code)
+}
+
+#[cfg(not(feature = "mps2-an386"))]
+fn end(_code: i32) -> ! {
+    // A debugger reads the log even so; a semihosting call without one would be a hard fault.
+    loop {
+        cortex_m::asm::nop();
+    }
 }
 
 // SAFETY: a fault handler may not assume that the interrupted code left its data in order. It reads the

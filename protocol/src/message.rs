@@ -144,6 +144,8 @@ impl FaultCode {
     pub const PANIC: Self = Self(3);
     /// The diffusive term has left the funnel, and the node is configured to stop then.
     pub const FUNNEL_LEFT: Self = Self(4);
+    /// The node's CAN controller went off the bus; the argument is how often so far.
+    pub const BUS_OFF: Self = Self(5);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -154,6 +156,7 @@ macro_rules! say {
             FaultCode::STATE_LIMIT => $($write)::+!($f, "its state is beyond its limit"),
             FaultCode::PANIC => $($write)::+!($f, "its firmware panicked"),
             FaultCode::FUNNEL_LEFT => $($write)::+!($f, "its diffusive term has left the funnel"),
+            FaultCode::BUS_OFF => $($write)::+!($f, "its CAN controller went off the bus"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };

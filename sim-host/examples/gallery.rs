@@ -91,7 +91,7 @@ fn digits_of(value: f64, digits: usize) -> String {
 }
 
 fn draw(scenario: &Scenario, outcome: &Outcome) {
-    let mut trace = Trace::new(scenario.title.as_str());
+    let mut trace = Trace::new(scenario.title.as_str()).with_components(scenario.components());
     outcome.rows.iter().for_each(|row| trace.push(row));
     let folder = Path::new("docs/book/src/figures");
     std::fs::create_dir_all(folder).expect("a folder for the figures");

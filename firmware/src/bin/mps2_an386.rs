@@ -7,6 +7,7 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
 use firmware::executor::Executor;
+use firmware::link::serial::Serial;
 use firmware::mps2::{time, uart::Uart0};
 use firmware::{app, panic};
 use static_cell::StaticCell;
@@ -16,7 +17,7 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn node(link: Uart0) {
-    match app::run(link, 0).await {}
+    app::run(Serial::new(link), 0).await
 }
 
 #[entry]

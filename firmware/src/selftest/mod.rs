@@ -3,8 +3,14 @@
 //!
 //! The first byte that comes chooses a test; everything after it belongs to that test.
 
+mod can;
+
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
+
+use crate::app;
+use crate::link::can::CanNode;
+use crate::link::serial::Serial;
 
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
@@ -16,7 +22,7 @@ pub const LONG_WAIT: Duration = Duration::from_secs(1000);
 pub const BULK: u32 = 1_000_000;
 
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
-/// of the receive buffer, `p` panic, `f` hard fault. `lost` tells how many bytes the link has
+/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails. `lost` tells how many bytes the link has
 /// dropped for want of room.
 pub async fn run<L: Read + Write>(mut link: L, lost: impl Fn() -> u32) -> Result<(), L::Error> {
     defmt::info!("selftest ready");
@@ -31,6 +37,7 @@ pub async fn run<L: Read + Write>(mut link: L, lost: impl Fn() -> u32) -> Result
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
+        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), 0).await,
         b'f' => cortex_m::asm::udf(),
         other => {
             defmt::error!("no test is called {=u8:#04x}", other);

@@ -1,0 +1,70 @@
+//! The node on an nRF52840-DK: UARTE 0 on the virtual COM port, the log by RTT. docs/book/src/boards.md
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_rtt as _;
+use embassy_nrf::buffered_uarte::{self, BufferedUarte};
+use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
+use embassy_nrf::{bind_interrupts, pac, peripherals, uarte};
+use firmware::executor::Executor;
+use firmware::link::serial::Serial;
+use firmware::{app, panic};
+use static_cell::{ConstStaticCell, StaticCell};
+
+bind_interrupts!(struct Interrupts {
+    UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
+});
+
+#[embassy_executor::task]
+async fn node(uart: BufferedUarte<'static>) {
+    app::run(Serial::new(uart), uid()).await
+}
+
+/// The chip's number, from its factory information.
+fn uid() -> u64 {
+    let [low, high] = [0, 1].map(|half| u64::from(pac::FICR.deviceid(half).read()));
+    low | high << 32
+}
+
+/// Both clocks from the board's crystals: ticks of nodes that run by their own timers drift apart as their clocks do.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.hfclk_source = HfclkSource::ExternalXtal;
+    config.lfclk_source = LfclkSource::ExternalXtal;
+    config
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+    static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+    let chip = embassy_nrf::init(clocks());
+    let mut config = uarte::Config::default();
+    config.baudrate = uarte::Baudrate::Baud1m;
+    let (receive, transmit) = (RECEIVE.take(), TRANSMIT.take());
+    let uart = BufferedUarte::new(
+        chip.UARTE0,
+        chip.TIMER0,
+        chip.PPI_CH0,
+        chip.PPI_CH1,
+        chip.PPI_GROUP0,
+        chip.P0_08,
+        chip.P0_06,
+        Interrupts,
+        config,
+        receive,
+        transmit,
+    );
+    let node = node(uart).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

@@ -1,0 +1,85 @@
+//! The node on a Nucleo-F446RE: CAN 1 on PA11/PA12, USART 2 on the virtual COM port, the log by RTT. docs/book/src/boards.md
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_rtt as _;
+use embassy_stm32::can::util::NominalBitTiming;
+use embassy_stm32::can::{
+    Can, Rx0InterruptHandler, Rx1InterruptHandler, RxBuf, SceInterruptHandler, TxInterruptHandler,
+};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::{Config, bind_interrupts, peripherals};
+use firmware::executor::Executor;
+use firmware::link::can::CanNode;
+use firmware::link::serial::Serial;
+use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
+use firmware::stm32::uid;
+use firmware::{app, panic};
+use static_cell::{ConstStaticCell, StaticCell};
+
+bind_interrupts!(struct Interrupts {
+    CAN1_TX => TxInterruptHandler<peripherals::CAN1>;
+    CAN1_RX0 => Rx0InterruptHandler<peripherals::CAN1>;
+    CAN1_RX1 => Rx1InterruptHandler<peripherals::CAN1>;
+    CAN1_SCE => SceInterruptHandler<peripherals::CAN1>;
+    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
+});
+
+/// Of the service plane, bit/s.
+const BIT_RATE: u32 = 115_200;
+/// 1 Mbit/s from 40 MHz: 20 time quanta of 2 periods, sampled after 16 (80 %).
+const TIMING: NominalBitTiming = timing(2, 15, 4);
+
+#[embassy_executor::task]
+async fn node(link: CanNode<BxCan, BufferedUart<'static>>) {
+    app::run(link, uid()).await
+}
+
+/// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
+    config.rcc.pll_src = PllSource::HSE;
+    config.rcc.pll = Some(Pll {
+        prediv: PllPreDiv::DIV4,
+        mul: PllMul::MUL160,
+        divp: Some(PllPDiv::DIV2),
+        divq: None,
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    (config.rcc.ahb_pre, config.rcc.apb1_pre, config.rcc.apb2_pre) =
+        (AHBPrescaler::DIV1, APBPrescaler::DIV4, APBPrescaler::DIV2);
+    config
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    static BUFFER: ConstStaticCell<RxBuf<RECEIVE_BUFFER>> = ConstStaticCell::new(RxBuf::new());
+    static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+    static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+    let chip = embassy_stm32::init(clocks());
+    let mut config = usart::Config::default();
+    config.baudrate = BIT_RATE;
+    let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
+    let uart = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
+        .expect("the bit rate is possible");
+    let can = Can::new(chip.CAN1, chip.PA11, chip.PA12, Interrupts);
+    let can = BxCan::start(can, TIMING, BUFFER.take());
+    let node = node(CanNode::new(can, Serial::new(uart))).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

@@ -1,0 +1,87 @@
+//! The node on a Nucleo-G474RE: FDCAN 1 on PA11/PA12, LPUART 1 on the virtual COM port, the log by RTT. docs/book/src/boards.md
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_rtt as _;
+use embassy_stm32::can::config::NominalBitTiming;
+use embassy_stm32::can::{CanConfigurator, IT0InterruptHandler, IT1InterruptHandler};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv, PllSource, Sysclk,
+    mux,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::{Config, bind_interrupts, peripherals};
+use firmware::executor::Executor;
+use firmware::link::can::CanNode;
+use firmware::link::serial::Serial;
+use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
+use firmware::stm32::uid;
+use firmware::{app, panic};
+use static_cell::{ConstStaticCell, StaticCell};
+
+bind_interrupts!(struct Interrupts {
+    FDCAN1_IT0 => IT0InterruptHandler<peripherals::FDCAN1>;
+    FDCAN1_IT1 => IT1InterruptHandler<peripherals::FDCAN1>;
+    LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
+});
+
+/// Of the service plane, bit/s.
+const BIT_RATE: u32 = 115_200;
+/// 1 Mbit/s from 80 MHz: 80 time quanta, sampled after 64 (80 %).
+const NOMINAL: NominalBitTiming = timing(1, 63, 16);
+/// 2 Mbit/s in the data phase of CAN FD: 40 time quanta, sampled after 30 (75 %). All nodes of a bus must agree on it.
+const FD: Option<FdTiming> = if cfg!(feature = "can-fd") { Some(fd_timing(1, 29, 10)) } else { None };
+
+#[embassy_executor::task]
+async fn node(link: CanNode<FdCan, BufferedUart<'static>>) {
+    app::run(link, uid()).await
+}
+
+/// 160 MHz, and 80 MHz for FDCAN, both from the crystal (24 MHz): the RC oscillator is too inaccurate for CAN.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hse = Some(Hse { freq: Hertz(24_000_000), mode: HseMode::Oscillator });
+    config.rcc.pll = Some(Pll {
+        source: PllSource::HSE,
+        prediv: PllPreDiv::DIV6,
+        mul: PllMul::MUL80,
+        divp: None,
+        divq: Some(PllQDiv::DIV4),
+        divr: Some(PllRDiv::DIV2),
+    });
+    config.rcc.sys = Sysclk::PLL1_R;
+    config.rcc.boost = true; // above 150 MHz
+    (config.rcc.ahb_pre, config.rcc.apb1_pre, config.rcc.apb2_pre) =
+        (AHBPrescaler::DIV1, APBPrescaler::DIV1, APBPrescaler::DIV1);
+    config.rcc.mux.fdcansel = mux::Fdcansel::PLL1_Q;
+    config
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    static BUFFERS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::new());
+    static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+    static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+    let chip = embassy_stm32::init(clocks());
+    let mut config = usart::Config::default();
+    config.baudrate = BIT_RATE;
+    let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
+    let uart = BufferedUart::new(chip.LPUART1, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
+        .expect("the bit rate is possible");
+    // Not PB8, which the Nucleo's Arduino header calls D15: it is also BOOT0, and a transceiver drives it high.
+    let can = CanConfigurator::new(chip.FDCAN1, chip.PA11, chip.PA12, Interrupts);
+    let can = FdCan::start(can, NOMINAL, FD, BUFFERS.take());
+    let node = node(CanNode::new(can, Serial::new(uart))).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

@@ -1,0 +1,58 @@
+//! The node on a Raspberry Pi Pico: UART 0 on GP0/GP1, the log by RTT. docs/book/src/boards.md
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_rtt as _;
+use embassy_rp::flash::{Blocking, Flash};
+use embassy_rp::uart::{self, BufferedUart};
+use embassy_rp::{Peri, bind_interrupts, peripherals};
+use firmware::executor::Executor;
+use firmware::link::serial::Serial;
+use firmware::{app, panic};
+use static_cell::{ConstStaticCell, StaticCell};
+
+bind_interrupts!(struct Interrupts {
+    UART0_IRQ => uart::BufferedInterruptHandler<peripherals::UART0>;
+});
+
+/// Of the Pico's external flash, bytes.
+const FLASH_SIZE: usize = 2 << 20;
+/// Bit/s.
+const BIT_RATE: u32 = 1_000_000;
+
+#[embassy_executor::task]
+async fn node(uart: BufferedUart, uid: u64) {
+    app::run(Serial::new(uart), uid).await
+}
+
+/// The flash's number, since the chip has none; 0 where it cannot be read.
+fn uid(flash: Peri<'static, peripherals::FLASH>) -> u64 {
+    let mut number = [0; 8];
+    let read = Flash::<_, Blocking, FLASH_SIZE>::new_blocking(flash).blocking_unique_id(&mut number);
+    read.map_or(0, |()| u64::from_be_bytes(number))
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+    static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+    let chip = embassy_rp::init(Default::default());
+    // Before anything else runs: the flash cannot be executed from while it is asked.
+    let uid = uid(chip.FLASH);
+    let mut config = uart::Config::default();
+    config.baudrate = BIT_RATE;
+    let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
+    let uart = BufferedUart::new(chip.UART0, chip.PIN_0, chip.PIN_1, Interrupts, transmit, receive, config);
+    let node = node(uart, uid).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

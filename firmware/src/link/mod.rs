@@ -1,0 +1,52 @@
+//! What carries frames between a session and the world: a serial line ([`serial`]), or CAN with a serial line for the
+//! service plane ([`can`]).
+
+pub mod can;
+pub mod serial;
+
+use funnel_link::{BusState, Change};
+use funnel_protocol::message::Message;
+use funnel_protocol::refusal::Refusal;
+use funnel_protocol::serial::Frame;
+use funnel_protocol::service::Reply;
+
+/// Something that came from a link.
+pub enum Input<'a> {
+    /// A frame, or the reason for refusing one.
+    Frame(Result<Frame<'a>, Refusal>),
+    /// The link's own state has changed.
+    Change(Change),
+}
+
+/// How a link is doing. All counters saturate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
+pub struct Health {
+    /// Error state; a serial line is always active.
+    pub state: BusState,
+    /// CAN: how often the controller went off the bus.
+    pub bus_offs: u16,
+    /// CAN: the controller's transmit and receive error counters.
+    pub counters: (u8, u8),
+    /// Reads and writes that the driver reported as failed: noise, overrun, errors on the bus.
+    pub failures: u32,
+}
+
+/// A link of the node. The app waits, takes what has come until there is nothing more, and sends.
+#[allow(async_fn_in_trait)] // One executor, one task: nobody needs the futures to be `Send`.
+pub trait Link {
+    /// Waits until there may be an [input](Self::next). Dropping the future loses nothing.
+    async fn wait(&mut self);
+
+    /// The next input, without waiting.
+    fn next(&mut self) -> Option<Input<'_>>;
+
+    /// Takes a frame of the real-time plane to send. Frames are not queued: of two with the same identifier that wait, the
+    /// latest wins.
+    async fn send(&mut self, message: &Message);
+
+    /// Sends a frame of the service plane, which comes from the node `source`, 0 while blank.
+    async fn reply(&mut self, reply: &Reply, source: u8);
+
+    /// How the link is doing.
+    fn health(&self) -> Health;
+}

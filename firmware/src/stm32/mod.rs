@@ -1,0 +1,36 @@
+//! What the STM32 boards share: their CAN controllers behind [`crate::link::can::Controller`], and the chip's number.
+
+#[cfg(feature = "nucleo-f446re")]
+pub mod bxcan;
+#[cfg(feature = "nucleo-g474re")]
+pub mod fdcan;
+
+use core::num::NonZeroU8;
+
+use embassy_stm32::can::frame::Header;
+use embedded_can::Id;
+
+use crate::link::can::Received;
+
+/// The chip's unique number, folded from 96 bits: wafer and lot, with the place on the wafer over them.
+pub fn uid() -> u64 {
+    let [x0, x1, y0, y1, rest @ ..] = embassy_stm32::uid::uid();
+    u64::from_le_bytes(rest) ^ u64::from_be_bytes([x0, x1, y0, y1, 0, 0, 0, 0])
+}
+
+/// A frame of the real-time plane, or `None` for one with a 29-bit identifier and for a remote frame.
+fn received(header: &Header, bytes: &[u8]) -> Option<Received> {
+    let Id::Standard(id) = header.id() else { return None };
+    let mut data = [0; 8];
+    data.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+    (!header.rtr()).then_some(Received { id: id.as_raw(), length: header.len(), data })
+}
+
+/// A number that is not zero, at compile time: quanta and prescalers of a bit.
+#[allow(clippy::panic)] // at compile time
+const fn width(quanta: u8) -> NonZeroU8 {
+    match NonZeroU8::new(quanta) {
+        Some(width) => width,
+        None => panic!("a bit has no empty segment"),
+    }
+}
