@@ -280,7 +280,9 @@ fn text(summary: &Summary) -> String {
         line("reference", format!("largest error {}", figure(reference.max_error, 4)));
     }
     if let Some(bus) = &summary.bus {
-        line("bus", format!("{} frames sent, {} deliveries lost", bus.sent, bus.lost));
+        let refused: u64 = bus.refused.values().sum();
+        let refused = if refused == 0 { String::new() } else { format!(", {refused} refused") };
+        line("bus", format!("{} frames sent, {} deliveries lost{refused}", bus.sent, bus.lost));
     }
     if let Some(hash) = &summary.trace_hash {
         line("trace", hash.clone());

@@ -433,3 +433,18 @@ fn vector_states_have_columns_of_their_own_in_every_output() {
     let farthest = states.iter().fold(0.0f64, |most, x| most.max(x.abs()));
     assert_eq!(last["value"].as_f64().unwrap() as f32, farthest as f32);
 }
+
+#[test]
+fn a_node_that_stops_by_itself_and_refused_frames_are_told_without_asking() {
+    let stop = ["run", FIVE, "--set", SHORT, "--set", "coupling.on_breach=stop", "--set", "agent.noise=1e3"];
+    let (code, _, err) = run(&stop);
+    assert_eq!(code, Some(1), "{err}");
+    assert!(err.contains("stopped by itself") && !err.contains("hears node"), "{err}");
+    let (_, _, err) = run(&[&stop[..], &["-q"]].concat());
+    assert!(!err.contains("stopped by itself"), "{err}");
+    let (_, out, _) = run(&["run", FIVE, "--set", SHORT]);
+    assert!(out.contains("deliveries lost\n"), "{out}");
+    // Noise that takes every state beyond what a node accepts.
+    let (_, out, _) = run(&["run", FIVE, "--set", SHORT, "--set", "agent.noise=1e30"]);
+    assert!(out.contains(" refused"), "{out}");
+}

@@ -105,7 +105,7 @@ fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
 
 /// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one
 /// tick after the start, when the announced states have arrived.
-pub(super) fn events(events: &[NodeEvent], tick_ns: u64) -> String {
+pub(super) fn events<'a>(events: impl IntoIterator<Item = &'a NodeEvent>, tick_ns: u64) -> String {
     let mut text = String::new();
     for NodeEvent { at, node, event } in events {
         // Writing to a string does not fail.
