@@ -346,6 +346,8 @@ fn what_does_not_fit_together_is_refused_by_name() {
         c.neighbours = (2..66).map(|id| EdgeConfig { id, weight: 1.0, edges: 1 }).collect();
     };
     assert_eq!(field(refused(crowd)), ConfigField::Entries);
+    let steep = |c: &mut NodeConfig| c.gain = GainConfig::Median { eta: 1e9, eps: 0.9 };
+    assert_eq!(field(refused(steep)), ConfigField::GainScale);
     assert_eq!(
         refused(|c| c.coupling = CouplingConfig::LambdaTracker { eta: 1.0 }),
         ConfigError::GainOfCoupling
