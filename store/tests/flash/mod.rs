@@ -98,7 +98,7 @@ impl<const WORD: usize, const PAGE: usize> Flash<WORD, PAGE> {
                 // What marks the page is last to go, or first.
                 5 if (32..PAGE - 32).contains(&i) => 0xFF,
                 6 if !(32..PAGE - 32).contains(&i) => 0xFF,
-                7 if random % 100 != 0 => 0xFF,
+                7 if !random.is_multiple_of(100) => 0xFF,
                 _ => old,
             };
         }
