@@ -39,8 +39,9 @@ pub fn options(on: Fidelity) -> RunOptions {
         junit: None,
         image: match on {
             Fidelity::Emulator => image(),
-            Fidelity::Loopback | Fidelity::Reference => PathBuf::new(),
+            Fidelity::Loopback | Fidelity::Reference | Fidelity::Bench => PathBuf::new(),
         },
+        bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

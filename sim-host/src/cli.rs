@@ -3,16 +3,17 @@
 use std::ffi::OsString;
 use std::io::{self, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
+use crate::bench::{self, BenchFile};
 use crate::check;
 use crate::exit::Exit;
 use crate::figure::figure;
 use crate::interrupt::Interrupt;
-use crate::record::{Expectation, PerComponent, Summary};
+use crate::record::{BenchNodeSummary, BenchSummary, Expectation, PerComponent, Summary};
 use crate::run::{self, Fidelity, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
@@ -34,6 +35,14 @@ Examples:
   sim-host run scenarios/five-agents.toml --on reference --out out/reference --every 10ms
   sim-host run scenarios/lossy-ring.toml --seed 7 --set bus.loss=0.3 --junit out/lossy.xml
   sim-host run scenarios/five-agents.toml --set node.3.state=-2 --set 'coupling.funnel.end=0.5'";
+
+const BENCH_HELP: &str = "\
+Relays states between the nodes and makes them tick together, so that a run has the bits of `run`; records when
+the host sent and read each of them (bench.csv). docs/bench.md lists the keys of a bench file.
+
+Examples:
+  sim-host bench --list
+  sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench";
 
 const CHECK_HELP: &str = "\
 Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over
@@ -62,6 +71,9 @@ enum Command {
     /// Run a scenario and check its expectations
     #[command(after_help = RUN_HELP)]
     Run(RunArgs),
+    /// Run a scenario on nodes behind serial ports, beside the same run in loopback
+    #[command(after_help = BENCH_HELP)]
+    Bench(BenchArgs),
     /// Check a scenario's assumptions, bounds and capacity without running it
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
@@ -78,6 +90,13 @@ struct Source {
     /// The scenario file
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
+    #[command(flatten)]
+    settings: Settings,
+}
+
+/// What replaces values of the scenario file.
+#[derive(Args, Debug)]
+struct Settings {
     /// Root of every random stream, instead of the scenario's
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -88,9 +107,15 @@ struct Source {
 
 impl Source {
     fn load(&self) -> Result<Scenario, Failure> {
+        self.settings.load(&self.scenario)
+    }
+}
+
+impl Settings {
+    fn load(&self, scenario: &Path) -> Result<Scenario, Failure> {
         let seed = self.seed.map(Override::seed);
         let overrides: Vec<_> = self.set.iter().cloned().chain(seed).collect();
-        Scenario::load(&self.scenario, &overrides).map_err(|errors| Failure::bad_input(errors.to_string()))
+        Scenario::load(scenario, &overrides).map_err(|errors| Failure::bad_input(errors.to_string()))
     }
 }
 
@@ -101,6 +126,30 @@ struct RunArgs {
     /// What runs the scenario
     #[arg(long, value_enum, default_value = "loopback")]
     on: Fidelity,
+    #[command(flatten)]
+    output: OutputArgs,
+}
+
+#[derive(Args, Debug)]
+struct BenchArgs {
+    /// The scenario file
+    #[arg(value_name = "SCENARIO.toml", required_unless_present = "list")]
+    scenario: Option<PathBuf>,
+    #[command(flatten)]
+    settings: Settings,
+    /// The bench file: which node is where
+    #[arg(long, value_name = "bench.toml", required_unless_present = "list")]
+    bench: Option<PathBuf>,
+    /// Run nothing; ask every serial port, and those of the bench file, who is there
+    #[arg(long, conflicts_with = "scenario")]
+    list: bool,
+    #[command(flatten)]
+    output: OutputArgs,
+}
+
+/// What is written and said, and the image of emulated nodes.
+#[derive(Args, Debug)]
+struct OutputArgs {
     /// Folder for trajectory.csv, summary.json and plots; made where it is missing
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -113,7 +162,7 @@ struct RunArgs {
     /// File for the expectations as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Firmware image (ELF) for `--on emulator`
+    /// Firmware image (ELF) for emulated nodes
     #[arg(long, value_name = "FILE", default_value = DEFAULT_IMAGE)]
     image: PathBuf,
     /// Say nothing but errors
@@ -178,6 +227,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
     };
     let result = match cli.command {
         Command::Run(args) => run_command(&args, arguments),
+        Command::Bench(args) => bench_command(&args, arguments),
         Command::Check(args) => check_command(&args),
         Command::Completions { shell } => completions(shell),
     };
@@ -188,11 +238,41 @@ fn dispatch(arguments: &[OsString]) -> Exit {
 }
 
 fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
-    let scenario = args.source.load()?;
+    execute(&args.source.load()?, args.on, None, &args.output, arguments)
+}
+
+fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
+    let load = |path| BenchFile::load(path).map_err(|errors| Failure::bad_input(errors.to_string()));
+    let bench = args.bench.as_deref().map(load).transpose()?;
+    match &args.scenario {
+        Some(scenario) => {
+            execute(&args.settings.load(scenario)?, Fidelity::Bench, bench, &args.output, arguments)
+        }
+        None => list(bench.as_ref()),
+    }
+}
+
+/// Prints who answers at which port. That nobody does is an answer too.
+fn list(bench: Option<&BenchFile>) -> Result<Exit, Failure> {
+    let listed = bench::list(bench, &Interrupt::on_signals()?);
+    if listed.is_empty() {
+        print("no serial ports on this machine")?;
+    }
+    listed.iter().try_for_each(|port| print(&port.to_string()))?;
+    Ok(Exit::Success)
+}
+
+fn execute(
+    scenario: &Scenario,
+    on: Fidelity,
+    bench: Option<BenchFile>,
+    args: &OutputArgs,
+    arguments: &[OsString],
+) -> Result<Exit, Failure> {
     let options = RunOptions {
-        on: args.on,
+        on,
         out: args.out.clone(),
-        every_ticks: args.every.map(|every| every_ticks(every, &scenario)).transpose()?,
+        every_ticks: args.every.map(|every| every_ticks(every, scenario)).transpose()?,
         json: args.json.clone(),
         junit: args.junit.clone(),
         verbosity: match (args.quiet, args.verbose) {
@@ -201,10 +281,11 @@ fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> 
             _ => Verbosity::Normal,
         },
         image: args.image.clone(),
+        bench,
         interrupt: Interrupt::on_signals()?,
         repeat: repeat(arguments, scenario.seed),
     };
-    let summary = run::execute(&scenario, &options)
+    let summary = run::execute(scenario, &options)
         .map_err(|error| Failure { message: error.to_string(), exit: error.exit })?;
     let exit = verdict(&summary, &options.repeat);
     if options.verbosity > Verbosity::Quiet {
@@ -284,6 +365,9 @@ fn text(summary: &Summary) -> String {
         let refused = if refused == 0 { String::new() } else { format!(", {refused} refused") };
         line("bus", format!("{} frames sent, {} deliveries lost{refused}", bus.sent, bus.lost));
     }
+    if let Some(bench) = &summary.bench {
+        line("bench", beside_loopback(bench));
+    }
     if let Some(hash) = &summary.trace_hash {
         line("trace", hash.clone());
     }
@@ -292,6 +376,26 @@ fn text(summary: &Summary) -> String {
         line(if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"));
     }
     lines.join("\n")
+}
+
+/// How a bench's nodes differ from loopback.
+fn beside_loopback(bench: &BenchSummary) -> String {
+    let differs = |node: &BenchNodeSummary| {
+        let first = node.first_difference?;
+        Some(format!(
+            "node {} from tick {first}, by at most {}",
+            node.node,
+            figure(node.largest_deviation, 4)
+        ))
+    };
+    let differences: Vec<_> = bench.nodes.iter().filter_map(differs).collect();
+    let unreadable: u64 = bench.nodes.iter().map(|node| node.unreadable).sum();
+    let unreadable =
+        if unreadable == 0 { String::new() } else { format!("; {unreadable} unreadable frames from nodes") };
+    match differences.as_slice() {
+        [] => format!("bit for bit as loopback{unreadable}"),
+        some => format!("differs from loopback: {}{unreadable}", some.join("; ")),
+    }
 }
 
 /// A number, or the numbers of a vector in brackets.

@@ -4,6 +4,7 @@
 //! equations of the paper in f64.
 #![forbid(unsafe_code)]
 
+pub mod bench;
 pub mod bus;
 pub mod central;
 pub mod check;
@@ -14,6 +15,7 @@ pub mod emulator;
 pub mod engine;
 pub mod exit;
 pub mod figure;
+pub mod hub;
 pub mod interrupt;
 pub mod noise;
 pub mod progress;

@@ -4,7 +4,8 @@
 use funnel_protocol::config::TickSource;
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::configure::{Drive, node_configs};
-use sim_host::emulator::{Emulator, EmulatorOptions, decode_log};
+use sim_host::emulator::{self, EmulatorOptions, decode_log};
+use sim_host::hub::Hub;
 use sim_host::interrupt::Interrupt;
 use sim_host::scenario::Scenario;
 use std::fs;
@@ -217,7 +218,9 @@ fn a_node_refuses_a_configuration_with_its_reason() {
         qemu: "qemu-system-arm".to_owned(),
         interrupt: Interrupt::default(),
     };
-    let Err(error) = Emulator::new(&configs, bus, &options) else { panic!("the node takes a tick of 5 us") };
+    let attached = emulator::attach(&[1], &options).unwrap();
+    let hub = Hub::new(attached, &configs, bus, emulator::PATIENCE);
+    let Err(error) = hub else { panic!("the node takes a tick of 5 us") };
     let text = error.to_string();
     assert!(text.contains("node 1 refused its configuration: time.tick"), "{text}");
 }

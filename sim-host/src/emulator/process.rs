@@ -1,6 +1,7 @@
 //! One QEMU process: started, connected, and ended whatever happens.
 
-use super::{EmulatorError, EmulatorOptions};
+use super::EmulatorOptions;
+use crate::hub::{HubError, SLICE};
 use crate::interrupt::Interrupt;
 use std::fs::File;
 use std::io::ErrorKind;
@@ -35,18 +36,17 @@ impl Process {
     ///
     /// # Errors
     /// No such emulator, or the operating system's.
-    pub fn start(id: u8, options: &EmulatorOptions) -> Result<Self, EmulatorError> {
+    pub fn start(id: u8, options: &EmulatorOptions) -> Result<Self, HubError> {
         let folder = tempfile::Builder::new()
             .prefix(&format!("funnelnet-{id}-"))
             .tempdir()
-            .map_err(EmulatorError::io("make a temporary folder"))?;
+            .map_err(HubError::io("make a temporary folder"))?;
         let listener = UnixListener::bind(folder.path().join(SOCKET))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
-            .map_err(EmulatorError::io("listen for the emulator's serial line"))?;
-        let file = || tempfile::tempfile().map_err(EmulatorError::io("make the emulator's log file"));
+            .map_err(HubError::io("listen for the emulator's serial line"))?;
+        let file = || tempfile::tempfile().map_err(HubError::io("make the emulator's log file"));
         let (log, errors) = (file()?, file()?);
-        let shared =
-            |file: &File| file.try_clone().map_err(EmulatorError::io("share the emulator's log file"));
+        let shared = |file: &File| file.try_clone().map_err(HubError::io("share the emulator's log file"));
         let child = command(&options.qemu, &options.image, folder.path())
             .stdin(Stdio::null())
             .stdout(shared(&log)?)
@@ -54,8 +54,8 @@ impl Process {
             .process_group(0)
             .spawn()
             .map_err(|source| match source.kind() {
-                ErrorKind::NotFound => EmulatorError::NoQemu { command: options.qemu.clone() },
-                _ => EmulatorError::Io { what: "start the emulator", source },
+                ErrorKind::NotFound => HubError::NoQemu { command: options.qemu.clone() },
+                _ => HubError::Io { what: "start the emulator", source },
             })?;
         Ok(Self { id, child, listener, folder: Some(folder), log, errors })
     }
@@ -64,40 +64,35 @@ impl Process {
     ///
     /// # Errors
     /// It ends, or does not connect within `limit`, or an interrupt.
-    pub fn connect(&mut self, limit: Duration, interrupt: &Interrupt) -> Result<UnixStream, EmulatorError> {
+    pub fn connect(&mut self, limit: Duration, interrupt: &Interrupt) -> Result<UnixStream, HubError> {
         let begin = Instant::now();
         loop {
             match self.listener.accept() {
                 Ok((stream, _)) => {
                     self.folder = None;
-                    stream.set_nonblocking(false).map_err(EmulatorError::io("use the serial line"))?;
+                    slow_to_fail(&stream).map_err(HubError::io("use the serial line"))?;
                     return Ok(stream);
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 Err(error) => {
-                    return Err(EmulatorError::Io { what: "accept the serial line", source: error });
+                    return Err(HubError::Io { what: "accept the serial line", source: error });
                 }
             }
             if interrupt.is_set() {
-                return Err(EmulatorError::Interrupted);
+                return Err(HubError::Interrupted);
             }
             if let Ok(Some(status)) = self.child.try_wait() {
-                return Err(EmulatorError::Died {
+                return Err(HubError::Died {
                     node: self.id,
+                    place: "the emulator".to_owned(),
                     detail: [vec![status.to_string()], self.complaints()].concat().join("; "),
                 });
             }
             if begin.elapsed() > limit {
-                return Err(EmulatorError::NoAnswer { node: self.id, awaited: "serial line", waited: limit });
+                return Err(HubError::NoAnswer { node: self.id, awaited: "serial line", waited: limit });
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-    }
-
-    /// Ends the emulator and gives the raw log that the node wrote.
-    pub fn into_log(mut self) -> Vec<u8> {
-        self.end();
-        self.log()
     }
 
     /// The raw log so far.
@@ -132,11 +127,19 @@ impl Process {
         text.lines().filter(|line| !line.trim().is_empty()).map(str::to_owned).collect()
     }
 
-    fn end(&mut self) {
+    /// Ends the emulator.
+    pub fn end(&mut self) {
         // Already ended is as good.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Makes it a stream as a link expects it.
+fn slow_to_fail(stream: &UnixStream) -> std::io::Result<()> {
+    stream.set_nonblocking(false)?;
+    stream.set_read_timeout(Some(SLICE))?;
+    stream.set_write_timeout(Some(SLICE))
 }
 
 /// Everything in a file, without moving the position at which the emulator writes.

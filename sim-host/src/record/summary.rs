@@ -35,6 +35,9 @@ pub struct Summary {
     pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
     pub bus: Option<BusSummary>,
+    /// The nodes of a bench; left out where none ran.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bench: Option<BenchSummary>,
     /// The scenario's expectations, in its order.
     pub expect: Vec<Expectation>,
     /// Ids of the nodes that stopped by themselves, ascending; what they ended with is what they stopped at.
@@ -115,6 +118,34 @@ pub struct BusSummary {
     pub lost: u64,
     /// Frames that a decoder refused, by reason.
     pub refused: BTreeMap<String, u64>,
+}
+
+/// The nodes of a bench, beside the same run in loopback.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct BenchSummary {
+    /// Whether all nodes showed the bits of loopback at every tick: state, diffusive term, funnel and input.
+    pub bit_for_bit: bool,
+    /// By id.
+    pub nodes: Vec<BenchNodeSummary>,
+}
+
+/// One node of a bench.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct BenchNodeSummary {
+    /// Its id.
+    pub node: u8,
+    /// What it was reached by.
+    pub place: String,
+    /// The unique number of its chip, 16 hexadecimal digits; 0 where it has none.
+    pub uid: String,
+    /// Version of its firmware.
+    pub firmware: String,
+    /// Frames from it that could not be read.
+    pub unreadable: u64,
+    /// First tick at which a bit differs from loopback; `null` if none does.
+    pub first_difference: Option<u64>,
+    /// Largest distance of its state to loopback's, state units.
+    pub largest_deviation: f64,
 }
 
 /// One line of `[expect]` and what the run made of it.

@@ -1,7 +1,7 @@
 //! Why a run did not come to an end, and how the program ends for it.
 
-use crate::emulator::EmulatorError;
 use crate::exit::Exit;
+use crate::hub::HubError;
 use crate::record::RecordError;
 use std::fmt;
 
@@ -18,6 +18,16 @@ impl RunError {
     /// The scenario asks for what cannot be run.
     pub fn bad_input(message: impl fmt::Display) -> Self {
         Self { message: message.to_string(), exit: Exit::BadInput }
+    }
+
+    /// A defect of the program.
+    pub fn defect(message: impl fmt::Display) -> Self {
+        Self { message: message.to_string(), exit: Exit::Defect }
+    }
+
+    /// With one more line.
+    pub fn and(self, line: impl fmt::Display) -> Self {
+        Self { message: format!("{}\n{line}", self.message), ..self }
     }
 
     /// The user stopped the run.
@@ -40,27 +50,29 @@ impl From<RecordError> for RunError {
     }
 }
 
-impl From<EmulatorError> for RunError {
-    fn from(error: EmulatorError) -> Self {
+impl From<HubError> for RunError {
+    fn from(error: HubError) -> Self {
         match error {
-            EmulatorError::Interrupted => Self::interrupted(),
+            HubError::Interrupted => Self::interrupted(),
             error => Self { message: error.to_string(), exit: exit(&error) },
         }
     }
 }
 
-/// How the program ends for an error of the emulators.
-fn exit(error: &EmulatorError) -> Exit {
+/// How the program ends for an error of the nodes.
+fn exit(error: &HubError) -> Exit {
     match error {
-        EmulatorError::WithWords { cause, .. } => exit(cause),
-        EmulatorError::Refused { .. } => Exit::BadInput,
-        EmulatorError::OutOfStep { .. } => Exit::Defect,
-        EmulatorError::Interrupted => Exit::Interrupted,
-        EmulatorError::NoQemu { .. }
-        | EmulatorError::NoImage { .. }
-        | EmulatorError::NoAnswer { .. }
-        | EmulatorError::Died { .. }
-        | EmulatorError::WireVersion { .. }
-        | EmulatorError::Io { .. } => Exit::NoHardware,
+        HubError::WithWords { cause, .. } => exit(cause),
+        HubError::Refused { .. } => Exit::BadInput,
+        HubError::OutOfStep { .. } => Exit::Defect,
+        HubError::Interrupted => Exit::Interrupted,
+        HubError::NoQemu { .. }
+        | HubError::NoImage { .. }
+        | HubError::NoAnswer { .. }
+        | HubError::Died { .. }
+        | HubError::Port { .. }
+        | HubError::Uid { .. }
+        | HubError::WireVersion { .. }
+        | HubError::Io { .. } => Exit::NoHardware,
     }
 }

@@ -8,8 +8,9 @@ use super::reference;
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
-use crate::emulator::{Emulator, EmulatorOptions, decode_log};
+use crate::emulator;
 use crate::engine::Engine;
+use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::progress::Progress;
 use crate::record::BusSummary;
@@ -22,17 +23,17 @@ use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
 const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
+/// Drive of nodes behind streams of bytes: they tick when the hub says so, and tell all they see.
+pub(super) const LOCKSTEP: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
 
 /// Fidelity `loopback`.
 pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     if scenario.coupling == CouplingKind::WeaklyCentralised {
         return central(scenario, options);
     }
-    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
-    let nodes = accepted(&configs)?.into_iter().map(Node::new).collect();
+    let mut engine = engine(scenario)?;
     let exact = reference::where_expected(scenario, options)?;
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
-    let mut engine = Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario));
     let progress = progress("loopback", scenario, options);
     engine.start();
     // One tick more than the run has: it is what makes the diffusive terms at the end.
@@ -52,6 +53,13 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         events: engine.events().to_vec(),
         ..collector.finish()
     })
+}
+
+/// The nodes of a scenario in this program, on its bus, not started yet.
+pub(super) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
+    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
+    let nodes = accepted(&configs)?.into_iter().map(Node::new).collect();
+    Ok(Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario)))
 }
 
 /// What the nodes make of their configurations.
@@ -83,35 +91,39 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
 
 /// Fidelity `emulator`.
 pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
-    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
-    let configs = node_configs(scenario, drive).map_err(RunError::bad_input)?;
-    let emulator_options = EmulatorOptions {
-        image: options.image.clone(),
-        qemu: "qemu-system-arm".to_owned(),
-        interrupt: options.interrupt.clone(),
-    };
-    let mut emulator =
-        Emulator::new(&configs, bus(scenario), &emulator_options)?.with_noise(Noise::of(scenario));
-    let exact = reference::where_expected(scenario, options)?;
-    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
-    let progress = progress("emulator", scenario, options);
-    emulator.start()?;
-    for k in 0..=scenario.time.ticks {
-        check_interrupt(options)?;
-        collector.tick(k, emulator.advance()?);
-        progress.at(k as f64 * scenario.time.tick_s());
-    }
-    let counters: Vec<_> = emulator.finish()?.into_iter().map(|report| report.counters).collect();
-    let bus = Some(bus_record(emulator.traffic(), &counters));
-    let events = emulator.events().to_vec();
-    // The image was there when the nodes started; without it the logs stay undecoded.
-    let image = std::fs::read(&options.image).unwrap_or_default();
-    let decoded = emulator.into_logs().into_iter().map(|log| decode_log(&image, &log));
-    let logs = configs.iter().map(|config| config.id).zip(decoded).collect();
-    Ok(Outcome { bus, counters, events, logs, ..collector.finish() })
+    let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
+    let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
+    let attached = emulator::attach(&ids, &options.emulator())?;
+    let hub = Hub::new(attached, &configs, bus(scenario), emulator::PATIENCE)?;
+    let mut hub = hub.with_noise(Noise::of(scenario));
+    let outcome = lockstep("emulator", scenario, options, &mut hub, |_, _| Ok(()))?;
+    Ok(Outcome { logs: hub.into_logs(), ..outcome })
 }
 
-fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
+/// Runs a network tick by tick; `each` sees the hub after every tick.
+pub(super) fn lockstep(
+    what: &'static str,
+    scenario: &Scenario,
+    options: &RunOptions,
+    hub: &mut Hub,
+    mut each: impl FnMut(u64, &Hub) -> Result<(), RunError>,
+) -> Result<Outcome, RunError> {
+    let exact = reference::where_expected(scenario, options)?;
+    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
+    let progress = progress(what, scenario, options);
+    hub.start()?;
+    for k in 0..=scenario.time.ticks {
+        check_interrupt(options)?;
+        collector.tick(k, hub.advance()?);
+        each(k, hub)?;
+        progress.at(k as f64 * scenario.time.tick_s());
+    }
+    let counters: Vec<_> = hub.finish()?.into_iter().map(|report| report.counters).collect();
+    let bus = Some(bus_record(hub.traffic(), &counters));
+    Ok(Outcome { bus, counters, events: hub.events().to_vec(), ..collector.finish() })
+}
+
+pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
     IdealBus::new(params, scenario.seed, listeners(scenario))

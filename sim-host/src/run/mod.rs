@@ -1,5 +1,6 @@
 //! Runs a scenario at a fidelity, and judges it.
 
+mod bench;
 mod collect;
 mod error;
 mod fidelity;
@@ -60,6 +61,7 @@ pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     match options.on {
         Fidelity::Loopback => fidelity::loopback(scenario, options),
         Fidelity::Emulator => fidelity::emulator(scenario, options),
+        Fidelity::Bench => bench::run(scenario, options),
         Fidelity::Reference => reference::run(scenario, options),
     }
 }

@@ -1,5 +1,7 @@
 //! What the user asks of a run.
 
+use crate::bench::BenchFile;
+use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
 use std::fmt;
 use std::path::PathBuf;
@@ -13,6 +15,9 @@ pub enum Fidelity {
     Reference,
     /// The firmware image, one QEMU per node.
     Emulator,
+    /// The nodes of a bench file, behind serial ports.
+    #[value(skip)]
+    Bench,
 }
 
 impl fmt::Display for Fidelity {
@@ -21,6 +26,7 @@ impl fmt::Display for Fidelity {
             Self::Loopback => "loopback",
             Self::Reference => "reference",
             Self::Emulator => "emulator",
+            Self::Bench => "bench",
         })
     }
 }
@@ -36,7 +42,7 @@ pub enum Verbosity {
     Verbose,
 }
 
-/// The options of `sim-host run`.
+/// The options of `sim-host run` and `sim-host bench`.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// What runs the scenario.
@@ -51,6 +57,8 @@ pub struct RunOptions {
     pub junit: Option<PathBuf>,
     /// Firmware image for emulated nodes.
     pub image: PathBuf,
+    /// The nodes of [`Fidelity::Bench`].
+    pub bench: Option<BenchFile>,
     /// How much is said on the terminal.
     pub verbosity: Verbosity,
     /// Set when the user wants to stop.
@@ -63,6 +71,15 @@ pub struct RunOptions {
 const DEFAULT_ROWS: u64 = 2000;
 
 impl RunOptions {
+    /// Where emulated nodes come from.
+    pub fn emulator(&self) -> EmulatorOptions {
+        EmulatorOptions {
+            image: self.image.clone(),
+            qemu: "qemu-system-arm".to_owned(),
+            interrupt: self.interrupt.clone(),
+        }
+    }
+
     /// Ticks between two rows of the trajectory, for a run of `ticks`.
     pub fn stride(&self, ticks: u64) -> u64 {
         self.every_ticks.unwrap_or_else(|| ticks.div_ceil(DEFAULT_ROWS)).max(1)

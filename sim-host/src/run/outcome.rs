@@ -4,8 +4,8 @@ use super::options::Fidelity;
 use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
 use crate::record::{
-    BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent, ReferenceSummary, Row, Summary,
-    SyncSummary, TraceHash,
+    BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent, ReferenceSummary,
+    Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::Scenario;
 use funnel_core::Event;
@@ -37,6 +37,8 @@ pub struct Outcome {
     pub counters: Vec<Counters>,
     /// What nodes reported.
     pub events: Vec<NodeEvent>,
+    /// The nodes of a bench, and how they differ from loopback.
+    pub bench: Option<BenchSummary>,
     /// Logs of emulated nodes: id and text.
     pub logs: Vec<(u8, String)>,
 }
@@ -65,6 +67,7 @@ impl Outcome {
             reference: self.reference,
             bus: self.bus.clone(),
             stopped: self.stopped(scenario),
+            bench: self.bench.clone(),
             wall_s: 0.0,
         }
     }

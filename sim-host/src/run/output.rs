@@ -31,7 +31,7 @@ impl Outputs {
             make_folder(folder)?;
             let precision = match options.on {
                 Fidelity::Reference => Precision::Double,
-                Fidelity::Loopback | Fidelity::Emulator => Precision::Single,
+                Fidelity::Loopback | Fidelity::Emulator | Fidelity::Bench => Precision::Single,
             };
             let shape = Shape { nodes: scenario.nodes.len(), components: scenario.components() };
             let path = folder.join("trajectory.csv");

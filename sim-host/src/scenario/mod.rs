@@ -14,9 +14,9 @@ mod initial;
 mod model;
 mod network;
 mod overrides;
-mod reader;
+pub(crate) mod reader;
 mod topology;
-mod tree;
+pub(crate) mod tree;
 
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnel_core::params;
@@ -49,14 +49,7 @@ impl Scenario {
     /// # Errors
     /// Everything that was found to be wrong, with file, line and column.
     pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, Diagnostics> {
-        let whole = Place::whole(&path.display().to_string());
-        let refuse = |why: String| Diagnostics::from(whole.diagnostic(Problem::Whole, "", why));
-        let bytes = std::fs::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
-        let text = String::from_utf8(bytes).map_err(|error| {
-            let at = error.utf8_error().valid_up_to();
-            refuse(format!("must be UTF-8 text, and is not at byte {at}"))
-        })?;
-        Self::parse(&text, path, overrides)
+        Self::parse(&read_text(path)?, path, overrides)
     }
 
     /// The same for a text that is already in memory; `path` is only named in messages.
@@ -70,6 +63,20 @@ impl Scenario {
         }
         resolve(&root, path)
     }
+}
+
+/// The text of a file.
+///
+/// # Errors
+/// It cannot be read, or is no UTF-8.
+pub(crate) fn read_text(path: &Path) -> Result<String, Diagnostics> {
+    let whole = Place::whole(&path.display().to_string());
+    let refuse = |why: String| Diagnostics::from(whole.diagnostic(Problem::Whole, "", why));
+    let bytes = std::fs::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        refuse(format!("must be UTF-8 text, and is not at byte {at}"))
+    })
 }
 
 /// The tree to the model.

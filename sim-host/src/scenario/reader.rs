@@ -13,7 +13,7 @@ use super::tree::{Item, Place, Table, Value};
 
 /// The mistakes found so far, each once.
 #[derive(Default)]
-pub(super) struct Log(RefCell<Vec<Diagnostic>>);
+pub(crate) struct Log(RefCell<Vec<Diagnostic>>);
 
 impl Log {
     /// Notes a mistake; one that is already there (a shared default) is not repeated.
@@ -34,7 +34,7 @@ impl Log {
 
 /// Allowed values of a number.
 #[derive(Clone, Copy)]
-pub(super) struct Range {
+pub(crate) struct Range {
     low: f64,
     low_open: bool,
     high: f64,
@@ -137,7 +137,7 @@ impl Range {
 }
 
 /// One kind that a `kind` key may name.
-pub(super) struct Choice<T> {
+pub(crate) struct Choice<T> {
     /// The name in the file.
     pub name: &'static str,
     /// What it stands for.
@@ -147,17 +147,17 @@ pub(super) struct Choice<T> {
 }
 
 /// A kind that runs.
-pub(super) const fn ready<T>(name: &'static str, value: T) -> Choice<T> {
+pub(crate) const fn ready<T>(name: &'static str, value: T) -> Choice<T> {
     Choice { name, value, supported: true }
 }
 
 /// A kind of the contract that this version cannot run.
-pub(super) const fn later<T>(name: &'static str, value: T) -> Choice<T> {
+pub(crate) const fn later<T>(name: &'static str, value: T) -> Choice<T> {
     Choice { name, value, supported: false }
 }
 
 /// A table that is being read.
-pub(super) struct Section<'a> {
+pub(crate) struct Section<'a> {
     item: &'a Item,
     table: &'a Table,
     log: &'a Log,
@@ -382,7 +382,7 @@ impl<'a> Section<'a> {
 }
 
 /// The diagnostic for what the contract has and this version has not.
-pub(super) fn unsupported(item: &Item, hint: &str) -> Box<Diagnostic> {
+pub(crate) fn unsupported(item: &Item, hint: &str) -> Box<Diagnostic> {
     let mut diagnostic =
         item.diagnostic(Problem::Unsupported, "known, but not supported by this version yet");
     diagnostic.hint = Some(hint.to_owned());
@@ -390,7 +390,7 @@ pub(super) fn unsupported(item: &Item, hint: &str) -> Box<Diagnostic> {
 }
 
 /// A number in `range`.
-pub(super) fn number(item: &Item, range: Range) -> Result<f64, Box<Diagnostic>> {
+pub(crate) fn number(item: &Item, range: Range) -> Result<f64, Box<Diagnostic>> {
     let value = match item.value {
         Value::Integer(integer) => integer as f64,
         Value::Float(float) => float,
@@ -400,7 +400,7 @@ pub(super) fn number(item: &Item, range: Range) -> Result<f64, Box<Diagnostic>> 
 }
 
 /// An integer within `limits`, both included.
-pub(super) fn integer(item: &Item, limits: (u64, u64), why: &str) -> Result<u64, Box<Diagnostic>> {
+pub(crate) fn integer(item: &Item, limits: (u64, u64), why: &str) -> Result<u64, Box<Diagnostic>> {
     let found = match item.value {
         Value::Integer(integer) => u64::try_from(integer).ok(),
         _ => None,

@@ -12,11 +12,11 @@ use toml::de::{DeTable, DeValue};
 use super::diagnostic::{Diagnostic, Problem};
 
 /// Keys of one table, in a fixed order.
-pub(super) type Table = BTreeMap<String, Item>;
+pub(crate) type Table = BTreeMap<String, Item>;
 
 /// Where something was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// File name, or the command-line option.
     pub file: Arc<str>,
     /// From 1; 0 on the command line.
@@ -48,7 +48,7 @@ impl Place {
 
 /// One value with its origin.
 #[derive(Clone, Debug)]
-pub(super) struct Item {
+pub(crate) struct Item {
     pub value: Value,
     /// Where the key stands.
     pub key_place: Place,
@@ -62,7 +62,7 @@ pub(super) struct Item {
 
 /// A TOML value; numbers are resolved, dates are kept only as a type that nothing accepts.
 #[derive(Clone, Debug)]
-pub(super) enum Value {
+pub(crate) enum Value {
     Integer(i128),
     Float(f64),
     Bool,
@@ -127,7 +127,7 @@ impl Value {
 ///
 /// # Errors
 /// The first syntax error, at its line and column.
-pub(super) fn parse_file(text: &str, file: &str) -> Result<Item, Box<Diagnostic>> {
+pub(crate) fn parse_file(text: &str, file: &str) -> Result<Item, Box<Diagnostic>> {
     let source = Source::new(text, file, false);
     match DeTable::parse(text) {
         Ok(table) => Ok(Item {
@@ -146,7 +146,7 @@ pub(super) fn parse_file(text: &str, file: &str) -> Result<Item, Box<Diagnostic>
 }
 
 /// Parses one value from the command line; what is not TOML is taken as a bare string.
-pub(super) fn parse_argument(text: &str, option: &str, path: &str) -> Item {
+pub(crate) fn parse_argument(text: &str, option: &str, path: &str) -> Item {
     let source = Source::new(text, option, true);
     let place = Place::whole(option);
     match DeValue::parse(text) {

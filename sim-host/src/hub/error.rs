@@ -1,13 +1,13 @@
-//! What can go wrong with emulated nodes, and what mends it.
+//! What can go wrong with nodes behind streams of bytes, and what mends it.
 
 use funnel_protocol::config::ConfigError;
 use std::path::PathBuf;
 use std::time::Duration;
 use std::{fmt, io};
 
-/// Why a run on emulated nodes ended early.
+/// Why a run on emulated nodes or on boards ended early.
 #[derive(Debug)]
-pub enum EmulatorError {
+pub enum HubError {
     /// The emulator is not installed.
     NoQemu {
         /// What was tried.
@@ -27,12 +27,36 @@ pub enum EmulatorError {
         /// How long.
         waited: Duration,
     },
-    /// A node's emulator ended.
+    /// A node's emulator ended, or its serial port is gone.
     Died {
         /// Its id.
         node: u8,
+        /// What it was reached by, such as `the emulator`.
+        place: String,
         /// What the emulator wrote last, or how it ended.
         detail: String,
+    },
+    /// A serial port cannot be used.
+    Port {
+        /// Id of the node that is to be there.
+        node: u8,
+        /// The port as the user named it.
+        port: String,
+        /// Why not.
+        problem: String,
+        /// What to try.
+        advice: &'static str,
+    },
+    /// Another chip than the one that the bench file names.
+    Uid {
+        /// Id that the bench file gives it.
+        node: u8,
+        /// What it was reached by.
+        place: String,
+        /// Unique number in the bench file.
+        expected: u64,
+        /// Unique number that the chip has.
+        found: u64,
     },
     /// A node speaks another version of the wire.
     WireVersion {
@@ -63,7 +87,7 @@ pub enum EmulatorError {
     WithWords {
         /// What went wrong.
         cause: Box<Self>,
-        /// How its emulator ended, what that complained of, and the end of the node's log; a line each.
+        /// How its emulator ended, what that complained of, the end of the node's log, what to try; a line each.
         words: String,
     },
     /// The operating system refused something.
@@ -75,7 +99,7 @@ pub enum EmulatorError {
     },
 }
 
-impl EmulatorError {
+impl HubError {
     /// Wraps an error of the operating system.
     pub fn io(what: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { what, source }
@@ -84,20 +108,21 @@ impl EmulatorError {
     /// The node whose log may tell more.
     pub(super) fn node(&self) -> Option<u8> {
         match *self {
-            Self::NoAnswer { node, .. } | Self::Died { node, .. } | Self::OutOfStep { node, .. } => {
-                Some(node)
-            }
+            Self::NoAnswer { node, .. }
+            | Self::Died { node, .. }
+            | Self::OutOfStep { node, .. }
+            | Self::WireVersion { node, .. } => Some(node),
             _ => None,
         }
     }
 
     /// Adds what the node had to say.
-    pub(super) fn with_words(self, words: String) -> Self {
+    pub fn with_words(self, words: String) -> Self {
         if words.is_empty() { self } else { Self::WithWords { cause: Box::new(self), words } }
     }
 }
 
-impl fmt::Display for EmulatorError {
+impl fmt::Display for HubError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoQemu { command } => {
@@ -106,16 +131,21 @@ impl fmt::Display for EmulatorError {
             Self::NoImage { path } => {
                 write!(f, "no firmware image at {}. Build it with: ./ci.sh firmware", path.display())
             }
-            Self::NoAnswer { node, awaited, waited } => write!(
+            Self::NoAnswer { node, awaited, waited } => {
+                write!(f, "node {node} did not answer: no {awaited} within {} s", waited.as_secs_f64())
+            }
+            Self::Died { node, place, detail } => write!(f, "{place} of node {node} ended: {detail}"),
+            Self::Port { node, port, problem, advice } => {
+                write!(f, "node {node}: the serial port {port} {problem}. {advice}")
+            }
+            Self::Uid { node, place, expected, found } => write!(
                 f,
-                "node {node} did not answer: no {awaited} within {} s. An image of another version? Build it with: \
-                 ./ci.sh firmware",
-                waited.as_secs()
+                "{place} of node {node} has the unique number {found:016x}, the bench file says {expected:016x}; nothing was \
+                 configured. `sim-host bench --list` shows which board is where"
             ),
-            Self::Died { node, detail } => write!(f, "the emulator of node {node} ended: {detail}"),
             Self::WireVersion { node, found } => write!(
                 f,
-                "node {node} speaks wire version {found}, this program {}. Build the image with: ./ci.sh firmware",
+                "node {node} speaks wire version {found}, this program {}. Build the image of this version: ./ci.sh firmware",
                 funnel_protocol::WIRE_VERSION
             ),
             Self::Refused { node, reason } => write!(f, "node {node} refused its configuration: {reason}"),
@@ -123,10 +153,10 @@ impl fmt::Display for EmulatorError {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")
             }
             Self::WithWords { cause, words } => write!(f, "{cause}\n{words}"),
-            Self::Interrupted => write!(f, "interrupted; all emulators are ended"),
+            Self::Interrupted => f.write_str("interrupted"),
             Self::Io { what, source } => write!(f, "cannot {what}: {source}"),
         }
     }
 }
 
-impl std::error::Error for EmulatorError {}
+impl std::error::Error for HubError {}

@@ -1,0 +1,72 @@
+//! Who answers at which serial port.
+
+use super::file::{BenchFile, DEFAULT_BAUD, Where};
+use super::port;
+use crate::hub::{Link, identify};
+use crate::interrupt::Interrupt;
+use funnel_protocol::service::Identity;
+use std::fmt;
+use std::time::Duration;
+
+/// How long a port may take to say who it is: a board restarts when its port is opened.
+const ANSWER: Duration = Duration::from_secs(2);
+
+/// A serial port, and what answered there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// Its path.
+    pub path: String,
+    /// Serial number of its USB adapter.
+    pub usb_serial: Option<String>,
+    /// The node there, or why there is none.
+    pub answer: Result<Identity, String>,
+}
+
+/// Asks every serial port of this machine, and those that `file` names besides, who is there.
+pub fn list(file: Option<&BenchFile>, interrupt: &Interrupt) -> Vec<Listed> {
+    let baud = file.map_or(DEFAULT_BAUD, |file| file.baud);
+    let mut ports: Vec<(String, Option<String>)> = port::ports()
+        .iter()
+        .map(|port| (port.port_name.clone(), port::usb_serial(port).map(str::to_owned)))
+        .collect();
+    for node in file.into_iter().flat_map(|file| &file.nodes) {
+        match &node.at {
+            Where::Serial(path) if ports.iter().all(|(known, _)| known != path) => {
+                ports.push((path.clone(), None))
+            }
+            _ => {}
+        }
+    }
+    let ask = |(path, usb_serial): (String, Option<String>)| {
+        let answer = ask(&path, baud, interrupt);
+        Listed { path, usb_serial, answer }
+    };
+    ports.into_iter().map(ask).collect()
+}
+
+fn ask(path: &str, baud: u32, interrupt: &Interrupt) -> Result<Identity, String> {
+    let port = port::open(path, baud).map_err(|(problem, _)| problem)?;
+    // No node has been given an id here; 0 stands for whoever answers.
+    let mut link = Link::new(0, format!("the serial port {path}"), Box::new(port), interrupt.clone());
+    identify(&mut link, ANSWER).map_err(|_| "no node answers".to_owned())
+}
+
+impl fmt::Display for Listed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { path, usb_serial, answer } = self;
+        write!(f, "{path}")?;
+        if let Some(number) = usb_serial {
+            write!(f, "  usb_serial = \"{number}\"")?;
+        }
+        match answer {
+            Ok(Identity { wire_version, firmware: [major, minor, patch], id, uid }) => {
+                write!(
+                    f,
+                    "  uid = \"{uid:016x}\"  firmware {major}.{minor}.{patch}, wire version {wire_version}, "
+                )?;
+                if *id == 0 { f.write_str("blank") } else { write!(f, "id {id}") }
+            }
+            Err(why) => write!(f, "  {why}"),
+        }
+    }
+}

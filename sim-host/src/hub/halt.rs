@@ -1,0 +1,59 @@
+//! Stops nodes when a run cannot go on.
+
+use super::{Hub, STOP, report};
+use funnel_protocol::serial;
+use funnel_protocol::service::Request;
+use std::fmt;
+use std::time::{Duration, Instant};
+
+/// How long all nodes together may take to confirm that they stopped.
+const CONFIRM: Duration = Duration::from_secs(1);
+/// How long a node that reads nothing may hold up the stop of the others.
+const WRITE: Duration = Duration::from_millis(100);
+
+/// Which nodes confirmed that they stopped, by id.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Halted {
+    /// They answered after the stop.
+    pub confirmed: Vec<u8>,
+    /// They did not.
+    pub silent: Vec<u8>,
+}
+
+impl Hub {
+    /// Tells all nodes to stop, first, and only then waits for each to confirm it, a second at most for all of them.
+    pub fn halt(&mut self) -> Halted {
+        let ask = |node: &mut super::HubNode| {
+            node.link.hurry(WRITE);
+            node.link.write(&serial::encode(&STOP)).and_then(|()| node.link.request(&Request::Report))
+        };
+        let asked: Vec<_> = self.nodes.iter_mut().map(ask).collect();
+        let end = Instant::now() + CONFIRM;
+        let mut halted = Halted::default();
+        for (node, asked) in self.nodes.iter_mut().zip(asked) {
+            let left = end.saturating_duration_since(Instant::now());
+            let answer = asked.and_then(|()| node.link.wait_for(left, "report", report));
+            let list = if answer.is_ok() { &mut halted.confirmed } else { &mut halted.silent };
+            list.push(node.link.id());
+        }
+        halted
+    }
+}
+
+impl fmt::Display for Halted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |ids: &[u8]| ids.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
+        match (self.confirmed.as_slice(), self.silent.as_slice()) {
+            (_, []) => f.write_str("all nodes confirmed that they stopped"),
+            ([], _) => f.write_str("told to stop, but no node confirmed it"),
+            (confirmed, silent) => {
+                write!(
+                    f,
+                    "stopped: {}; told to stop, but did not confirm it: {}",
+                    list(confirmed),
+                    list(silent)
+                )
+            }
+        }
+    }
+}

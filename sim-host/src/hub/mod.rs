@@ -1,0 +1,424 @@
+//! Nodes behind streams of bytes, with this program as the bus between them: it relays their frames and makes them tick.
+//!
+//! The link model is that of the loopback engine, frame by frame and draw by draw: states that nodes send at tick `k` go on
+//! the bus at the time of tick `k`, and what arrives before tick `k + 1` is written to the receivers before their next SYNC.
+//! So the same scenario gives the same bits (tests/tests/parity.rs), at the pace of the slowest node.
+
+mod error;
+mod halt;
+mod link;
+
+pub use error::HubError;
+pub use halt::Halted;
+pub use link::{Link, Received, SLICE, Stream};
+
+use crate::bus::ideal::{IdealBus, Traffic};
+use crate::engine::NodeEvent;
+use crate::noise::Noise;
+use funnel_core::{Event, Observation};
+use funnel_protocol::config::NodeConfig;
+use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
+use funnel_protocol::report::{Report, Telemetry};
+use funnel_protocol::service::{Identity, Reply, Request};
+use funnel_protocol::{WIRE_VERSION, serial};
+use std::time::{Duration, Instant};
+
+/// How long a node that has said nothing is left alone before it is asked again who it is: it may have been booting.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+
+/// Bytes of a real-time frame on the wire.
+pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
+
+/// What a node runs on.
+pub trait Device {
+    /// What there is to say about a failure of the node, a line each; `ended` where its line is gone.
+    fn last_words(&mut self, ended: bool) -> Vec<String>;
+
+    /// The node's log as text, where this program has it. Ends the device.
+    fn into_log(self: Box<Self>) -> Option<String>;
+}
+
+/// A node that the hub can talk to.
+pub struct Attached {
+    /// Its line.
+    pub link: Link,
+    /// What it runs on.
+    pub device: Box<dyn Device>,
+    /// The unique number that its chip must have.
+    pub uid: Option<u64>,
+}
+
+/// How long the hub waits for nodes.
+#[derive(Clone, Copy, Debug)]
+pub struct Patience {
+    /// To boot and say who they are.
+    pub boot: Duration,
+    /// For an answer or for a tick.
+    pub answer: Duration,
+}
+
+/// When the host sent and read what belongs to a tick of a node, since the start. The host reads nodes in the order of their
+/// ids, so a time is at or after the arrival.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stamps {
+    /// Its SYNC was sent.
+    pub sync: Option<Duration>,
+    /// Its state was read.
+    pub state: Option<Duration>,
+    /// Its telemetry was read.
+    pub telemetry: Option<Duration>,
+}
+
+/// One node of the network.
+struct HubNode {
+    link: Link,
+    device: Box<dyn Device>,
+    uid: Option<u64>,
+    identity: Option<Identity>,
+    /// State at the tick that comes next, by component.
+    next_state: Vec<f32>,
+    /// It has said that it stopped, and is not waited for any more.
+    stopped: bool,
+    /// What it said last is the outcome of a tick, so that its telemetry follows.
+    ticked: bool,
+}
+
+/// A network of nodes with this program in its middle.
+pub struct Hub {
+    nodes: Vec<HubNode>,
+    bus: IdealBus<FrameBytes>,
+    noise: Noise,
+    patience: Patience,
+    tick_ns: u64,
+    /// Tick that comes next.
+    tick: u32,
+    begin: Instant,
+    /// Of the last tick, by index.
+    stamps: Vec<Stamps>,
+    /// Node by node, and the components of each in order.
+    observations: Vec<Observation<f32>>,
+    events: Vec<NodeEvent>,
+}
+
+impl Hub {
+    /// Asks each node who it is, and, once all are who they should be, configures them; one node per configuration.
+    ///
+    /// # Errors
+    /// A node that does not answer in time, another wire version, another chip, a refused configuration.
+    pub fn new(
+        attached: Vec<Attached>,
+        configs: &[NodeConfig],
+        bus: IdealBus<FrameBytes>,
+        patience: Patience,
+    ) -> Result<Self, HubError> {
+        let node = |(Attached { link, device, uid }, config): (_, &NodeConfig)| {
+            let next_state = config.initial_state.to_vec();
+            HubNode { link, device, uid, identity: None, next_state, stopped: false, ticked: false }
+        };
+        let nodes: Vec<_> = attached.into_iter().zip(configs).map(node).collect();
+        let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
+        let states = configs.iter().flat_map(|config| config.initial_state.iter().copied());
+        let observations = states.map(|x| Observation { x, ..Observation::default() }).collect();
+        let stamps = vec![Stamps::default(); nodes.len()];
+        let (noise, events, begin) = (Noise::default(), Vec::new(), Instant::now());
+        let mut hub =
+            Self { nodes, bus, noise, patience, tick_ns, tick: 0, begin, stamps, observations, events };
+        let ready = hub.identify().and_then(|()| hub.configure(configs));
+        ready.map_err(|error| hub.explain(error))?;
+        Ok(hub)
+    }
+
+    /// With noise on the states that nodes send.
+    pub fn with_noise(self, noise: Noise) -> Self {
+        Self { noise, ..self }
+    }
+
+    /// Starts all nodes and takes their announced initial states.
+    ///
+    /// # Errors
+    /// A node that does not answer or dies.
+    pub fn start(&mut self) -> Result<(), HubError> {
+        self.announce().map_err(|error| self.explain(error))
+    }
+
+    fn announce(&mut self) -> Result<(), HubError> {
+        let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
+        self.begin = Instant::now();
+        for node in &mut self.nodes {
+            node.link.write(&serial::encode(&start))?;
+        }
+        for index in 0..self.nodes.len() {
+            self.take_announcement(index)?;
+        }
+        Ok(())
+    }
+
+    /// Runs one tick on every node, and gives what they saw, by index and then by component.
+    ///
+    /// # Errors
+    /// A node that does not answer or dies, or an interrupt.
+    pub fn advance(&mut self) -> Result<&[Observation<f32>], HubError> {
+        self.run_tick().map_err(|error| self.explain(error))?;
+        Ok(&self.observations)
+    }
+
+    fn run_tick(&mut self) -> Result<(), HubError> {
+        // As in loopback, nothing is delivered any more once all nodes have stopped by themselves.
+        if self.nodes.iter().any(|node| !node.stopped) {
+            let now = (u64::from(self.tick) + 1) * self.tick_ns;
+            self.deliver_before(now);
+            self.send_sync()?;
+            for index in 0..self.nodes.len() {
+                self.take_tick(index, now)?;
+            }
+        }
+        self.tick += 1;
+        Ok(())
+    }
+
+    /// Writes what is queued, and a SYNC to the nodes that run.
+    fn send_sync(&mut self) -> Result<(), HubError> {
+        let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
+        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        for (node, stamps) in self.nodes.iter_mut().zip(&mut self.stamps) {
+            *stamps = Stamps::default();
+            if !node.stopped {
+                node.link.queue(&sync);
+                stamps.sync = Some(self.begin.elapsed());
+            }
+            node.link.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Stops all nodes and takes their reports, by index.
+    ///
+    /// # Errors
+    /// A node that does not answer or dies.
+    pub fn finish(&mut self) -> Result<Vec<Report>, HubError> {
+        self.stop().map_err(|error| self.explain(error))
+    }
+
+    fn stop(&mut self) -> Result<Vec<Report>, HubError> {
+        let mut reports = Vec::new();
+        for node in &mut self.nodes {
+            if !node.stopped {
+                node.link.write(&serial::encode(&STOP))?;
+            }
+            node.link.request(&Request::Report)?;
+            reports.push(node.link.wait_for(self.patience.answer, "report", report)?);
+        }
+        Ok(reports)
+    }
+
+    /// Faults that nodes reported so far.
+    pub fn events(&self) -> &[NodeEvent] {
+        &self.events
+    }
+
+    /// Frame counts so far.
+    pub fn traffic(&self) -> Traffic {
+        self.bus.traffic()
+    }
+
+    /// What the nodes saw at their last tick, by index and then by component.
+    pub fn observations(&self) -> &[Observation<f32>] {
+        &self.observations
+    }
+
+    /// When the host sent and read what belongs to the last tick, by index.
+    pub fn stamps(&self) -> &[Stamps] {
+        &self.stamps
+    }
+
+    /// The nodes' lines and who they say they are, by index.
+    pub fn members(&self) -> impl Iterator<Item = (&Link, Identity)> {
+        // All were asked before the hub was made.
+        self.nodes.iter().filter_map(|node| Some((&node.link, node.identity?)))
+    }
+
+    /// Ends all devices and gives the logs that this program has: id and text.
+    pub fn into_logs(self) -> Vec<(u8, String)> {
+        let log = |node: HubNode| Some((node.link.id(), node.device.into_log()?));
+        self.nodes.into_iter().filter_map(log).collect()
+    }
+
+    /// Adds to an error what there is to say about the node that it names.
+    fn explain(&mut self, error: HubError) -> HubError {
+        let node = error.node().and_then(|id| self.nodes.iter_mut().find(|node| node.link.id() == id));
+        let Some(node) = node else { return error };
+        let mut words = node.device.last_words(matches!(error, HubError::Died { .. }));
+        if let (count, Some(reason)) = node.link.refused() {
+            words.push(format!(
+                "frames from it that could not be read: {count} (the last one: {})",
+                reason.name()
+            ));
+        }
+        error.with_words(words.join("\n"))
+    }
+
+    fn identify(&mut self) -> Result<(), HubError> {
+        for node in &mut self.nodes {
+            let identity = identify(&mut node.link, self.patience.boot)?;
+            node.identity = Some(identity);
+            let id = node.link.id();
+            if identity.wire_version != WIRE_VERSION {
+                return Err(HubError::WireVersion { node: id, found: identity.wire_version });
+            }
+            if let Some(expected) = node.uid.filter(|&uid| uid != identity.uid) {
+                let place = node.link.place().to_owned();
+                return Err(HubError::Uid { node: id, place, expected, found: identity.uid });
+            }
+        }
+        Ok(())
+    }
+
+    fn configure(&mut self, configs: &[NodeConfig]) -> Result<(), HubError> {
+        for (node, config) in self.nodes.iter_mut().zip(configs) {
+            if node.identity.is_some_and(|identity| identity.id != serial::HOST) {
+                // Left over from another run, perhaps running still; then it would refuse.
+                node.link.write(&serial::encode(&STOP))?;
+            }
+            node.link.request(&Request::Configure(config.clone()))?;
+            let answer =
+                node.link.wait_for(self.patience.answer, "configured", |received| match received {
+                    Received::Reply(Reply::Configured(answer)) => Some(answer),
+                    _ => None,
+                })?;
+            answer.map_err(|reason| HubError::Refused { node: config.id, reason })?;
+        }
+        Ok(())
+    }
+
+    fn deliver_before(&mut self, now: u64) {
+        while self.bus.next_arrival().is_some_and(|at| at < now) {
+            let nodes = &mut self.nodes;
+            self.bus.deliver(|receiver, frame| {
+                if let Some(node) = nodes.get_mut(receiver) {
+                    node.link.queue(frame);
+                }
+            });
+        }
+    }
+
+    /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
+    fn take_announcement(&mut self, index: usize) -> Result<(), HubError> {
+        let mut left = self.nodes.get(index).map_or(0, |node| node.next_state.len());
+        while left > 0 {
+            let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { break };
+            let message = node.link.wait_for(self.patience.answer, "state", |received| match received {
+                Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
+                _ => None,
+            })?;
+            self.take_message(index, message, 0);
+            left -= 1;
+        }
+        Ok(())
+    }
+
+    /// Waits for everything that a node says about a tick: its state (of the tick after the one that ran) or a fault, perhaps an
+    /// edge, and its telemetry, which ends it.
+    fn take_tick(&mut self, index: usize, now: u64) -> Result<(), HubError> {
+        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
+        node.ticked = false;
+        let state = node.next_state.clone();
+        loop {
+            let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
+            if node.stopped && !node.ticked {
+                return Ok(());
+            }
+            let awaited = if node.ticked { "telemetry" } else { "state" };
+            match node.link.wait_for(self.patience.answer, awaited, Some)? {
+                Received::Message(message) => self.take_message(index, message, now),
+                Received::Reply(Reply::Telemetry(telemetry)) => {
+                    self.take_telemetry(index, &state, &telemetry)?;
+                    if usize::from(telemetry.component) + 1 >= state.len() {
+                        return Ok(());
+                    }
+                }
+                Received::Reply(_) => {}
+            }
+        }
+    }
+
+    fn take_telemetry(&mut self, index: usize, state: &[f32], telemetry: &Telemetry) -> Result<(), HubError> {
+        if let Some(node) = self.nodes.get(index).filter(|_| telemetry.tick != self.tick) {
+            let (node, tick, found) = (node.link.id(), self.tick, telemetry.tick);
+            return Err(HubError::OutOfStep { node, tick, found });
+        }
+        if let Some(stamps) = self.stamps.get_mut(index) {
+            stamps.telemetry = Some(self.begin.elapsed());
+        }
+        let component = usize::from(telemetry.component);
+        // All nodes have as many components.
+        let slot = self.observations.get_mut(index * state.len() + component);
+        if let (Some(slot), Some(&x)) = (slot, state.get(component)) {
+            *slot = observation(x, telemetry);
+        }
+        Ok(())
+    }
+
+    fn take_message(&mut self, index: usize, message: Message, now: u64) {
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        match message {
+            Message::State { component, x, .. } => {
+                if let Some(next) = node.next_state.get_mut(usize::from(component.get())) {
+                    *next = x;
+                }
+                node.ticked = true;
+                if let Some(stamps) = self.stamps.get_mut(index) {
+                    stamps.state = Some(self.begin.elapsed());
+                }
+            }
+            Message::Fault { code, severity, .. } => {
+                node.stopped = severity == Severity::Stopped;
+                // Only these faults are the outcome of a tick, which the node has seen as any other.
+                node.ticked = matches!(code, FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT);
+                self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+            }
+            Message::Edge { .. } => {}
+            Message::Ctrl { .. } | Message::Sync { .. } => return,
+        }
+        let message = self.noise.disturb(index, message);
+        self.bus.send(now, index, serial::encode(&message));
+    }
+}
+
+/// Ends the run on every node.
+const STOP: Message = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
+
+/// Asks a node who it is, again and again, until it answers.
+///
+/// # Errors
+/// No answer within `limit`, or the node is gone, or an interrupt.
+pub fn identify(link: &mut Link, limit: Duration) -> Result<Identity, HubError> {
+    let begin = Instant::now();
+    loop {
+        link.request(&Request::Hello)?;
+        let identity = link.wait_for(ASK_AGAIN.min(limit), "identity", |received| match received {
+            Received::Reply(Reply::Identity(identity)) => Some(identity),
+            _ => None,
+        });
+        match identity {
+            Err(HubError::NoAnswer { .. }) if begin.elapsed() < limit => {}
+            Err(HubError::NoAnswer { node, awaited, .. }) => {
+                return Err(HubError::NoAnswer { node, awaited, waited: limit });
+            }
+            identity => return identity,
+        }
+    }
+}
+
+fn report(received: Received) -> Option<Report> {
+    match received {
+        Received::Reply(Reply::Report(report)) => Some(report),
+        _ => None,
+    }
+}
+
+/// What a node saw at a tick: its state from the bus, the rest from its telemetry. The ratio is one f32 division, which
+/// has the same bits here and there.
+fn observation(x: f32, telemetry: &Telemetry) -> Observation<f32> {
+    let Telemetry { tick, nu, psi, u, .. } = *telemetry;
+    Observation { tick, x, nu, psi, ratio: nu.abs() / psi, u }
+}
