@@ -81,6 +81,15 @@ pub enum HubError {
         /// Tick that it ran.
         found: u32,
     },
+    /// Part of what a node said about a tick did not arrive.
+    Lost {
+        /// Its id.
+        node: u8,
+        /// Tick that it ran.
+        tick: u32,
+        /// What is missing.
+        what: &'static str,
+    },
     /// The user stopped the run.
     Interrupted,
     /// Any of the others, with what the node had to say.
@@ -111,6 +120,7 @@ impl HubError {
             Self::NoAnswer { node, .. }
             | Self::Died { node, .. }
             | Self::OutOfStep { node, .. }
+            | Self::Lost { node, .. }
             | Self::WireVersion { node, .. } => Some(node),
             _ => None,
         }
@@ -151,6 +161,9 @@ impl fmt::Display for HubError {
             Self::Refused { node, reason } => write!(f, "node {node} refused its configuration: {reason}"),
             Self::OutOfStep { node, tick, found } => {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")
+            }
+            Self::Lost { node, tick, what } => {
+                write!(f, "node {node} ran tick {tick}, but its {what} did not arrive")
             }
             Self::WithWords { cause, words } => write!(f, "{cause}\n{words}"),
             Self::Interrupted => f.write_str("interrupted"),

@@ -1,6 +1,6 @@
 //! Stops nodes when a run cannot go on.
 
-use super::{Hub, STOP, report};
+use super::{Hub, HubError, STOP, report};
 use funnel_protocol::serial;
 use funnel_protocol::service::Request;
 use std::fmt;
@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 /// How long all nodes together may take to confirm that they stopped.
 const CONFIRM: Duration = Duration::from_secs(1);
+/// How long one of them is listened to before it is the turn of the next.
+const TURN: Duration = Duration::from_millis(1);
 /// How long a node that reads nothing may hold up the stop of the others.
 const WRITE: Duration = Duration::from_millis(100);
 
@@ -27,15 +29,25 @@ impl Hub {
             node.link.hurry(WRITE);
             node.link.write(&serial::encode(&STOP)).and_then(|()| node.link.request(&Request::Report))
         };
-        let asked: Vec<_> = self.nodes.iter_mut().map(ask).collect();
+        let mut waiting: Vec<_> = self.nodes.iter_mut().map(|node| (ask(node).is_ok(), node)).collect();
         let end = Instant::now() + CONFIRM;
         let mut halted = Halted::default();
-        for (node, asked) in self.nodes.iter_mut().zip(asked) {
-            let left = end.saturating_duration_since(Instant::now());
-            let answer = asked.and_then(|()| node.link.wait_for(left, "report", report));
-            let list = if answer.is_ok() { &mut halted.confirmed } else { &mut halted.silent };
-            list.push(node.link.id());
+        // In turns: a node that is silent must not use up the time of the others.
+        while waiting.iter().any(|(asked, _)| *asked) && Instant::now() < end {
+            waiting.retain_mut(|(asked, node)| match node.link.wait_for(TURN, "report", report) {
+                Ok(_) => {
+                    halted.confirmed.push(node.link.id());
+                    false
+                }
+                Err(HubError::NoAnswer { .. }) => true,
+                Err(_) => {
+                    *asked = false;
+                    true
+                }
+            });
         }
+        halted.silent.extend(waiting.iter().map(|(_, node)| node.link.id()));
+        halted.confirmed.sort_unstable();
         halted
     }
 }

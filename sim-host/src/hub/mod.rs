@@ -81,6 +81,10 @@ struct HubNode {
     stopped: bool,
     /// What it said last is the outcome of a tick, so that its telemetry follows.
     ticked: bool,
+    /// Components of its state that have come in this tick.
+    states: usize,
+    /// Components of its telemetry that have.
+    telemetries: usize,
 }
 
 /// A network of nodes with this program in its middle.
@@ -113,7 +117,17 @@ impl Hub {
     ) -> Result<Self, HubError> {
         let node = |(Attached { link, device, uid }, config): (_, &NodeConfig)| {
             let next_state = config.initial_state.to_vec();
-            HubNode { link, device, uid, identity: None, next_state, stopped: false, ticked: false }
+            HubNode {
+                link,
+                device,
+                uid,
+                identity: None,
+                next_state,
+                stopped: false,
+                ticked: false,
+                states: 0,
+                telemetries: 0,
+            }
         };
         let nodes: Vec<_> = attached.into_iter().zip(configs).map(node).collect();
         let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
@@ -321,6 +335,7 @@ impl Hub {
     fn take_tick(&mut self, index: usize, now: u64) -> Result<(), HubError> {
         let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
         node.ticked = false;
+        (node.states, node.telemetries) = (0, 0);
         let state = node.next_state.clone();
         loop {
             let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
@@ -346,10 +361,22 @@ impl Hub {
             let (node, tick, found) = (node.link.id(), self.tick, telemetry.tick);
             return Err(HubError::OutOfStep { node, tick, found });
         }
+        let component = usize::from(telemetry.component);
+        if let Some(node) = self.nodes.get_mut(index) {
+            // Without its state nobody knows any more what it is.
+            let lost = match () {
+                () if !node.stopped && node.states < state.len() => Some("state"),
+                () if component != node.telemetries => Some("telemetry"),
+                () => None,
+            };
+            if let Some(what) = lost {
+                return Err(HubError::Lost { node: node.link.id(), tick: self.tick, what });
+            }
+            node.telemetries += 1;
+        }
         if let Some(stamps) = self.stamps.get_mut(index) {
             stamps.telemetry = Some(self.begin.elapsed());
         }
-        let component = usize::from(telemetry.component);
         // All nodes have as many components.
         let slot = self.observations.get_mut(index * state.len() + component);
         if let (Some(slot), Some(&x)) = (slot, state.get(component)) {
@@ -364,6 +391,7 @@ impl Hub {
             Message::State { component, x, .. } => {
                 if let Some(next) = node.next_state.get_mut(usize::from(component.get())) {
                     *next = x;
+                    node.states += 1;
                 }
                 node.ticked = true;
                 if let Some(stamps) = self.stamps.get_mut(index) {

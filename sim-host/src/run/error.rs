@@ -70,6 +70,7 @@ fn exit(error: &HubError) -> Exit {
         | HubError::NoImage { .. }
         | HubError::NoAnswer { .. }
         | HubError::Died { .. }
+        | HubError::Lost { .. }
         | HubError::Port { .. }
         | HubError::Uid { .. }
         | HubError::WireVersion { .. }

@@ -1,0 +1,643 @@
+//! Nodes behind serial ports: played boards (the firmware's session in this process) and emulated ones, behind pseudo-terminals.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
+use funnel_core::{Output, Phase, Session};
+use funnel_protocol::WIRE_VERSION;
+use funnel_protocol::message::Message;
+use funnel_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
+use funnel_protocol::service::{Identity, Reply};
+use rustix::fs::OFlags;
+use rustix::pty::{self, OpenptFlags};
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_an386";
+/// Within which everything here has to happen.
+const SOON: Duration = Duration::from_secs(60);
+/// Within which a run has to end once a node is gone.
+const AT_ONCE: Duration = Duration::from_secs(3);
+
+/// How long a board rests where nothing is to be done.
+const PAUSE: Duration = Duration::from_micros(100);
+
+/// Three nodes on a path, 200 ticks.
+const SCENARIO: &str = r#"version = 1
+[time]
+tick = "1ms"
+duration = "200ms"
+[graph]
+kind = "path"
+nodes = 3
+[coupling]
+kind = "node-wise"
+gain = { kind = "reciprocal", scale = 1.0 }
+funnel = { kind = "exponential", start = 40.0, end = 2.0, rate = 1.0 }
+[agent]
+dynamics = { kind = "affine", slope = -1.0, sines = [{ amplitude = 10.0, frequency = 1.0 }] }
+[[node]]
+id = 2
+state = 3.5
+[[node]]
+id = 3
+state = -2.5
+[expect]
+funnel_ratio = 1.0
+"#;
+
+/// What a board does instead of sending its state.
+enum Act {
+    /// Nothing else: it sends it.
+    Send,
+    /// Puts these bytes on the line before it.
+    Noise(Vec<u8>),
+    /// It is unplugged.
+    Vanish,
+    /// It says nothing any more.
+    Hang,
+    /// It puts noise on the line as fast as it can.
+    Flood,
+}
+
+/// What a board does before it sends its `n`-th state, from 0.
+type Script = Box<dyn FnMut(u32) -> Act + Send>;
+
+/// A board behind a pseudo-terminal. Its thread gives the phase that its node ends in.
+struct Board {
+    path: String,
+    quit: Arc<AtomicBool>,
+    thread: JoinHandle<Option<Phase>>,
+}
+
+impl Board {
+    fn start(uid: u64, script: Script) -> Self {
+        // Closed in programs that other tests start meanwhile: they would keep an unplugged board's line open.
+        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+        let port = pty::openpt(flags).unwrap();
+        pty::grantpt(&port).unwrap();
+        pty::unlockpt(&port).unwrap();
+        rustix::fs::fcntl_setfl(&port, OFlags::RDWR | OFlags::NONBLOCK).unwrap();
+        let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
+        let port = File::from(port);
+        let quit = Arc::new(AtomicBool::new(false));
+        let identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid };
+        let session = Session::new(identity);
+        let mut played = Played { port, session, script, states: 0, hung: false, quit: quit.clone() };
+        let thread = std::thread::spawn(move || {
+            played.run();
+            played.session.node().map(|node| node.phase())
+        });
+        Self { path, quit, thread }
+    }
+
+    fn good(uid: u64) -> Self {
+        Self::start(uid, Box::new(|_| Act::Send))
+    }
+
+    /// Unplugs it; the phase that its node ended in.
+    fn end(self) -> Option<Phase> {
+        self.quit.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+struct Played {
+    port: File,
+    session: Session,
+    script: Script,
+    states: u32,
+    hung: bool,
+    quit: Arc<AtomicBool>,
+}
+
+impl Played {
+    fn run(&mut self) {
+        let (mut deframer, mut bytes): (Deframer, _) = (Deframer::new(), [0; 256]);
+        let begin = Instant::now();
+        while !self.quit.load(Ordering::Relaxed) {
+            let length = match self.port.read(&mut bytes) {
+                Ok(length) => length,
+                // Nothing has come, or nobody has opened the terminal.
+                Err(_) => {
+                    std::thread::sleep(PAUSE);
+                    0
+                }
+            };
+            for &byte in &bytes[..length] {
+                let now = u64::try_from(begin.elapsed().as_nanos()).unwrap();
+                if let Some(frame) = deframer.push(byte) {
+                    self.session.on_frame(frame, now);
+                    self.drain(now);
+                }
+            }
+        }
+    }
+
+    fn drain(&mut self, now: u64) {
+        while let Some(output) = self.session.poll(now) {
+            match output {
+                Output::Send(message) => self.send(&message),
+                Output::Reply(reply) => self.reply(&reply),
+                Output::Report(_) => {}
+            }
+        }
+    }
+
+    fn send(&mut self, message: &Message) {
+        if let Message::State { .. } = message {
+            let act = (self.script)(self.states);
+            self.states += 1;
+            match act {
+                Act::Send => {}
+                Act::Noise(bytes) => self.put(&bytes),
+                Act::Vanish => self.quit.store(true, Ordering::Relaxed),
+                Act::Hang => self.hung = true,
+                Act::Flood => {
+                    while !self.quit.load(Ordering::Relaxed) {
+                        self.put(&[0x55; 200]);
+                    }
+                }
+            }
+        }
+        if !self.quit.load(Ordering::Relaxed) {
+            self.put(&serial::encode(message));
+        }
+    }
+
+    fn reply(&mut self, reply: &Reply) {
+        let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
+        let length = serial::encode_service(reply, self.session.id(), &mut scratch, &mut frame).unwrap();
+        self.put(&frame[..length]);
+    }
+
+    /// Waits for room while somebody has the terminal open.
+    fn put(&mut self, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() && !self.hung && !self.quit.load(Ordering::Relaxed) {
+            match self.port.write(rest) {
+                Ok(length) => rest = &rest[length..],
+                Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(PAUSE),
+                Err(_) => return,
+            }
+        }
+    }
+}
+
+/// How `sim-host` ended.
+struct Ended {
+    code: Option<i32>,
+    out: String,
+    err: String,
+    took: Duration,
+}
+
+impl Ended {
+    fn failed(&self, code: i32, words: &[&str]) {
+        assert_eq!((self.code, self.out.as_str()), (Some(code), ""), "{}", self.err);
+        for word in words {
+            assert!(self.err.contains(word), "no '{word}' in: {}", self.err);
+        }
+    }
+}
+
+/// A folder with a scenario, a bench file and the outputs.
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    /// With the lines of each node, for ids from 1.
+    fn new(scenario: &str, entries: &[String]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let nodes: String =
+            entries.iter().zip(1..).map(|(entry, id)| format!("[[node]]\nid = {id}\n{entry}\n")).collect();
+        fs::write(folder.path().join("scenario.toml"), scenario).unwrap();
+        let text = format!("version = 1\nanswer_within = \"1s\"\n{nodes}");
+        fs::write(folder.path().join("bench.toml"), text).unwrap();
+        Self { folder }
+    }
+
+    fn of(boards: &[&Board]) -> Self {
+        let entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+        Self::new(SCENARIO, &entries)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn spawn(&self, arguments: &[&str]) -> Child {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+        command.current_dir(repository()).arg("bench").arg(self.path("scenario.toml"));
+        command
+            .arg("--bench")
+            .arg(self.path("bench.toml"))
+            .arg("--out")
+            .arg(self.path("out"))
+            .args(arguments);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().unwrap()
+    }
+
+    fn run(&self, arguments: &[&str]) -> Ended {
+        end(self.spawn(arguments))
+    }
+
+    fn summary(&self) -> serde_json::Value {
+        serde_json::from_str(&fs::read_to_string(self.path("out/summary.json")).unwrap()).unwrap()
+    }
+}
+
+fn entry(path: &str) -> String {
+    format!("serial = \"{path}\"")
+}
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn end(mut child: Child) -> Ended {
+    let begin = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if begin.elapsed() > SOON {
+            let _ = child.kill();
+            panic!("the bench did not end within {SOON:?}");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let took = begin.elapsed();
+    let (mut out, mut err) = (String::new(), String::new());
+    child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
+    child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+    Ended { code: status.code(), out, err, took }
+}
+
+/// The trace hash of the same scenario in loopback.
+fn loopback_hash(scenario: &Path) -> String {
+    let json = scenario.with_extension("json");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+    command.arg("run").arg(scenario).arg("--quiet").arg("--json").arg(&json);
+    assert!(command.status().unwrap().success());
+    let summary: serde_json::Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+    summary["trace_hash"].as_str().unwrap().to_owned()
+}
+
+fn three() -> [Board; 3] {
+    [1, 2, 3].map(Board::good)
+}
+
+/// Three boards of which the second does `act` before its 51st state.
+fn second(mut act: impl FnMut() -> Act + Send + 'static) -> [Board; 3] {
+    let script = move |n| if n == 50 { act() } else { Act::Send };
+    [Board::good(1), Board::start(2, Box::new(script)), Board::good(3)]
+}
+
+#[test]
+fn three_boards_run_the_bits_of_loopback() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&["--junit", bench.path("junit.xml").to_str().unwrap()]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.out.contains("bit for bit as loopback"), "{}", ended.out);
+    let summary = bench.summary();
+    assert_eq!(summary["on"], "bench");
+    assert_eq!(summary["trace_hash"], loopback_hash(&bench.path("scenario.toml")));
+    assert_eq!(summary["bench"]["bit_for_bit"], true);
+    let node = &summary["bench"]["nodes"][2];
+    assert_eq!(
+        (&node["node"], &node["uid"], &node["firmware"]),
+        (&3.into(), &"0000000000000003".into(), &"0.1.0".into())
+    );
+    assert_eq!(
+        (&node["first_difference"], &node["largest_deviation"]),
+        (&serde_json::Value::Null, &0.0.into())
+    );
+    assert!(fs::read_to_string(bench.path("junit.xml")).unwrap().contains("sim-host.bench"));
+    assert_stamps(&fs::read_to_string(bench.path("out/bench.csv")).unwrap(), 201, 3);
+    assert_eq!(boards.map(Board::end), [Some(Phase::Stopped); 3]);
+}
+
+/// A row per tick and node, and in each row the host's times in the order of what happened.
+fn assert_stamps(text: &str, ticks: usize, nodes: usize) {
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("tick,node,sync_s,state_s,telemetry_s"));
+    let mut last = 0.0;
+    for (n, line) in lines.clone().enumerate() {
+        let row: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
+        assert_eq!((row[0] as usize, row[1] as usize), (n / nodes, n % nodes + 1));
+        assert!(row[2] <= row[3] && row[3] <= row[4], "{line}");
+        if n % nodes == 0 {
+            assert!(row[2] >= last, "{line}");
+            last = row[2];
+        }
+    }
+    assert_eq!(lines.count(), ticks * nodes);
+}
+
+#[test]
+fn faults_of_the_bus_and_noise_are_made_by_the_hub() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    let faults = ["bus.loss=0.2", "bus.latency=300us", "bus.jitter=900us", "agent.noise=0.01"];
+    let sets: Vec<_> = faults.iter().flat_map(|fault| ["--set", fault]).collect();
+    let ended = bench.run(&sets);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let summary = bench.summary();
+    assert!(summary["bus"]["lost"].as_u64().unwrap() > 50, "{summary}");
+    assert_eq!(summary["bench"]["bit_for_bit"], true);
+}
+
+#[test]
+fn a_node_that_computes_otherwise_is_named_with_its_first_tick() {
+    // A frame that passes every check and that the node did not mean: its state, a little off, right before the real one.
+    let off = |n: u32| {
+        let tick = funnel_protocol::TickStamp::full(n);
+        let source = funnel_protocol::NodeId::new(2).unwrap();
+        let component = funnel_protocol::message::Component::FIRST;
+        match n {
+            50 => Act::Noise(serial::encode(&Message::State { source, component, tick, x: 1.0 }).to_vec()),
+            _ => Act::Send,
+        }
+    };
+    let boards = [Board::good(1), Board::start(2, Box::new(off)), Board::good(3)];
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&[]);
+    let summary = bench.summary();
+    assert_eq!(summary["bench"]["bit_for_bit"], false);
+    let first = |node: usize| summary["bench"]["nodes"][node]["first_difference"].as_u64();
+    // Its neighbours hear the wrong value, and it hears them.
+    assert_eq!(first(0), Some(50), "{summary}");
+    assert!(first(1) >= Some(50), "{summary}");
+    assert!(ended.out.contains("differs from loopback: node 1 from tick 50, by at most"), "{}", ended.out);
+}
+
+#[test]
+fn a_run_that_follows_another_needs_no_reset() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    for _ in 0..2 {
+        assert_eq!(bench.run(&["--quiet"]).code, Some(0));
+        assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
+    }
+}
+
+#[test]
+fn a_node_that_was_left_running_is_stopped_and_configured() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    let mut child = bench.spawn(&["--set", "time.duration=10min"]);
+    std::thread::sleep(Duration::from_millis(500));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
+}
+
+#[test]
+fn an_unplugged_board_is_named_and_the_others_stop() {
+    let boards = second(|| Act::Vanish);
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&[]);
+    let place = format!("the serial port {} of node 2 ended", boards[1].path);
+    ended.failed(
+        3,
+        &[&place, "look at cable and power", "stopped: 1, 3; told to stop, but did not confirm it: 2"],
+    );
+    assert!(ended.took < AT_ONCE, "{:?}", ended.took);
+    assert_eq!(fs::read_dir(bench.path("out")).unwrap().count(), 0, "half-written output");
+    let [first, _, third] = boards.map(Board::end);
+    assert_eq!([first, third], [Some(Phase::Stopped); 2]);
+}
+
+#[test]
+fn a_board_that_hangs_is_named_within_its_time() {
+    let boards = second(|| Act::Hang);
+    let ended = Bench::of(&boards.each_ref()).run(&[]);
+    ended.failed(3, &["node 2 did not answer: no state within 1 s", "is its baud", "stopped: 1, 3;"]);
+    assert!(ended.took < 2 * AT_ONCE, "{:?}", ended.took);
+    let [first, _, third] = boards.map(Board::end);
+    assert_eq!([first, third], [Some(Phase::Stopped); 2]);
+}
+
+#[test]
+fn a_line_that_is_flooded_with_noise_hangs_nothing() {
+    let boards = second(|| Act::Flood);
+    let ended = Bench::of(&boards.each_ref()).run(&[]);
+    ended.failed(3, &["node 2 did not answer: no state within 1 s", "stopped: 1, 3;"]);
+    assert!(ended.took < 2 * AT_ONCE, "{:?}", ended.took);
+    let [first, _, third] = boards.map(Board::end);
+    assert_eq!([first, third], [Some(Phase::Stopped); 2]);
+}
+
+#[test]
+fn noise_between_frames_is_counted_and_the_run_goes_on() {
+    let boards = second(|| Act::Noise([&[0xA5; 60][..], &[0]].concat()));
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.out.contains("bit for bit as loopback; 1 unreadable frames from nodes"), "{}", ended.out);
+    assert_eq!(bench.summary()["bench"]["nodes"][1]["unreadable"], 1);
+}
+
+#[test]
+fn noise_that_destroys_a_state_ends_the_run_and_is_named_as_the_reason() {
+    let boards = second(|| Act::Noise(vec![0xA5; 60]));
+    let ended = Bench::of(&boards.each_ref()).run(&[]);
+    let words = [
+        "node 2 ran tick 49, but its state did not arrive",
+        "frames from it that could not be read: 1 (the last one: cobs)",
+    ];
+    ended.failed(3, &words);
+}
+
+#[test]
+fn another_chip_than_the_named_one_is_refused_before_anything_is_configured() {
+    let boards = three();
+    let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    entries[0] += "\nuid = \"1\"";
+    entries[2] += "\nuid = \"0123456789abcdef\"";
+    let ended = Bench::new(SCENARIO, &entries).run(&[]);
+    let place =
+        format!("the serial port {} of node 3 has the unique number 0000000000000003", boards[2].path);
+    ended.failed(3, &[&place, "the bench file says 0123456789abcdef", "bench --list"]);
+    assert_eq!(boards.map(Board::end), [None; 3], "nothing is configured");
+}
+
+#[test]
+fn ctrl_c_stops_every_node() {
+    for name in ["INT", "TERM"] {
+        let boards = three();
+        let bench = Bench::of(&boards.each_ref());
+        let child = bench.spawn(&["--set", "time.duration=10min"]);
+        std::thread::sleep(Duration::from_millis(700));
+        let sent = Command::new("sh").args(["-c", &format!("kill -{name} {}", child.id())]).status().unwrap();
+        assert!(sent.success());
+        let ended = end(child);
+        ended.failed(130, &["interrupted; no output was written", "all nodes confirmed that they stopped"]);
+        assert!(ended.took < AT_ONCE, "{:?}", ended.took);
+        assert_eq!(boards.map(Board::end), [Some(Phase::Stopped); 3]);
+    }
+}
+
+#[test]
+fn a_port_that_cannot_be_used_is_code_3_and_says_what_to_try() {
+    let boards = three();
+    let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    let mut failed = |second: &str, words: &[&str]| {
+        entries[1] = second.to_owned();
+        Bench::new(SCENARIO, &entries).run(&[]).failed(3, words);
+    };
+    failed(
+        &entry("/dev/no-such-port"),
+        &["node 2: the serial port /dev/no-such-port does not exist", "plugged in?"],
+    );
+    failed(
+        &entry("/dev/null"),
+        &["node 2: the serial port /dev/null cannot be opened", "Is it a serial port?"],
+    );
+    failed(
+        "usb_serial = \"NOSUCH\"",
+        &["node 2: the serial port with the USB serial number NOSUCH is not there"],
+    );
+    let held = serialport::new(boards[1].path.as_str(), 115_200).open_native().unwrap();
+    failed(&entry(&boards[1].path), &["node 2: the serial port", "is in use", "end that first"]);
+    drop(held);
+    // The same port by another name: the lock finds it.
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("port");
+    std::os::unix::fs::symlink(&boards[0].path, &link).unwrap();
+    failed(
+        &entry(link.to_str().unwrap()),
+        &["node 2: the serial port", "is in use", "Another node of the bench file"],
+    );
+}
+
+#[test]
+fn a_bench_file_that_does_not_fit_is_code_2() {
+    let twice = vec![entry("/dev/pts/0"); 3];
+    Bench::new(SCENARIO, &twice)
+        .run(&[])
+        .failed(2, &["bench.toml:8:10: node.2.serial", "node 1 has it already"]);
+    Bench::new(SCENARIO, &twice[..1]).run(&[]).failed(2, &["no [[node]] with id 2, 3, which"]);
+}
+
+#[test]
+fn the_list_shows_who_answers_and_who_does_not() {
+    let [first, second] = [Board::good(0xABC), Board::start(2, Box::new(|_| Act::Send))];
+    let bench = Bench::new(SCENARIO, &[entry(&first.path), entry(&second.path), entry("/dev/no-such-port")]);
+    second.end();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+    command.args(["bench", "--list", "--bench"]).arg(bench.path("bench.toml"));
+    let output = command.output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success());
+    let answer =
+        format!("{}  uid = \"0000000000000abc\"  firmware 0.1.0, wire version 1, blank\n", first.path);
+    assert!(text.contains(&answer), "{text}");
+    assert!(text.contains("/dev/no-such-port  does not exist\n"), "{text}");
+    first.end();
+}
+
+/// An emulator whose UART is a pseudo-terminal; dropping it ends it.
+struct Emulated {
+    child: Child,
+    path: String,
+}
+
+impl Emulated {
+    fn start() -> Self {
+        assert!(repository().join(IMAGE).is_file(), "no image at {IMAGE}: ./ci.sh parity builds it");
+        let log = tempfile::NamedTempFile::new().unwrap();
+        let mut command = Command::new("qemu-system-arm");
+        command.current_dir(repository()).args(["-M", "mps2-an386", "-display", "none", "-monitor", "none"]);
+        command.args(["-kernel", IMAGE, "-chardev", "pty,id=uart", "-serial", "chardev:uart"]);
+        command.args(["-semihosting-config", "enable=on,target=native"]).stdin(Stdio::null());
+        command.stdout(log.reopen().unwrap()).stderr(Stdio::null());
+        let child = command.spawn().unwrap();
+        let begin = Instant::now();
+        let mut emulated = Self { child, path: String::new() };
+        while emulated.path.is_empty() {
+            assert!(begin.elapsed() < SOON, "the emulator opens no pseudo-terminal");
+            std::thread::sleep(Duration::from_millis(10));
+            emulated.path = terminal(&mut log.reopen().unwrap()).unwrap_or_default();
+        }
+        emulated
+    }
+}
+
+/// The terminal that an emulator says its UART is.
+fn terminal(log: &mut File) -> Option<String> {
+    let mut bytes = Vec::new();
+    log.read_to_end(&mut bytes).unwrap();
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    let rest = text.split_once("redirected to ")?.1;
+    Some(rest.split_once(' ')?.0.to_owned())
+}
+
+impl Drop for Emulated {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The five agents for 2,000 ticks, without expectations.
+fn five() -> String {
+    let text = fs::read_to_string(repository().join("scenarios/five-agents.toml")).unwrap();
+    let text =
+        text.replace("duration = \"20s\"", "duration = \"2s\"").replace("reference_error = 1e-3\n", "");
+    assert!(text.contains("\"2s\"") && !text.contains("reference_error"));
+    text
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn five_emulated_nodes_behind_pseudo_terminals_run_the_bits_of_loopback() {
+    let nodes: Vec<_> = (0..5).map(|_| Emulated::start()).collect();
+    let entries: Vec<_> = nodes.iter().map(|node| entry(&node.path)).collect();
+    let bench = Bench::new(&five(), &entries);
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let summary = bench.summary();
+    assert_eq!((&summary["ticks"], &summary["bench"]["bit_for_bit"]), (&2000.into(), &true.into()));
+    assert_eq!(summary["trace_hash"], loopback_hash(&bench.path("scenario.toml")));
+    assert_eq!(summary["bench"]["nodes"].as_array().unwrap().len(), 5);
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn emulators_of_its_own_and_terminals_can_be_mixed() {
+    let nodes: Vec<_> = (0..2).map(|_| Emulated::start()).collect();
+    let own = "emulator = true".to_owned();
+    let entries = [entry(&nodes[0].path), own.clone(), entry(&nodes[1].path)];
+    let bench = Bench::new(SCENARIO, &entries);
+    let ended = bench.run(&["--image", IMAGE]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
+    assert!(bench.path("out/node-2.log").is_file() && !bench.path("out/node-1.log").exists());
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn an_emulated_node_that_is_killed_is_named_and_the_others_stop() {
+    let mut nodes: Vec<_> = (0..3).map(|_| Emulated::start()).collect();
+    let entries: Vec<_> = nodes.iter().map(|node| entry(&node.path)).collect();
+    let bench = Bench::new(SCENARIO, &entries);
+    let child = bench.spawn(&["--set", "time.duration=10min"]);
+    std::thread::sleep(Duration::from_secs(5));
+    nodes[1].child.kill().unwrap();
+    let ended = end(child);
+    let place = format!("the serial port {} of node 2 ended", nodes[1].path);
+    ended.failed(3, &[&place, "stopped: 1, 3; told to stop, but did not confirm it: 2"]);
+    assert!(ended.took < AT_ONCE, "{:?}", ended.took);
+}
