@@ -21,6 +21,7 @@ fn options() -> RunOptions {
         image: "".into(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
+        bench: None,
         repeat: String::new(),
     }
 }

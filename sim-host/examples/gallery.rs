@@ -64,6 +64,7 @@ fn options(scenario: &Scenario) -> RunOptions {
         image: PathBuf::new(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
+        bench: None,
         repeat: String::new(),
     }
 }

@@ -62,6 +62,7 @@ fn rows(file: &str, sets: &[&str]) -> Vec<Row> {
         image: "".into(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
+        bench: None,
         repeat: String::new(),
     };
     simulate(&scenario, &options).expect("a run").rows

@@ -247,7 +247,7 @@ mod tests {
                 ("version = 1", "version = 1\nbaud = 5"),
                 "baud = 5: must be an integer from 1200 to 12000000 (bit/s)",
             ),
-            (("version = 1", "version = 1\nanswer_within = \"1ms\""), "must be from 100ms to 1min"),
+            (("version = 1", "version = 1\nanswer_within = \"1ms\""), "must be from 100ms to 60s"),
         ];
         for ((from, to), expected) in cases {
             assert!(FILE.contains(from), "{from}");
