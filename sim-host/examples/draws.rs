@@ -19,6 +19,7 @@ fn options() -> RunOptions {
         json: None,
         junit: None,
         image: "".into(),
+        bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         bench: None,

@@ -62,6 +62,7 @@ fn options(scenario: &Scenario) -> RunOptions {
         json: None,
         junit: None,
         image: PathBuf::new(),
+        bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         bench: None,

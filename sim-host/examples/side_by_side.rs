@@ -60,6 +60,7 @@ fn rows(file: &str, sets: &[&str]) -> Vec<Row> {
         json: None,
         junit: None,
         image: "".into(),
+        bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         bench: None,

@@ -8,15 +8,16 @@ use funnel_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
 use funnel_protocol::service::{Identity, Reply};
 use rustix::fs::OFlags;
 use rustix::pty::{self, OpenptFlags};
+use sim_host::emulator::decode_log;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
+use tempfile::{NamedTempFile, TempDir};
 
 const IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_an386";
 /// Within which everything here has to happen.
@@ -57,6 +58,8 @@ enum Act {
     Send,
     /// Puts these bytes on the line before it.
     Noise(Vec<u8>),
+    /// It hears these bytes before what the host sends next.
+    Hear(Vec<u8>),
     /// It is unplugged.
     Vanish,
     /// It says nothing any more.
@@ -72,6 +75,7 @@ type Script = Box<dyn FnMut(u32) -> Act + Send>;
 struct Board {
     path: String,
     quit: Arc<AtomicBool>,
+    states: Arc<AtomicU32>,
     thread: JoinHandle<Option<Phase>>,
 }
 
@@ -85,19 +89,32 @@ impl Board {
         rustix::fs::fcntl_setfl(&port, OFlags::RDWR | OFlags::NONBLOCK).unwrap();
         let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
         let port = File::from(port);
-        let quit = Arc::new(AtomicBool::new(false));
+        let (quit, states) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
         let identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid };
         let session = Session::new(identity);
-        let mut played = Played { port, session, script, states: 0, hung: false, quit: quit.clone() };
+        let mut played = Played {
+            port,
+            deframer: Deframer::new(),
+            session,
+            script,
+            states: states.clone(),
+            hung: false,
+            quit: quit.clone(),
+        };
         let thread = std::thread::spawn(move || {
             played.run();
             played.session.node().map(|node| node.phase())
         });
-        Self { path, quit, thread }
+        Self { path, quit, states, thread }
     }
 
     fn good(uid: u64) -> Self {
         Self::start(uid, Box::new(|_| Act::Send))
+    }
+
+    /// Waits until it ticks.
+    fn wait_until_running(&self) {
+        wait("ticks", || self.states.load(Ordering::Relaxed) > 10);
     }
 
     /// Unplugs it; the phase that its node ended in.
@@ -109,16 +126,17 @@ impl Board {
 
 struct Played {
     port: File,
+    deframer: Deframer,
     session: Session,
     script: Script,
-    states: u32,
+    states: Arc<AtomicU32>,
     hung: bool,
     quit: Arc<AtomicBool>,
 }
 
 impl Played {
     fn run(&mut self) {
-        let (mut deframer, mut bytes): (Deframer, _) = (Deframer::new(), [0; 256]);
+        let mut bytes = [0; 256];
         let begin = Instant::now();
         while !self.quit.load(Ordering::Relaxed) {
             let length = match self.port.read(&mut bytes) {
@@ -131,7 +149,7 @@ impl Played {
             };
             for &byte in &bytes[..length] {
                 let now = u64::try_from(begin.elapsed().as_nanos()).unwrap();
-                if let Some(frame) = deframer.push(byte) {
+                if let Some(frame) = self.deframer.push(byte) {
                     self.session.on_frame(frame, now);
                     self.drain(now);
                 }
@@ -151,11 +169,11 @@ impl Played {
 
     fn send(&mut self, message: &Message) {
         if let Message::State { .. } = message {
-            let act = (self.script)(self.states);
-            self.states += 1;
+            let act = (self.script)(self.states.fetch_add(1, Ordering::Relaxed));
             match act {
                 Act::Send => {}
                 Act::Noise(bytes) => self.put(&bytes),
+                Act::Hear(bytes) => bytes.iter().for_each(|&byte| drop(self.deframer.push(byte))),
                 Act::Vanish => self.quit.store(true, Ordering::Relaxed),
                 Act::Hang => self.hung = true,
                 Act::Flood => {
@@ -251,6 +269,14 @@ impl Bench {
 
     fn summary(&self) -> serde_json::Value {
         serde_json::from_str(&fs::read_to_string(self.path("out/summary.json")).unwrap()).unwrap()
+    }
+}
+
+fn wait(what: &str, mut condition: impl FnMut() -> bool) {
+    let begin = Instant::now();
+    while !condition() {
+        assert!(begin.elapsed() < SOON, "{what}: not within {SOON:?}");
+        std::thread::sleep(Duration::from_millis(10));
     }
 }
 
@@ -395,7 +421,7 @@ fn a_node_that_was_left_running_is_stopped_and_configured() {
     let boards = three();
     let bench = Bench::of(&boards.each_ref());
     let mut child = bench.spawn(&["--set", "time.duration=10min"]);
-    std::thread::sleep(Duration::from_millis(500));
+    boards.iter().for_each(Board::wait_until_running);
     child.kill().unwrap();
     child.wait().unwrap();
     let ended = bench.run(&[]);
@@ -450,6 +476,20 @@ fn noise_between_frames_is_counted_and_the_run_goes_on() {
 }
 
 #[test]
+fn noise_towards_a_node_destroys_nothing() {
+    let boards = second(|| Act::Hear(vec![0xA5; 60]));
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let summary = bench.summary();
+    // The node counts it.
+    assert_eq!(
+        (&summary["bench"]["bit_for_bit"], &summary["bus"]["refused"]["cobs"]),
+        (&true.into(), &1.into())
+    );
+}
+
+#[test]
 fn noise_that_destroys_a_state_ends_the_run_and_is_named_as_the_reason() {
     let boards = second(|| Act::Noise(vec![0xA5; 60]));
     let ended = Bench::of(&boards.each_ref()).run(&[]);
@@ -479,7 +519,7 @@ fn ctrl_c_stops_every_node() {
         let boards = three();
         let bench = Bench::of(&boards.each_ref());
         let child = bench.spawn(&["--set", "time.duration=10min"]);
-        std::thread::sleep(Duration::from_millis(700));
+        boards.iter().for_each(Board::wait_until_running);
         let sent = Command::new("sh").args(["-c", &format!("kill -{name} {}", child.id())]).status().unwrap();
         assert!(sent.success());
         let ended = end(child);
@@ -551,37 +591,39 @@ fn the_list_shows_who_answers_and_who_does_not() {
 /// An emulator whose UART is a pseudo-terminal; dropping it ends it.
 struct Emulated {
     child: Child,
+    log: NamedTempFile,
     path: String,
 }
 
 impl Emulated {
     fn start() -> Self {
         assert!(repository().join(IMAGE).is_file(), "no image at {IMAGE}: ./ci.sh parity builds it");
-        let log = tempfile::NamedTempFile::new().unwrap();
+        let log = NamedTempFile::new().unwrap();
         let mut command = Command::new("qemu-system-arm");
         command.current_dir(repository()).args(["-M", "mps2-an386", "-display", "none", "-monitor", "none"]);
         command.args(["-kernel", IMAGE, "-chardev", "pty,id=uart", "-serial", "chardev:uart"]);
         command.args(["-semihosting-config", "enable=on,target=native"]).stdin(Stdio::null());
         command.stdout(log.reopen().unwrap()).stderr(Stdio::null());
-        let child = command.spawn().unwrap();
-        let begin = Instant::now();
-        let mut emulated = Self { child, path: String::new() };
-        while emulated.path.is_empty() {
-            assert!(begin.elapsed() < SOON, "the emulator opens no pseudo-terminal");
-            std::thread::sleep(Duration::from_millis(10));
-            emulated.path = terminal(&mut log.reopen().unwrap()).unwrap_or_default();
-        }
+        let mut emulated = Self { child: command.spawn().unwrap(), log, path: String::new() };
+        wait("a pseudo-terminal", || emulated.said().is_some());
+        emulated.path = emulated.said().unwrap().0;
         emulated
     }
-}
 
-/// The terminal that an emulator says its UART is.
-fn terminal(log: &mut File) -> Option<String> {
-    let mut bytes = Vec::new();
-    log.read_to_end(&mut bytes).unwrap();
-    let text = String::from_utf8_lossy(&bytes).into_owned();
-    let rest = text.split_once("redirected to ")?.1;
-    Some(rest.split_once(' ')?.0.to_owned())
+    /// The terminal that it says its UART is, and the bytes of the node's log after that line.
+    fn said(&self) -> Option<(String, Vec<u8>)> {
+        let bytes = fs::read(self.log.path()).unwrap();
+        let end = bytes.iter().position(|&byte| byte == b'\n')?;
+        let line = String::from_utf8_lossy(&bytes[..end]).into_owned();
+        let path = line.split_once("redirected to ")?.1.split_once(' ')?.0;
+        Some((path.to_owned(), bytes[end + 1..].to_vec()))
+    }
+
+    /// Waits until it ticks: it has heard a neighbour.
+    fn wait_until_running(&self) {
+        let image = fs::read(repository().join(IMAGE)).unwrap();
+        wait("ticks", || decode_log(&image, &self.said().unwrap().1).contains("hears node"));
+    }
 }
 
 impl Drop for Emulated {
@@ -634,7 +676,7 @@ fn an_emulated_node_that_is_killed_is_named_and_the_others_stop() {
     let entries: Vec<_> = nodes.iter().map(|node| entry(&node.path)).collect();
     let bench = Bench::new(SCENARIO, &entries);
     let child = bench.spawn(&["--set", "time.duration=10min"]);
-    std::thread::sleep(Duration::from_secs(5));
+    nodes.iter().for_each(Emulated::wait_until_running);
     nodes[1].child.kill().unwrap();
     let ended = end(child);
     let place = format!("the serial port {} of node 2 ended", nodes[1].path);
