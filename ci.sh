@@ -10,13 +10,14 @@ readonly TARGET=thumbv7em-none-eabihf
 readonly SMALL_TARGET=thumbv6m-none-eabi # Cortex-M0+
 readonly IMAGES=$ROOT/firmware/target/$TARGET/release
 # Boards as their binaries are called (the features have dashes); their targets; where flash and RAM begin and how large
-# they are; budgets of flash and static RAM in bytes. The memory maps in firmware/boards are checked against this.
+# they are; budgets of flash and static RAM in bytes; where the storage begins and how large it is, if there is one: outside
+# the program's flash. Storage costs 20 KiB of flash and 3 KiB of RAM, which the budgets of these boards have on top. The memory maps in firmware/boards are checked against this.
 readonly BOARDS="
 mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304 49152 16384
-nucleo_g474re $TARGET       0x08000000  524288 0x20000000   98304 73728 20480
+nucleo_g474re $TARGET       0x08000000  516096 0x20000000   98304 94208 22528 0x0807e000  8192
 nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 73728 20480
-nrf52840_dk   $TARGET       0x00000000 1048576 0x20000000  262144 73728 20480
-rp2040_pico   $SMALL_TARGET 0x10000100 2096896 0x20000000  270336 73728 20480
+nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 94208 22528 0x000fc000 16384
+rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 94208 22528 0x101fc000 16384
 "
 readonly HOST_LIMIT=1500 # instructions per node-tick in loopback
 # The paths above and below are those of cargo's default target folders.
@@ -275,6 +276,17 @@ board_addresses() { # BOARD
     for section in .text .rodata; do expect_within "$image" "$section" "$flash" "$flash_end"; done
     for section in .data .bss; do expect_within "$image" "$section" "$ram" "$ram_end"; done
     [[ $1 != rp2040_pico ]] || expect_at "$image" .boot2 $((flash - 256))
+    board_storage "$1" "$flash_end"
+}
+
+# The storage is where the table says, and behind everything that is flashed.
+board_storage() { # BOARD END-OF-PROGRAM
+    local image start length
+    image=$(board_image "$1") start=$(board_field "$1" 9) length=$(board_field "$1" 10)
+    [[ -n $start ]] || return 0
+    (( start >= $2 )) || fail "the storage of $1 begins in its program's flash"
+    expect_symbol "$image" __storage_start "$((start))"
+    expect_symbol "$image" __storage_end "$((start + length))"
 }
 
 cmd_panics() { #: check that no code of core, link and protocol in the images leads to a panic
@@ -305,6 +317,13 @@ expect_at() { # IMAGE SECTION ADDRESS
     local start
     read -r start _ < <(section_span "$1" "$2")
     (( start == $3 )) || fail "$(printf '%s of %s is at %#x, not %#x' "$2" "${1##*/}" "$start" "$3")"
+}
+
+expect_symbol() { # IMAGE SYMBOL ADDRESS
+    local found
+    found=$(arm-none-eabi-nm "$1" | awk -v name="$2" '$3 == name { print $1 }')
+    [[ -n $found ]] || fail "${1##*/} has no symbol $2"
+    (( 16#$found == $3 )) || fail "$(printf '%s of %s is %#x, not %#x' "$2" "${1##*/}" "$((16#$found))" "$3")"
 }
 
 # Anything more in it would silently win over the boards' memory maps.

@@ -3,7 +3,7 @@
 
 usage: selftest.py QEMU DECODER IMAGE      DECODER IMAGE < LOG prints a defmt log
 """
-import binascii, pathlib, random, socket, struct, subprocess, sys, tempfile, time
+import binascii, json, pathlib, random, socket, struct, subprocess, sys, tempfile, time
 
 QEMU, DECODER, IMAGE = sys.argv[1:4]
 TIMEOUT = 60.0
@@ -25,6 +25,7 @@ class Node:
         listener.settimeout(TIMEOUT)
         self.process = subprocess.Popen([
             QEMU, "-M", "mps2-an386", "-kernel", IMAGE, "-display", "none", "-monitor", "none",
+            "-qmp", f"unix:{folder / 'qmp'},server=on,wait=off",
             "-chardev", f"socket,id=uart,path={folder / 'uart'}", "-serial", "chardev:uart",
             # A chardev for semihosting gets only SYS_WRITEC and SYS_WRITE0: what is written to the opened
             # console (":tt", as defmt-semihosting does) goes to QEMU's own standard output.
@@ -54,6 +55,24 @@ class Node:
                 raise EOFError(f"link closed after {len(data)} of {count} bytes")
             data += more
         return data
+
+    def restart(self):
+        """Resets the machine, as its button does. What is in RAM stays there."""
+        with socket.socket(socket.AF_UNIX) as control:
+            control.settimeout(TIMEOUT)
+            control.connect(str(pathlib.Path(self.folder.name) / "qmp"))
+            lines = control.makefile()
+            lines.readline()  # its greeting
+            for command in ("qmp_capabilities", "system_reset"):
+                control.sendall(json.dumps({"execute": command}).encode() + b"\n")
+                while "return" not in (answer := json.loads(lines.readline())):
+                    assert "event" in answer, answer
+
+    def ask(self, kind, body, answer):
+        """Sends a request, and expects exactly this frame."""
+        self.link.sendall(frame(kind, 0, body))
+        got = self.receive(len(answer))
+        assert got == answer, got.hex()
 
     def log(self):
         return subprocess.run([DECODER, IMAGE], input=self.log_file.read_bytes(), capture_output=True, check=True,
@@ -156,6 +175,47 @@ def bus_off():
         return "the node stops, and tells it after the recovery"
 
 
+def commissioning():
+    """A blank node is configured and stores; after a reset it has its id and starts; erased, it is blank after the next."""
+    identity = lambda id: frame(0x41, id, bytes([1, 0, 1, 0, id, 0]))
+    with Node() as node:
+        node.link.sendall(b"s")
+        node.ask(0x40, b"", identity(0))
+        node.ask(0x47, b"", frame(0x48, 0, b"\1\1"))  # nothing to store yet
+        node.ask(0x42, NODE_CONFIG, frame(0x43, 3, b"\0"))
+        restart(node)
+        node.ask(0x40, b"", identity(0))  # CONFIGURE is volatile
+        node.ask(0x42, NODE_CONFIG, frame(0x43, 3, b"\0"))
+        node.ask(0x47, b"", frame(0x48, 3, b"\0\1"))  # epoch 1
+        restart(node)
+        node.ask(0x40, b"", identity(3))
+        # Start: its state at tick 0, which is the configuration's.
+        node.ask(0x10, b"\x00\x01\x00\x00\x00", frame(0x13, 3, struct.pack("<Hf", 0, 1.0)))
+        restart(node)
+        node.ask(0x49, b"", frame(0x4A, 3, b"\0"))
+        restart(node)
+        node.ask(0x40, b"", identity(0))
+        assert node.log().count("configured from storage: node 3") == 2, node.log()
+        return "stored, restarted, joined; erased, restarted, blank"
+
+
+def restart(node):
+    seen = node.log().count("selftest ready")
+    node.restart()
+    end = time.monotonic() + TIMEOUT
+    while node.log().count("selftest ready") == seen:
+        assert time.monotonic() < end, "no restart"
+        time.sleep(0.1)
+    node.link.setblocking(False)
+    try:
+        while node.link.recv(4096):  # what it had sent before
+            pass
+    except BlockingIOError:
+        pass
+    node.link.settimeout(TIMEOUT)
+    node.link.sendall(b"s")
+
+
 def wait_for(node, text):
     end = time.monotonic() + TIMEOUT
     while text not in (log := node.log()):
@@ -191,6 +251,7 @@ TESTS = {
     "panic": lambda: defect(b"p", 101, "deliberate, as asked for"),
     "hard fault": lambda: defect(b"f", 102, "hard fault at pc"),
     "bus-off": bus_off,
+    "commissioning": commissioning,
     "idle": idle,
 }
 for name, test in TESTS.items():

@@ -6,7 +6,7 @@ use funnel_protocol::config::{NodeConfig, TickSource};
 use funnel_protocol::message::{Command, Message, Target, TickStamp};
 use funnel_protocol::report::Telemetry;
 use funnel_protocol::serial::{self, Deframer, HOST, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Body, Identity, Reply, Request};
+use funnel_protocol::service::{Body, Identity, Reply, Request, StoreError};
 use funnel_protocol::{Refusal, WIRE_VERSION};
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::configure::{Drive, listeners, node_configs};
@@ -50,6 +50,9 @@ impl Board {
             match output {
                 Output::Send(message) => said.extend_from_slice(&serial::encode(&message)),
                 Output::Reply(reply) => said.extend(service(&reply, self.session.id())),
+                // A board without storage.
+                Output::Store => self.session.stored(Err(StoreError::Absent)),
+                Output::Erase => self.session.erased(Err(StoreError::Absent)),
                 Output::Report(_) => {}
             }
         }

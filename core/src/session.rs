@@ -5,12 +5,13 @@
 use crate::node::{Action, Node};
 use crate::observe::{Event, Phase};
 use crate::params::Params;
+use funnel_protocol::NodeConfig;
 use funnel_protocol::config::ConfigError;
 use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, Telemetry};
 use funnel_protocol::serial::{Frame, HOST};
-use funnel_protocol::service::{Body, Identity, Reply, Request, kind};
+use funnel_protocol::service::{Body, Identity, Reply, Request, StoreError, kind};
 
 /// What the firmware shall do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +22,10 @@ pub enum Output {
     Reply(Reply),
     /// Log this event.
     Report(Event),
+    /// Store [`Session::config`], and say how that went by [`Session::stored`].
+    Store,
+    /// Erase what is stored, and say how that went by [`Session::erased`].
+    Erase,
 }
 
 /// A node that may still be blank.
@@ -28,19 +33,61 @@ pub enum Output {
 pub struct Session {
     identity: Identity,
     node: Option<Node>,
+    /// What the node was made of.
+    config: Option<NodeConfig>,
     /// Counters of a blank node.
     counters: Counters,
     telemetry_every: u32,
     /// Tick after the last one that telemetry was considered for, and how many components of it have been told.
     reported: (u32, u8),
     reply: Option<Reply>,
+    keep: Option<Keep>,
+}
+
+/// What the app shall do with its storage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Keep {
+    Store,
+    Erase,
 }
 
 impl Session {
     /// A blank node.
     pub fn new(identity: Identity) -> Self {
         let counters = Counters::default();
-        Self { identity, node: None, counters, telemetry_every: 0, reported: (0, 0), reply: None }
+        Self {
+            identity,
+            node: None,
+            config: None,
+            counters,
+            telemetry_every: 0,
+            reported: (0, 0),
+            reply: None,
+            keep: None,
+        }
+    }
+
+    /// Makes a node of a configuration that was stored, as a CONFIGURE would.
+    ///
+    /// # Errors
+    /// As for CONFIGURE; the session stays as it was.
+    pub fn restore(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
+        self.configure(config)
+    }
+
+    /// The configuration of the node; `None` while blank.
+    pub fn config(&self) -> Option<&NodeConfig> {
+        self.config.as_ref()
+    }
+
+    /// How [`Output::Store`] went: the epoch, or why not.
+    pub fn stored(&mut self, outcome: Result<u32, StoreError>) {
+        self.reply = Some(Reply::Stored(outcome));
+    }
+
+    /// How [`Output::Erase`] went.
+    pub fn erased(&mut self, outcome: Result<(), StoreError>) {
+        self.reply = Some(Reply::Erased(outcome));
     }
 
     /// The node, once it is configured.
@@ -55,7 +102,7 @@ impl Session {
 
     /// When [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
     pub fn poll_at(&self) -> Option<u64> {
-        if self.reply.is_some() { Some(0) } else { self.node.as_ref()?.poll_at() }
+        if self.reply.is_some() || self.keep.is_some() { Some(0) } else { self.node.as_ref()?.poll_at() }
     }
 
     /// Takes what the link received at `now` (ns). What is refused is counted and changes nothing.
@@ -82,6 +129,12 @@ impl Session {
         if let Some(reply) = self.reply.take() {
             return Some(Output::Reply(reply));
         }
+        if let Some(keep) = self.keep.take() {
+            return Some(match keep {
+                Keep::Store => Output::Store,
+                Keep::Erase => Output::Erase,
+            });
+        }
         let node = self.node.as_mut()?;
         match node.poll(now) {
             Some(Action::Send(message)) => Some(Output::Send(message)),
@@ -102,7 +155,13 @@ impl Session {
         let reply = match Request::decode(kind, body) {
             Ok(Request::Hello) => Reply::Identity(Identity { id: self.id(), ..self.identity }),
             Ok(Request::Report) => Reply::Report(self.report()),
-            Ok(Request::Configure(config)) => Reply::Configured(self.configure(&config)),
+            Ok(Request::Configure(config)) => Reply::Configured(self.configure(config)),
+            Ok(Request::Store) => match self.may_store() {
+                Ok(()) => return self.keep(Keep::Store),
+                Err(reason) => Reply::Stored(Err(reason)),
+            },
+            Ok(Request::Erase) if self.is_running() => Reply::Erased(Err(StoreError::Running)),
+            Ok(Request::Erase) => return self.keep(Keep::Erase),
             // A configuration that cannot be read is answered, so that no host waits for nothing.
             Err(Refusal::Value | Refusal::Length) if kind == kind::CONFIGURE => {
                 self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
@@ -114,12 +173,30 @@ impl Session {
         Ok(())
     }
 
-    fn configure(&mut self, config: &funnel_protocol::NodeConfig) -> Result<(), ConfigError> {
-        if self.node.as_ref().is_some_and(|node| node.phase() == Phase::Running) {
+    fn is_running(&self) -> bool {
+        self.node.as_ref().is_some_and(|node| node.phase() == Phase::Running)
+    }
+
+    fn may_store(&self) -> Result<(), StoreError> {
+        match self.config {
+            _ if self.is_running() => Err(StoreError::Running),
+            None => Err(StoreError::Blank),
+            Some(_) => Ok(()),
+        }
+    }
+
+    fn keep(&mut self, keep: Keep) -> Result<(), Refusal> {
+        self.keep = Some(keep);
+        Ok(())
+    }
+
+    fn configure(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
+        if self.is_running() {
             return Err(ConfigError::Running);
         }
-        self.node = Some(Node::new(Params::new(config)?));
+        self.node = Some(Node::new(Params::new(&config)?));
         self.telemetry_every = config.telemetry_every;
+        self.config = Some(config);
         self.reported = (0, 0);
         Ok(())
     }

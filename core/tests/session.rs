@@ -8,7 +8,7 @@ use funnel_protocol::config::{
 };
 use funnel_protocol::message::{Command, Message, Target, TickStamp};
 use funnel_protocol::serial::Frame;
-use funnel_protocol::service::{Body, Identity, Reply, Request, kind};
+use funnel_protocol::service::{Body, Identity, Reply, Request, StoreError, kind};
 use funnel_protocol::{FaultCode, Refusal, WIRE_VERSION};
 
 const IDENTITY: Identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid: 42 };
@@ -120,4 +120,56 @@ fn a_platform_fault_stops_the_node_says_so_once_and_leaves_it_configurable() {
     assert_eq!((faults, sent), (1, 1), "{said:?}");
     assert_eq!(tell(&mut session, sync(u32::MAX)), [], "no tick");
     assert_eq!(ask(&mut session, &Request::Configure(config())), [Output::Reply(Reply::Configured(Ok(())))]);
+}
+
+#[test]
+fn a_configured_node_asks_the_app_to_store_and_passes_the_answer_on() {
+    let mut session = Session::new(IDENTITY);
+    let blank = ask(&mut session, &Request::Store);
+    assert_eq!(blank, [Output::Reply(Reply::Stored(Err(StoreError::Blank)))]);
+    ask(&mut session, &Request::Configure(config()));
+    assert_eq!(ask(&mut session, &Request::Store), [Output::Store]);
+    assert_eq!(session.config(), Some(&config()));
+    assert_eq!(session.poll_at(), None, "it waits for the app");
+    session.stored(Ok(7));
+    assert_eq!(outputs(&mut session), [Output::Reply(Reply::Stored(Ok(7)))]);
+    assert_eq!(ask(&mut session, &Request::Erase), [Output::Erase]);
+    session.erased(Err(StoreError::Failed));
+    assert_eq!(outputs(&mut session), [Output::Reply(Reply::Erased(Err(StoreError::Failed)))]);
+    assert_eq!(session.id(), 3, "until its next start it stays as it is");
+}
+
+#[test]
+fn what_is_stored_is_the_last_configuration_that_was_accepted() {
+    let mut session = Session::new(IDENTITY);
+    ask(&mut session, &Request::Configure(config()));
+    let bad = NodeConfig { tick_ns: 0, ..config() };
+    ask(&mut session, &Request::Configure(bad));
+    assert_eq!(session.config(), Some(&config()));
+    let other = NodeConfig { id: 5, ..config() };
+    ask(&mut session, &Request::Configure(other.clone()));
+    assert_eq!(session.config(), Some(&other));
+}
+
+#[test]
+fn a_running_node_neither_stores_nor_erases() {
+    let mut session = Session::new(IDENTITY);
+    ask(&mut session, &Request::Configure(config()));
+    tell(&mut session, start());
+    let answer = ask(&mut session, &Request::Store);
+    assert_eq!(answer, [Output::Reply(Reply::Stored(Err(StoreError::Running)))]);
+    let answer = ask(&mut session, &Request::Erase);
+    assert_eq!(answer, [Output::Reply(Reply::Erased(Err(StoreError::Running)))]);
+}
+
+#[test]
+fn a_restored_node_is_ready_with_its_id() {
+    let mut session = Session::new(IDENTITY);
+    assert!(session.restore(NodeConfig { tick_ns: 0, ..config() }).is_err());
+    assert_eq!((session.id(), session.config()), (0, None), "blank as before");
+    session.restore(config()).unwrap();
+    let identity = Identity { id: 3, ..IDENTITY };
+    assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(identity))]);
+    let started = tell(&mut session, start());
+    assert!(started.iter().any(|o| matches!(o, Output::Send(Message::State { x: 1.0, .. }))), "{started:?}");
 }

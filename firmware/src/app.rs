@@ -6,21 +6,32 @@ use funnel_core::{Output, Session};
 use funnel_link::Change;
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::FaultCode;
-use funnel_protocol::service::Identity;
+use funnel_protocol::service::{Identity, StoreError};
 
 use crate::link::{Input, Link};
+use crate::storage::Storage;
 
-/// Runs a node on `link`. `uid` is the chip's unique number, 0 where it has none.
-pub async fn run(mut link: impl Link, uid: u64) -> ! {
+/// Runs a node on `link`, with what `storage` keeps for it. `uid` is the chip's unique number, 0 where it has none.
+pub async fn run(mut link: impl Link, mut storage: impl Storage, uid: u64) -> ! {
     defmt::info!("ready, wire version {=u8}", WIRE_VERSION);
     let mut session = Session::new(Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid });
+    restore(&mut session, &mut storage).await;
     loop {
-        step(&mut session, &mut link).await;
+        step(&mut session, &mut link, &mut storage).await;
+    }
+}
+
+/// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
+async fn restore(session: &mut Session, storage: &mut impl Storage) {
+    let Some(config) = storage.load().await else { return };
+    match session.restore(config) {
+        Ok(()) => defmt::info!("configured from storage: node {=u8}", session.id()),
+        Err(_) => defmt::error!("the stored configuration is out of range"),
     }
 }
 
 /// Waits for the link or for the next tick, and does what follows.
-async fn step<L: Link>(session: &mut Session, link: &mut L) {
+async fn step<L: Link, S: Storage>(session: &mut Session, link: &mut L, storage: &mut S) {
     match session.poll_at() {
         None => link.wait().await,
         Some(at) => {
@@ -32,9 +43,9 @@ async fn step<L: Link>(session: &mut Session, link: &mut L) {
             Input::Frame(frame) => session.on_frame(frame, now()),
             Input::Change(change) => on_change(session, link, change),
         }
-        drain(session, link).await;
+        drain(session, link, storage).await;
     }
-    drain(session, link).await;
+    drain(session, link, storage).await;
 }
 
 /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is configured anew.
@@ -45,15 +56,25 @@ fn on_change<L: Link>(session: &mut Session, link: &L, change: Change) {
     }
 }
 
-/// Puts everything that the session has to say on the link and into the log.
-async fn drain<L: Link>(session: &mut Session, link: &mut L) {
+/// Puts everything that the session has to say on the link, into the log and into the storage.
+async fn drain<L: Link, S: Storage>(session: &mut Session, link: &mut L, storage: &mut S) {
     while let Some(output) = session.poll(now()) {
         match output {
             Output::Send(message) => link.send(&message).await,
             Output::Reply(reply) => link.reply(&reply, session.id()).await,
             Output::Report(event) => defmt::info!("{}", event),
+            Output::Store => store(session, storage).await,
+            Output::Erase => session.erased(storage.erase().await),
         }
     }
+}
+
+async fn store(session: &mut Session, storage: &mut impl Storage) {
+    let outcome = match session.config() {
+        Some(config) => storage.store(config).await,
+        None => Err(StoreError::Blank),
+    };
+    session.stored(outcome);
 }
 
 /// Time since the start, ns.

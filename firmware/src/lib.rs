@@ -3,8 +3,9 @@
 //! The core decides and the protocol encodes; what is here only moves bytes and time. One async [`app`] is generic over its
 //! [`link`]; a board adds its peripherals and a binary of under 100 lines in `src/bin`. Exactly one board feature chooses it.
 //!
-//! `unsafe` is allowed in four files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
-//! table), `executor.rs` (polling) and `panic.rs` (the fault handler); and in the interrupt bindings that embassy's macro
+//! `unsafe` is allowed in seven files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
+//! table), `executor.rs` (polling), `panic.rs` (the fault handler),
+//! `storage/flash.rs` (addresses from the linker), `stm32/ecc.rs` (the NMI handler) and `mps2/flash.rs` (a section that survives a reset); and in the interrupt bindings that embassy's macro
 //! writes into a board's binary.
 #![no_std]
 
@@ -19,6 +20,7 @@ pub mod ring;
 pub mod selftest;
 #[cfg(feature = "_stm32")]
 pub mod stm32;
+pub mod storage;
 
 const _: () = {
     let boards = cfg!(feature = "mps2-an386") as u8

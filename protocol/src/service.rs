@@ -1,5 +1,7 @@
 //! The service plane on serial links: identity, configuration, telemetry, report. Postcard bodies.
 
+use core::fmt;
+
 use crate::config::{ConfigError, NodeConfig};
 use crate::refusal::Refusal;
 use crate::report::{Report, Telemetry};
@@ -24,6 +26,14 @@ pub mod kind {
     pub const REPORT_REQUEST: u8 = 0x45;
     /// Node answers with its counters.
     pub const REPORT: u8 = 0x46;
+    /// Host asks the node to keep its configuration; empty body.
+    pub const STORE: u8 = 0x47;
+    /// Node has, or says why not.
+    pub const STORED: u8 = 0x48;
+    /// Host asks the node to be blank after its next start; empty body.
+    pub const ERASE: u8 = 0x49;
+    /// Node will be, or says why not.
+    pub const ERASED: u8 = 0x4A;
 }
 
 /// Who a node is.
@@ -39,6 +49,32 @@ pub struct Identity {
     pub uid: u64,
 }
 
+/// Why a node has not stored its configuration, or erased the stored one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StoreError {
+    /// The node is running; flash can stall it for longer than a tick.
+    Running,
+    /// It has no configuration.
+    Blank,
+    /// The board has no storage.
+    Absent,
+    /// The flash did not take it. What was stored before is still there.
+    Failed,
+}
+
+impl fmt::Display for StoreError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Running => "the node is running: stop it before storing",
+            Self::Blank => "the node has no configuration to store",
+            Self::Absent => "the board has no storage",
+            Self::Failed => "the flash did not take it",
+        })
+    }
+}
+
+impl core::error::Error for StoreError {}
+
 /// What a host asks of a node.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
@@ -49,6 +85,10 @@ pub enum Request {
     Configure(NodeConfig),
     /// Report!
     Report,
+    /// Be this after the next start, too.
+    Store,
+    /// Be blank after the next start.
+    Erase,
 }
 
 /// What a node answers, or tells unasked.
@@ -62,6 +102,10 @@ pub enum Reply {
     Telemetry(Telemetry),
     /// Counters.
     Report(Report),
+    /// I keep it: the epoch, which grows with every store and erase.
+    Stored(Result<u32, StoreError>),
+    /// I will be blank.
+    Erased(Result<(), StoreError>),
 }
 
 /// A body that travels in a service frame.
@@ -86,12 +130,14 @@ impl Body for Request {
             Self::Hello => kind::HELLO,
             Self::Configure(_) => kind::CONFIGURE,
             Self::Report => kind::REPORT_REQUEST,
+            Self::Store => kind::STORE,
+            Self::Erase => kind::ERASE,
         }
     }
 
     fn encode(&self, out: &mut [u8]) -> Option<usize> {
         match self {
-            Self::Hello | Self::Report => Some(0),
+            Self::Hello | Self::Report | Self::Store | Self::Erase => Some(0),
             Self::Configure(config) => write(config, out),
         }
     }
@@ -101,6 +147,8 @@ impl Body for Request {
             kind::HELLO => empty(body).map(|()| Self::Hello),
             kind::CONFIGURE => whole(body).map(Self::Configure),
             kind::REPORT_REQUEST => empty(body).map(|()| Self::Report),
+            kind::STORE => empty(body).map(|()| Self::Store),
+            kind::ERASE => empty(body).map(|()| Self::Erase),
             _ => Err(Refusal::Kind),
         }
     }
@@ -113,6 +161,8 @@ impl Body for Reply {
             Self::Configured(_) => kind::CONFIGURED,
             Self::Telemetry(_) => kind::TELEMETRY,
             Self::Report(_) => kind::REPORT,
+            Self::Stored(_) => kind::STORED,
+            Self::Erased(_) => kind::ERASED,
         }
     }
 
@@ -122,6 +172,8 @@ impl Body for Reply {
             Self::Configured(value) => write(value, out),
             Self::Telemetry(value) => write(value, out),
             Self::Report(value) => write(value, out),
+            Self::Stored(value) => write(value, out),
+            Self::Erased(value) => write(value, out),
         }
     }
 
@@ -131,6 +183,8 @@ impl Body for Reply {
             kind::CONFIGURED => whole(body).map(Self::Configured),
             kind::TELEMETRY => whole(body).map(Self::Telemetry),
             kind::REPORT => whole(body).map(Self::Report),
+            kind::STORED => whole(body).map(Self::Stored),
+            kind::ERASED => whole(body).map(Self::Erased),
             _ => Err(Refusal::Kind),
         }
     }

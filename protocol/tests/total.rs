@@ -9,7 +9,7 @@ use funnel_protocol::config::{
 use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnel_protocol::report::{Counters, Report};
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
-use funnel_protocol::service::{Body, MAX_REPLY_BODY, Reply, Request};
+use funnel_protocol::service::{Body, MAX_REPLY_BODY, Reply, Request, StoreError};
 use funnel_protocol::{Refusal, can};
 use proptest::prelude::*;
 
@@ -95,6 +95,33 @@ fn largest_reply_fits_and_little_is_wasted() {
     let report = Reply::Report(Report { max_ratio: 1.0, counters });
     let length = report.encode(&mut [0; MAX_REPLY_BODY]).unwrap();
     assert!(length + 8 > MAX_REPLY_BODY, "{length} of {MAX_REPLY_BODY}");
+}
+
+/// Append-only: a variant keeps its number, an answer its kind and its length.
+#[test]
+fn storing_has_these_bytes() {
+    let requests = [(Request::Store, 0x47), (Request::Erase, 0x49)];
+    for (request, kind) in requests {
+        assert_eq!((request.kind(), request.encode(&mut [])), (kind, Some(0)));
+        assert_eq!(Request::decode(kind, &[]), Ok(request));
+        assert_eq!(Request::decode(kind, &[0]), Err(Refusal::Length));
+    }
+    let answers: [(Reply, u8, &[u8]); 7] = [
+        (Reply::Stored(Ok(u32::MAX)), 0x48, &[0, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]),
+        (Reply::Stored(Err(StoreError::Running)), 0x48, &[1, 0]),
+        (Reply::Stored(Err(StoreError::Blank)), 0x48, &[1, 1]),
+        (Reply::Stored(Err(StoreError::Absent)), 0x48, &[1, 2]),
+        (Reply::Stored(Err(StoreError::Failed)), 0x48, &[1, 3]),
+        (Reply::Erased(Ok(())), 0x4A, &[0]),
+        (Reply::Erased(Err(StoreError::Failed)), 0x4A, &[1, 3]),
+    ];
+    for (answer, kind, bytes) in answers {
+        let mut body = [0; MAX_REPLY_BODY];
+        let length = answer.encode(&mut body).unwrap();
+        assert_eq!((answer.kind(), &body[..length]), (kind, bytes));
+        assert_eq!(Reply::decode(kind, bytes), Ok(answer));
+        assert_eq!(Reply::decode(kind, &[bytes, &[0]].concat()), Err(Refusal::Length));
+    }
 }
 
 #[test]

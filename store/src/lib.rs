@@ -19,7 +19,7 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
-mod read_only;
+mod guard;
 pub mod record;
 
 use core::ops::Range;
@@ -28,10 +28,11 @@ use embedded_storage_async::nor_flash::NorFlash;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::serial::MAX_BODY;
 use sequential_storage::cache::Cache;
-use sequential_storage::map::{MapConfig, MapStorage};
+use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
 pub use error::Error;
-use read_only::{ReadError, ReadOnly};
+use guard::{Guard, GuardError};
+use postcard::ser_flavors::Flavor;
 use record::{Commit, LAYOUT, checksum};
 
 /// Keys of the records.
@@ -125,13 +126,15 @@ impl<S: NorFlash> Store<S> {
         let half = self.current.map_or(Half::Low, |(half, _)| half.other());
         let range = self.range(half);
         self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
-        let mut bytes = [0; MAX_CONFIG];
-        let bytes = postcard::to_slice(&config, &mut bytes).map_err(|_| Error::Corrupt)?;
-        self.write(half, CONFIG, bytes).await?;
-        if self.read(half, CONFIG).await? != Some(bytes) {
+        self.write(half, CONFIG, &Record::Config(config)).await?;
+        let written = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
+        let length = written.len();
+        // Serialized once more, against what is there, for want of a second buffer.
+        let rest = postcard::serialize_with_flavor(&config, Expected(written)).map_err(|_| Error::Corrupt)?;
+        if !rest.is_empty() {
             return Err(Error::Corrupt);
         }
-        self.staged = Some((half, bytes.len()));
+        self.staged = Some((half, length));
         Ok(())
     }
 
@@ -148,7 +151,7 @@ impl<S: NorFlash> Store<S> {
         let bytes =
             self.read(half, CONFIG).await?.filter(|bytes| bytes.len() == length).ok_or(Error::Corrupt)?;
         let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, bytes) };
-        self.write(half, COMMIT, &commit.encode()).await?;
+        self.write(half, COMMIT, &Record::Commit(commit.encode())).await?;
         if self.read_commit(half).await? != Some(commit) {
             return Err(Error::Corrupt);
         }
@@ -182,23 +185,69 @@ impl<S: NorFlash> Store<S> {
     /// anyway.
     async fn read(&mut self, half: Half, key: u8) -> Result<Option<&[u8]>, Error<S::Error>> {
         let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
-        let mut map = MapStorage::<u8, _, _>::new(ReadOnly(&mut self.flash), config, Cache::new_uncached());
+        let flash = Guard { flash: &mut self.flash, may_change: false };
+        let mut map = MapStorage::<u8, _, _>::new(flash, config, Cache::new_uncached());
         match map.fetch_item(&mut self.buffer, &key).await {
             Ok(record) => Ok(record),
-            Err(sequential_storage::Error::Storage { value: ReadError::Flash(error), .. }) => {
+            Err(sequential_storage::Error::Storage { value: GuardError::Flash(error), .. }) => {
                 Err(Error::Flash(error))
             }
             Err(_) => Ok(None),
         }
     }
 
-    async fn write(&mut self, half: Half, key: u8, record: &[u8]) -> Result<(), Error<S::Error>> {
+    async fn write(&mut self, half: Half, key: u8, record: &Record<'_>) -> Result<(), Error<S::Error>> {
         let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
-        let mut map = MapStorage::<u8, _, _>::new(&mut self.flash, config, Cache::new_uncached());
-        map.store_item(&mut self.buffer, &key, &record).await.map_err(|error| match error {
-            sequential_storage::Error::Storage { value, .. } => Error::Flash(value),
+        let flash = Guard { flash: &mut self.flash, may_change: true };
+        let mut map = MapStorage::<u8, _, _>::new(flash, config, Cache::new_uncached());
+        map.store_item(&mut self.buffer, &key, record).await.map_err(|error| match error {
+            sequential_storage::Error::Storage { value: GuardError::Flash(error), .. } => Error::Flash(error),
             _ => Error::Corrupt,
         })
+    }
+}
+
+/// What is written: one type, for one copy of the map in the image.
+enum Record<'a> {
+    Config(Option<&'a NodeConfig>),
+    Commit([u8; record::LENGTH]),
+}
+
+impl<'a> Value<'a> for Record<'_> {
+    fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
+        let bytes = match self {
+            Self::Config(config) => postcard::to_slice(config, buffer).map(|bytes| bytes.len()).ok(),
+            Self::Commit(bytes) => buffer.get_mut(..bytes.len()).map(|room| {
+                room.copy_from_slice(bytes);
+                bytes.len()
+            }),
+        };
+        bytes.ok_or(SerializationError::BufferTooSmall)
+    }
+
+    fn deserialize_from(_: &'a [u8]) -> Result<(Self, usize), SerializationError> {
+        Err(SerializationError::InvalidFormat) // records are read as bytes
+    }
+}
+
+/// Takes a serialization that begins these bytes; the rest of them.
+struct Expected<'a>(&'a [u8]);
+
+impl<'a> Flavor for Expected<'a> {
+    type Output = &'a [u8];
+
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        match self.0.split_first() {
+            Some((&expected, rest)) if expected == byte => {
+                self.0 = rest;
+                Ok(())
+            }
+            _ => Err(postcard::Error::SerializeBufferFull),
+        }
+    }
+
+    fn finalize(self) -> postcard::Result<&'a [u8]> {
+        Ok(self.0)
     }
 }
 

@@ -9,6 +9,7 @@ use defmt_semihosting as _;
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::mps2::{time, uart::Uart0};
+use firmware::storage::Absent;
 use firmware::{app, panic};
 use static_cell::StaticCell;
 
@@ -17,7 +18,7 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn node(link: Uart0) {
-    app::run(Serial::new(link), 0).await
+    app::run(Serial::new(link), Absent, 0).await
 }
 
 #[entry]

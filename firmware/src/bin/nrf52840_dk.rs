@@ -8,9 +8,11 @@ use cortex_m_rt::entry;
 use defmt_rtt as _;
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
+use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, pac, peripherals, uarte};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
+use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{app, panic};
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -19,8 +21,9 @@ bind_interrupts!(struct Interrupts {
 });
 
 #[embassy_executor::task]
-async fn node(uart: BufferedUarte<'static>) {
-    app::run(Serial::new(uart), uid()).await
+async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>) {
+    let storage = InFlash::open(Blocking(flash), region(0)).await;
+    app::run(Serial::new(uart), storage, uid()).await
 }
 
 /// The chip's number, from its factory information.
@@ -60,7 +63,7 @@ fn main() -> ! {
         receive,
         transmit,
     );
-    let node = node(uart).expect("the task is spawned once");
+    let node = node(uart, Nvmc::new(chip.NVMC)).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -8,6 +8,7 @@ use cortex_m_rt::entry;
 use defmt_rtt as _;
 use embassy_stm32::can::config::NominalBitTiming;
 use embassy_stm32::can::{CanConfigurator, IT0InterruptHandler, IT1InterruptHandler};
+use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv, PllSource, Sysclk,
     mux,
@@ -20,6 +21,7 @@ use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
 use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
 use firmware::stm32::uid;
+use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{app, panic};
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -37,8 +39,10 @@ const NOMINAL: NominalBitTiming = timing(1, 63, 16);
 const FD: Option<FdTiming> = if cfg!(feature = "can-fd") { Some(fd_timing(1, 29, 10)) } else { None };
 
 #[embassy_executor::task]
-async fn node(link: CanNode<FdCan, BufferedUart<'static>>) {
-    app::run(link, uid()).await
+async fn node(link: CanNode<FdCan, BufferedUart<'static>>, flash: Flash<'static, flash::Blocking>) {
+    // In the second bank, while the program runs in the first.
+    let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
+    app::run(link, storage, uid()).await
 }
 
 /// 160 MHz, and 80 MHz for FDCAN, both from the crystal (24 MHz): the RC oscillator is too inaccurate for CAN.
@@ -77,7 +81,8 @@ fn main() -> ! {
     // Not PB8, which the Nucleo's Arduino header calls D15: it is also BOOT0, and a transceiver drives it high.
     let can = CanConfigurator::new(chip.FDCAN1, chip.PA11, chip.PA12, Interrupts);
     let can = FdCan::start(can, NOMINAL, FD, BUFFERS.take());
-    let node = node(CanNode::new(can, Serial::new(uart))).expect("the task is spawned once");
+    let flash = Flash::new_blocking(chip.FLASH);
+    let node = node(CanNode::new(can, Serial::new(uart)), flash).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -6,11 +6,12 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
-use embassy_rp::flash::{Blocking, Flash};
+use embassy_rp::flash::{self, Flash};
 use embassy_rp::uart::{self, BufferedUart};
-use embassy_rp::{Peri, bind_interrupts, peripherals};
+use embassy_rp::{bind_interrupts, peripherals};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
+use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{app, panic};
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -20,19 +21,20 @@ bind_interrupts!(struct Interrupts {
 
 /// Of the Pico's external flash, bytes.
 const FLASH_SIZE: usize = 2 << 20;
+type PicoFlash = Flash<'static, peripherals::FLASH, flash::Blocking, FLASH_SIZE>;
 /// Bit/s.
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn node(uart: BufferedUart, uid: u64) {
-    app::run(Serial::new(uart), uid).await
+async fn node(uart: BufferedUart, flash: PicoFlash, uid: u64) {
+    let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
+    app::run(Serial::new(uart), storage, uid).await
 }
 
 /// The flash's number, since the chip has none; 0 where it cannot be read.
-fn uid(flash: Peri<'static, peripherals::FLASH>) -> u64 {
+fn uid(flash: &mut PicoFlash) -> u64 {
     let mut number = [0; 8];
-    let read = Flash::<_, Blocking, FLASH_SIZE>::new_blocking(flash).blocking_unique_id(&mut number);
-    read.map_or(0, |()| u64::from_be_bytes(number))
+    flash.blocking_unique_id(&mut number).map_or(0, |()| u64::from_be_bytes(number))
 }
 
 #[entry]
@@ -43,12 +45,13 @@ fn main() -> ! {
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_rp::init(Default::default());
     // Before anything else runs: the flash cannot be executed from while it is asked.
-    let uid = uid(chip.FLASH);
+    let mut flash = PicoFlash::new_blocking(chip.FLASH);
+    let uid = uid(&mut flash);
     let mut config = uart::Config::default();
     config.baudrate = BIT_RATE;
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
     let uart = BufferedUart::new(chip.UART0, chip.PIN_0, chip.PIN_1, Interrupts, transmit, receive, config);
-    let node = node(uart, uid).expect("the task is spawned once");
+    let node = node(uart, flash, uid).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -8,9 +8,11 @@ use cortex_m_rt::entry;
 use defmt_semihosting as _;
 use firmware::executor::Executor;
 use firmware::mps2::{
+    flash::{self, Flash},
     time,
     uart::{self, Uart0},
 };
+use firmware::storage::flash::{Blocking, InFlash};
 use firmware::{panic, selftest};
 use static_cell::StaticCell;
 
@@ -19,7 +21,8 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn test(link: Uart0) {
-    let Ok(()) = selftest::run(link, || uart::lost().in_buffer).await;
+    let storage = InFlash::open(Blocking(Flash), 0..flash::SIZE as u32).await;
+    let Ok(()) = selftest::run(link, storage, || uart::lost().in_buffer).await;
 }
 
 #[entry]

@@ -1,6 +1,7 @@
 //! Peripherals of the ARM MPS2 board with the AN386 image, as QEMU emulates it (`-M mps2-an386`): a
 //! Cortex-M4F with CMSDK timers and UARTs, all clocked at [`CLOCK_HZ`].
 
+pub mod flash;
 pub mod interrupt;
 mod register;
 pub mod time;

@@ -11,6 +11,7 @@ use embedded_io_async::{Read, Write};
 use crate::app;
 use crate::link::can::CanNode;
 use crate::link::serial::Serial;
+use crate::storage::{Absent, Storage};
 
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
@@ -22,9 +23,14 @@ pub const LONG_WAIT: Duration = Duration::from_secs(1000);
 pub const BULK: u32 = 1_000_000;
 
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
-/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails. `lost` tells how many bytes the link has
+/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `s` a node with
+/// storage. `lost` tells how many bytes the link has
 /// dropped for want of room.
-pub async fn run<L: Read + Write>(mut link: L, lost: impl Fn() -> u32) -> Result<(), L::Error> {
+pub async fn run<L: Read + Write>(
+    mut link: L,
+    storage: impl Storage,
+    lost: impl Fn() -> u32,
+) -> Result<(), L::Error> {
     defmt::info!("selftest ready");
     let mut choice = [0];
     link.read(&mut choice).await?;
@@ -37,7 +43,8 @@ pub async fn run<L: Read + Write>(mut link: L, lost: impl Fn() -> u32) -> Result
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
-        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), 0).await,
+        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, 0).await,
+        b's' => app::run(Serial::new(link), storage, 0).await,
         b'f' => cortex_m::asm::udf(),
         other => {
             defmt::error!("no test is called {=u8:#04x}", other);

@@ -3,6 +3,8 @@
 #[cfg(feature = "nucleo-f446re")]
 pub mod bxcan;
 #[cfg(feature = "nucleo-g474re")]
+mod ecc;
+#[cfg(feature = "nucleo-g474re")]
 pub mod fdcan;
 
 use core::num::NonZeroU8;

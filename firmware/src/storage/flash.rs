@@ -1,0 +1,103 @@
+//! Storage in the flash that a board sets apart: the region STORAGE of its memory map.
+
+use core::ops::Range;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use embedded_storage::nor_flash as blocking;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use funnel_protocol::NodeConfig;
+use funnel_protocol::service::StoreError;
+use funnel_store::{Error, Store};
+
+use super::Storage;
+
+#[allow(unsafe_code)] // Declared, and never read.
+unsafe extern "C" {
+    /// Their addresses are those of the region STORAGE; nothing is there to be read.
+    static __storage_start: u8;
+    static __storage_end: u8;
+}
+
+/// The storage is being read: a word that a power cut has spoiled is no defect then.
+pub static READING: AtomicBool = AtomicBool::new(false);
+
+/// The region STORAGE, for a driver that counts from `base`.
+pub fn region(base: u32) -> Range<u32> {
+    let (start, end) = (&raw const __storage_start as u32, &raw const __storage_end as u32);
+    start.wrapping_sub(base)..end.wrapping_sub(base)
+}
+
+/// A configuration in flash; `None` where the flash could not be opened.
+pub struct InFlash<S>(Option<Store<S>>);
+
+impl<S: NorFlash> InFlash<S> {
+    /// Looks for a configuration in `region` of `flash`.
+    pub async fn open(flash: S, region: Range<u32>) -> Self {
+        Self(Store::open(flash, region).await.inspect_err(failed).ok())
+    }
+
+    /// Stages and commits, at the next epoch.
+    async fn put(&mut self, config: Option<&NodeConfig>) -> Result<u32, StoreError> {
+        let store = self.0.as_mut().ok_or(StoreError::Failed)?;
+        let epoch = store.epoch().saturating_add(1);
+        let staged = store.stage(config).await;
+        let done = match staged {
+            Ok(()) => store.commit(epoch).await,
+            Err(error) => Err(error),
+        };
+        done.inspect_err(failed).map(|()| epoch).map_err(|_| StoreError::Failed)
+    }
+}
+
+impl<S: NorFlash> Storage for InFlash<S> {
+    async fn load(&mut self) -> Option<NodeConfig> {
+        self.0.as_mut()?.load().await.inspect_err(failed).ok()?
+    }
+
+    async fn store(&mut self, config: &NodeConfig) -> Result<u32, StoreError> {
+        self.put(Some(config)).await
+    }
+
+    async fn erase(&mut self) -> Result<(), StoreError> {
+        self.put(None).await.map(|_| ())
+    }
+}
+
+fn failed<E: core::fmt::Debug>(error: &Error<E>) {
+    defmt::error!("storage: {}", error);
+}
+
+/// A driver that waits by itself. The node is not running then, and the host waits for its answer.
+pub struct Blocking<F>(pub F);
+
+impl<F: blocking::ErrorType> ErrorType for Blocking<F> {
+    type Error = F::Error;
+}
+
+impl<F: blocking::ReadNorFlash> ReadNorFlash for Blocking<F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        READING.store(true, Ordering::Relaxed);
+        let done = self.0.read(offset, bytes);
+        READING.store(false, Ordering::Relaxed);
+        done
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl<F: blocking::NorFlash> NorFlash for Blocking<F> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
+        self.0.erase(from, to)
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        self.0.write(offset, bytes)
+    }
+}
