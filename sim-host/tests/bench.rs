@@ -162,6 +162,8 @@ impl Played {
             match output {
                 Output::Send(message) => self.send(&message),
                 Output::Reply(reply) => self.reply(&reply),
+                // A bench never asks for these.
+                Output::Store | Output::Erase => {}
                 Output::Report(_) => {}
             }
         }
