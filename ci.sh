@@ -170,7 +170,7 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
 
 cmd_thumb() { #: core and protocol alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnel-core funnel-link funnel-protocol; do
+    for package in funnel-core funnel-link funnel-protocol funnel-store; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done

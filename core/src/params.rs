@@ -205,7 +205,10 @@ fn check_gain<F: Real>(gain: &GainConfig) -> Result<BuiltinGain<F>, ConfigError>
         GainConfig::Median { eta, eps } => {
             let eta = positive(ConfigField::GainEta, eta)?;
             check(ConfigField::GainEps, 0, f64::from(eps), SMALLEST, 0.9999)?;
-            BuiltinGain::Reciprocal(gain::median(eta, F::from_f32(eps)))
+            let gain = gain::median(eta, F::from_f32(eps));
+            // The scale that the two come to; beyond, a square in the closed form overflows an f32.
+            check(ConfigField::GainScale, 0, gain.scale.to_f64(), 0.0, LARGEST)?;
+            BuiltinGain::Reciprocal(gain)
         }
         GainConfig::Linear { slope } => {
             BuiltinGain::Linear(Linear { slope: positive(ConfigField::GainSlope, slope)? })

@@ -255,6 +255,8 @@ fn the_first_tick_of_a_steep_gain_throws_no_state_away() {
         let mut net =
             Net::start(&ring(&states, |_, config| (config.coupling, config.gain) = (coupling, gain)));
         net.run(2);
+        // One beyond its limit would have stopped, and kept its state.
+        assert!(net.nodes.iter().all(|node| node.phase() == Phase::Running), "{coupling:?}");
         let worst = net.states().concat().into_iter().fold(0.0, |worst: f32, x| worst.max(x.abs()));
         // An explicit step would move states by T mu(nu / psi), 1e3 and more.
         assert!(worst < 10.0, "{coupling:?}: {worst}");
@@ -346,6 +348,8 @@ fn what_does_not_fit_together_is_refused_by_name() {
         c.neighbours = (2..66).map(|id| EdgeConfig { id, weight: 1.0, edges: 1 }).collect();
     };
     assert_eq!(field(refused(crowd)), ConfigField::Entries);
+    let steep = |c: &mut NodeConfig| c.gain = GainConfig::Median { eta: 1e9, eps: 0.9 };
+    assert_eq!(field(refused(steep)), ConfigField::GainScale);
     assert_eq!(
         refused(|c| c.coupling = CouplingConfig::LambdaTracker { eta: 1.0 }),
         ConfigError::GainOfCoupling

@@ -165,6 +165,13 @@ fn a_breach_stops_a_node_that_shall_stop() {
         "{:?}",
         outcome.counters
     );
+    let summary = outcome.judge(&stopping, Fidelity::Loopback);
+    let counts = outcome.counters.iter().zip(1u16..);
+    let short: Vec<_> = counts.filter(|(counters, _)| counters.ticks < 1000).map(|(_, id)| id).collect();
+    assert_eq!(summary.stopped, short);
+    // One tick each, however long they have been standing still since.
+    let counted: u32 = outcome.counters.iter().map(|counters| counters.breaches).sum();
+    assert_eq!(outcome.breaches, u64::from(counted));
     stopping.on_breach = sim_host::scenario::BreachSpec::Ride;
     let outcome = run(&stopping, Fidelity::Loopback);
     assert!(outcome.counters.iter().all(|counters| counters.ticks == 1001), "{:?}", outcome.counters);

@@ -86,7 +86,7 @@ fn steepest(funnel: &FunnelSpec) -> f64 {
 /// Assumption 3, the funnels.
 fn funnels(subject: &Subject<'_>) -> Finding {
     let (scenario, end) = (subject.scenario, subject.scenario.time.end_s());
-    let bound = scenario.widest_funnel(0.0).max(scenario.widest_funnel(end));
+    let bound = subject.widths.widest;
     let theta = scenario.nodes.iter().map(|node| steepest(&node.funnel)).fold(0.0, f64::max);
     let last = scenario.widest_funnel(end);
     let text = format!(

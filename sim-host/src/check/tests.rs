@@ -389,3 +389,10 @@ fn every_node_has_its_row() {
     assert!(text.contains("\n   11        1"), "{text}");
     assert!(!load("head-count-20.toml", &[]).to_string().contains("\n   11"), "20 rows are too many to read");
 }
+
+#[test]
+fn a_schedule_that_widens_first_is_widest_where_it_joins() {
+    let widening = "coupling.funnel={kind='schedule',start=40.0,at='2s',eps=1.0,then={kind='exponential',start=900.0,end=1.0,rate=1.0}}";
+    let report = load("five-agents.toml", &[widening]);
+    near(value(&report, "funnels", "psi_bound"), 1.0 + 899.0 * math::exp(-2.0), 1e-6);
+}

@@ -12,6 +12,8 @@ pub(super) struct Widths {
     of_node: Vec<usize>,
     /// Narrowest funnel of each node over the run, by index (state units).
     pub narrowest: Vec<f64>,
+    /// Widest funnel of all over the run (state units); infinite where one is infinite at t = 0.
+    pub widest: f64,
     /// `r_psi`: the largest `psi_i / min_j psi_j` over the run (Assumption 5 (d)); infinite where only some funnels close.
     pub spread: f64,
 }
@@ -28,20 +30,29 @@ impl Widths {
             }
         }
         let mut narrowest = vec![f64::INFINITY; kinds.len()];
-        let mut spread = 1.0f64;
-        for t in instants(scenario.time.end_s()) {
+        let (mut spread, mut widest) = (1.0f64, 0.0f64);
+        for t in instants(scenario.time.end_s())
+            .chain(joins(&kinds).into_iter().filter(|t| *t <= scenario.time.end_s()))
+        {
             let widths = kinds.iter().map(|kind| kind.width(t));
             let (mut low, mut high) = (f64::INFINITY, 0.0f64);
             for (narrowest, width) in narrowest.iter_mut().zip(widths) {
                 *narrowest = narrowest.min(width);
                 (low, high) = (low.min(width), high.max(width));
             }
+            widest = widest.max(high);
             // Funnels that are all closed, or some infinite, have no ratio.
             if high > 0.0 && high.is_finite() {
                 spread = spread.max(high / low);
             }
         }
-        Self { narrowest: of_node.iter().map(|kind| narrowest[*kind]).collect(), kinds, of_node, spread }
+        Self {
+            narrowest: of_node.iter().map(|kind| narrowest[*kind]).collect(),
+            kinds,
+            of_node,
+            widest,
+            spread,
+        }
     }
 
     /// `psi_i(t)` by index, `t` in s (state units).
@@ -49,6 +60,15 @@ impl Widths {
         let widths: Vec<_> = self.kinds.iter().map(|kind| kind.width(t)).collect();
         self.of_node.iter().map(move |kind| widths[*kind])
     }
+}
+
+/// Where schedules join their parts (s), which is where one that widens first is widest.
+fn joins(kinds: &[FunnelSpec]) -> Vec<f64> {
+    let join = |kind: &FunnelSpec| match kind {
+        FunnelSpec::Schedule { at_ns, .. } => Some(*at_ns as f64 * 1e-9),
+        _ => None,
+    };
+    kinds.iter().filter_map(join).collect()
 }
 
 /// Points in time from 0 to `end` (s), dense at the start, where funnels move.

@@ -42,7 +42,8 @@ impl<'a> Collector<'a> {
         for observation in seen {
             self.hash.push(observation.x);
             self.max_ratio = self.max_ratio.max(observation.ratio);
-            self.breaches += u64::from(observation.ratio >= 1.0);
+            // A node that has stopped keeps its last observation, which is no breach of this tick.
+            self.breaches += u64::from(observation.ratio >= 1.0 && u64::from(observation.tick) == k);
         }
         self.compare(k, seen);
         let last = k == self.scenario.time.ticks;

@@ -8,7 +8,9 @@ use crate::record::{
     Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::Scenario;
+use funnel_core::Event;
 use funnel_protocol::report::Counters;
+use std::collections::BTreeSet;
 
 /// What a run came to.
 #[derive(Clone, Debug, Default)]
@@ -65,8 +67,16 @@ impl Outcome {
             reference: self.reference,
             bus: self.bus.clone(),
             bench: self.bench.clone(),
+            stopped: self.stopped(scenario),
             wall_s: 0.0,
         }
+    }
+
+    /// Ids of the nodes that stopped by themselves, ascending.
+    fn stopped(&self, scenario: &Scenario) -> Vec<u16> {
+        let faults = self.events.iter().filter(|event| matches!(event.event, Event::Fault(_)));
+        let ids = faults.filter_map(|event| scenario.nodes.get(event.node).map(|node| node.id));
+        ids.collect::<BTreeSet<_>>().into_iter().collect()
     }
 
     fn emergent(&self) -> EmergentSummary {

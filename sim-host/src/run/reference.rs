@@ -89,7 +89,7 @@ fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
     if scenario.components() > 1 || !law {
         return Err(RunError::bad_input(format!(
             "there is no reference for {} coupling of states with {} components, only for the node-wise law of scalar states; \
-             leave expect.reference_error out",
+             run it with --on loopback, without expect.reference_error",
             coupling.name(),
             scenario.components()
         )));

@@ -18,7 +18,7 @@ use super::tree::{Item, Place, Value};
 
 const STATE: Range = Range::any("state units");
 const INPUT: Range = Range::any("state units per second");
-const NOISE: Range = Range::non_negative("state units").on_host();
+const NOISE: Range = Range::non_negative("state units").up_to(params::LARGEST);
 
 /// What one `[agent]` or `[[node]]` table says.
 #[derive(Clone, Copy, Default)]

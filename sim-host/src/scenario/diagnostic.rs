@@ -87,15 +87,22 @@ impl fmt::Display for Diagnostic {
 #[serde(transparent)]
 pub struct Diagnostics(pub Vec<Diagnostic>);
 
+/// Mistakes that are spelt out; a large network can have one per node.
+const MOST_SPELT_OUT: usize = 20;
+
 impl fmt::Display for Diagnostics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (n, diagnostic) in self.0.iter().enumerate() {
+        for (n, diagnostic) in self.0.iter().take(MOST_SPELT_OUT).enumerate() {
             if n > 0 {
                 f.write_str("\n")?;
             }
             write!(f, "{diagnostic}")?;
         }
-        Ok(())
+        match self.0.len().saturating_sub(MOST_SPELT_OUT) {
+            0 => Ok(()),
+            1 => f.write_str("\nand 1 more"),
+            more => write!(f, "\nand {more} more"),
+        }
     }
 }
 

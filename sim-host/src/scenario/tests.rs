@@ -726,3 +726,15 @@ fn the_slope_of_a_funnel_is_its_derivative() {
         }
     }
 }
+
+#[test]
+fn many_mistakes_of_one_kind_do_not_fill_the_screen() {
+    // Every node but the middle one of 60 has a funnel that is far too narrow on a star.
+    let sets =
+        ["graph.kind=star", "graph.nodes=60", "coupling.funnel.start=0.001", "coupling.funnel.end=0.001"];
+    let states: Vec<_> = (1..=60).map(|id| format!("node.{id}.state={id}")).collect();
+    let sets: Vec<_> = sets.into_iter().chain(states.iter().map(String::as_str)).collect();
+    let told = read(FILE, &sets).unwrap_err().to_string();
+    assert_eq!(told.lines().count(), 21, "{told}");
+    assert!(told.ends_with("\nand 40 more"), "{told}");
+}

@@ -1,0 +1,213 @@
+//! A node's configuration in flash.
+//!
+//! The region has two halves, each a key-value map of `sequential-storage` with at most two records:
+//!
+//! | key | record |
+//! |---|---|
+//! | 0 | the configuration: `Option<NodeConfig>` in postcard, `None` for a node that was made blank on purpose |
+//! | 1 | the [`commit`](record::Commit): layout, epoch, CRC-32; written last |
+//!
+//! [`Store::stage`] erases the half that is not current and writes a configuration there. [`Store::commit`] adds the commit
+//! record with a larger epoch, which makes that half the current one. Nothing ever writes or erases the current half, so a power
+//! cut leaves the old configuration or the new one, whatever an interrupted write or erase leaves in the other half.
+//!
+//! Why not one map over the whole region: `sequential-storage` then moves live records out of a page before it erases
+//! that page, and takes up an interrupted move from the page again. That is right where an erase begins at the front. Cells
+//! erase in any order: where a page's marks survive the cut and its records do not, they are lost (3 of 39,144 cut points of 29
+//! configurations, `sequential-storage` 8.0.2, 2026-11-24, with the flash of tests/flash).
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod error;
+mod read_only;
+pub mod record;
+
+use core::ops::Range;
+
+use embedded_storage_async::nor_flash::NorFlash;
+use funnel_protocol::NodeConfig;
+use funnel_protocol::serial::MAX_BODY;
+use sequential_storage::cache::Cache;
+use sequential_storage::map::{MapConfig, MapStorage};
+
+pub use error::Error;
+use read_only::{ReadError, ReadOnly};
+use record::{Commit, LAYOUT, checksum};
+
+/// Keys of the records.
+const CONFIG: u8 = 0;
+const COMMIT: u8 = 1;
+
+/// Longest configuration, bytes: the longest body of a CONFIGURE and the one byte of the `Option` (`the_longest_fits`, tests/layout.rs).
+pub const MAX_CONFIG: usize = MAX_BODY + 1;
+/// Room for a configuration and its key, in whole words of any flash (32 bytes).
+const BUFFER: usize = (MAX_CONFIG + 1).next_multiple_of(32);
+/// Smallest page, bytes: both records fit into the first one, so that no map ever moves a record.
+pub const MIN_PAGE: usize = 2048;
+/// Smallest region, pages: two for each half.
+pub const MIN_PAGES: u32 = 4;
+
+/// One of the halves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Half {
+    Low,
+    High,
+}
+
+impl Half {
+    fn other(self) -> Self {
+        match self {
+            Self::Low => Self::High,
+            Self::High => Self::Low,
+        }
+    }
+}
+
+/// The stored configuration of a node. Dropping a future of it is a power cut: call [`Store::open`] again.
+pub struct Store<S> {
+    flash: S,
+    region: Range<u32>,
+    current: Option<(Half, Commit)>,
+    /// What was staged since the start, with the length of its record.
+    staged: Option<(Half, usize)>,
+    buffer: [u8; BUFFER],
+}
+
+impl<S: NorFlash> Store<S> {
+    /// Finds the current configuration in `region` of `flash` (byte addresses of the driver); reads only. A stage that was
+    /// not committed is no longer there. Flash that holds anything else is a store without a configuration.
+    ///
+    /// # Errors
+    /// `Region` where it does not consist of at least [`MIN_PAGES`] whole pages, an even number, of at least [`MIN_PAGE`]
+    /// bytes; `Flash` where the driver fails.
+    pub async fn open(flash: S, region: Range<u32>) -> Result<Self, Error<S::Error>> {
+        check_region::<S>(&region)?;
+        let mut store = Self { flash, region, current: None, staged: None, buffer: [0; BUFFER] };
+        for half in [Half::Low, Half::High] {
+            let found = store.read_commit(half).await?;
+            if let Some(commit) = found.filter(|found| found.epoch > store.epoch()) {
+                store.current = Some((half, commit));
+            }
+        }
+        Ok(store)
+    }
+
+    /// Epoch of the current configuration, 0 where there has never been one.
+    pub fn epoch(&self) -> u32 {
+        self.current.map_or(0, |(_, commit)| commit.epoch)
+    }
+
+    /// The current configuration; `None` where there is none.
+    ///
+    /// # Errors
+    /// `Newer` for one that later firmware has stored, `Corrupt` for one that has changed since it was committed, `Flash`. None of
+    /// them prevents a new one from being staged and committed.
+    pub async fn load(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
+        let Some((half, commit)) = self.current else { return Ok(None) };
+        // Layout 1 is the first. Its successors add arms here, and a golden record each in tests/layout.rs.
+        if commit.layout > LAYOUT {
+            return Err(Error::Newer { layout: commit.layout });
+        }
+        let bytes = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
+        if checksum(commit.layout, commit.epoch, bytes) != commit.crc {
+            return Err(Error::Corrupt);
+        }
+        let (config, rest) = postcard::take_from_bytes(bytes).map_err(|_| Error::Corrupt)?;
+        if rest.is_empty() { Ok(config) } else { Err(Error::Corrupt) }
+    }
+
+    /// Writes a configuration, or `None` for a blank node, beside the current one, which stays.
+    ///
+    /// # Errors
+    /// `Flash`, `Corrupt` where the flash does not keep what is written. Nothing is staged then.
+    pub async fn stage(&mut self, config: Option<&NodeConfig>) -> Result<(), Error<S::Error>> {
+        self.staged = None;
+        let half = self.current.map_or(Half::Low, |(half, _)| half.other());
+        let range = self.range(half);
+        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
+        let mut bytes = [0; MAX_CONFIG];
+        let bytes = postcard::to_slice(&config, &mut bytes).map_err(|_| Error::Corrupt)?;
+        self.write(half, CONFIG, bytes).await?;
+        if self.read(half, CONFIG).await? != Some(bytes) {
+            return Err(Error::Corrupt);
+        }
+        self.staged = Some((half, bytes.len()));
+        Ok(())
+    }
+
+    /// Makes the staged configuration the current one. A power cut leaves the one or the other.
+    ///
+    /// # Errors
+    /// `NotStaged`; `Epoch` unless `epoch` is larger than the [present one](Self::epoch); `Corrupt`, `Flash`: then the old
+    /// one stays until the next [`Store::open`], which finds the one or the other.
+    pub async fn commit(&mut self, epoch: u32) -> Result<(), Error<S::Error>> {
+        if epoch <= self.epoch() {
+            return Err(Error::Epoch { present: self.epoch() });
+        }
+        let (half, length) = self.staged.take().ok_or(Error::NotStaged)?;
+        let bytes =
+            self.read(half, CONFIG).await?.filter(|bytes| bytes.len() == length).ok_or(Error::Corrupt)?;
+        let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, bytes) };
+        self.write(half, COMMIT, &commit.encode()).await?;
+        if self.read_commit(half).await? != Some(commit) {
+            return Err(Error::Corrupt);
+        }
+        self.current = Some((half, commit));
+        Ok(())
+    }
+
+    /// The flash, for drivers that need attention. What is changed through it is the caller's risk.
+    pub fn flash(&mut self) -> &mut S {
+        &mut self.flash
+    }
+
+    /// The flash, for the next user.
+    pub fn release(self) -> S {
+        self.flash
+    }
+
+    fn range(&self, half: Half) -> Range<u32> {
+        let middle = self.region.start + (self.region.end - self.region.start) / 2;
+        match half {
+            Half::Low => self.region.start..middle,
+            Half::High => middle..self.region.end,
+        }
+    }
+
+    async fn read_commit(&mut self, half: Half) -> Result<Option<Commit>, Error<S::Error>> {
+        Ok(self.read(half, COMMIT).await?.and_then(Commit::decode))
+    }
+
+    /// A record, `None` where there is none that can be read. Never writes: repairs are for a half that is going to be erased
+    /// anyway.
+    async fn read(&mut self, half: Half, key: u8) -> Result<Option<&[u8]>, Error<S::Error>> {
+        let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
+        let mut map = MapStorage::<u8, _, _>::new(ReadOnly(&mut self.flash), config, Cache::new_uncached());
+        match map.fetch_item(&mut self.buffer, &key).await {
+            Ok(record) => Ok(record),
+            Err(sequential_storage::Error::Storage { value: ReadError::Flash(error), .. }) => {
+                Err(Error::Flash(error))
+            }
+            Err(_) => Ok(None),
+        }
+    }
+
+    async fn write(&mut self, half: Half, key: u8, record: &[u8]) -> Result<(), Error<S::Error>> {
+        let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
+        let mut map = MapStorage::<u8, _, _>::new(&mut self.flash, config, Cache::new_uncached());
+        map.store_item(&mut self.buffer, &key, &record).await.map_err(|error| match error {
+            sequential_storage::Error::Storage { value, .. } => Error::Flash(value),
+            _ => Error::Corrupt,
+        })
+    }
+}
+
+fn check_region<S: NorFlash>(region: &Range<u32>) -> Result<(), Error<S::Error>> {
+    let page = S::ERASE_SIZE as u32;
+    let length = region.end.checked_sub(region.start).ok_or(Error::Region)?;
+    let fits = region.start.is_multiple_of(page)
+        && length.is_multiple_of(2 * page)
+        && length / page >= MIN_PAGES
+        && S::ERASE_SIZE >= MIN_PAGE;
+    if fits { Ok(()) } else { Err(Error::Region) }
+}

@@ -1,0 +1,210 @@
+//! The power fails after every single byte of every stage and commit, and at eight moments of every erase: what is read after the
+//! restart is the old configuration or the new one, and the next one can be stored.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::reversed_empty_ranges)]
+
+mod configs;
+mod flash;
+
+use configs::{longest, small};
+use flash::{Fault, Flash, now};
+use funnel_protocol::NodeConfig;
+use funnel_store::{Error, Store};
+use proptest::prelude::*;
+
+type Stored = Option<NodeConfig>;
+
+/// A store of four pages behind one that belongs to somebody else.
+fn open<const W: usize, const P: usize>(flash: Flash<W, P>) -> Store<Flash<W, P>> {
+    let region = P as u32..5 * P as u32;
+    now(Store::open(flash, region)).unwrap_or_else(|error| panic!("the store does not open: {error}"))
+}
+
+fn read<const W: usize, const P: usize>(store: &mut Store<Flash<W, P>>) -> Stored {
+    now(store.load()).unwrap_or_else(|error| panic!("the store cannot be read: {error}"))
+}
+
+/// Stages and commits; how far it came, and the flash.
+fn put<const W: usize, const P: usize>(flash: Flash<W, P>, new: &Stored) -> (Result<(), Fault>, Flash<W, P>) {
+    let mut store = open(flash);
+    let done = now(async {
+        store.stage(new.as_ref()).await?;
+        store.commit(store.epoch() + 1).await
+    });
+    let done = done.map_err(|error| match error {
+        Error::Flash(fault) => fault,
+        error => panic!("{error}"),
+    });
+    (done, store.release())
+}
+
+/// Writes of a node's life: the first ones, equal ones, longer and shorter ones, blank in between.
+fn life() -> Vec<Stored> {
+    vec![
+        Some(small(1)),
+        Some(longest(2)),
+        Some(small(3)),
+        None,
+        Some(longest(5)),
+        Some(longest(5)),
+        None,
+        None,
+        Some(small(9)),
+    ]
+}
+
+/// Every cut point of a life; how many there were, and how often the new configuration was there already.
+fn every_cut<const W: usize, const P: usize>() -> (u64, u64) {
+    let (mut cuts, mut new_already) = (0, 0);
+    let mut before = Flash::<W, P>::new(6);
+    let mut old: Stored = None;
+    for new in life() {
+        let (done, after) = put(before.clone().restart(None), &new);
+        assert_eq!(done, Ok(()));
+        for n in 0..after.steps {
+            let (done, cut) = put(before.clone().restart(Some(n)), &new);
+            assert_eq!(done, Err(Fault::PowerCut), "after {n} steps");
+            let bytes = cut.bytes.clone();
+            let mut store = open(cut.restart(None));
+            let found = read(&mut store);
+            assert!(store.flash().bytes == bytes, "looking must not write");
+            assert!(found == old || found == new, "a third configuration after {n} steps: {found:?}");
+            new_already += u64::from(found == new && old != new);
+            let (done, again) = put(store.release(), &Some(small(77)));
+            assert_eq!((done, read(&mut open(again))), (Ok(()), Some(small(77))), "after {n} steps");
+            cuts += 1;
+        }
+        assert!(
+            after.bytes[..P].iter().chain(&after.bytes[5 * P..]).all(|&byte| byte == 0xFF),
+            "foreign pages"
+        );
+        (before, old) = (after, new);
+        assert_eq!(read(&mut open(before.clone())), old);
+    }
+    (cuts, new_already)
+}
+
+#[test]
+fn every_cut_leaves_the_old_configuration_or_the_new_one() {
+    // Words and pages of the STM32G4, the nRF52 and the RP2040.
+    let counted = [every_cut::<8, 2048>(), every_cut::<4, 4096>(), every_cut::<1, 4096>()];
+    println!("cut points, of them with the new configuration: {counted:?}");
+    let cuts: u64 = counted.iter().map(|&(cuts, _)| cuts).sum();
+    assert!(cuts > 10_000, "{cuts}");
+}
+
+#[test]
+fn a_stage_without_its_commit_is_dropped_at_the_restart() {
+    let (_, flash) = put(Flash::<8, 2048>::new(6), &Some(small(1)));
+    let mut store = open(flash);
+    now(store.stage(Some(&small(2)))).unwrap();
+    assert_eq!(read(&mut store), Some(small(1)), "until the commit the old one counts");
+    let mut store = open(store.release());
+    assert_eq!(read(&mut store), Some(small(1)));
+    assert_eq!(now(store.commit(9)), Err(Error::NotStaged));
+}
+
+#[test]
+fn epochs_grow() {
+    let mut store = open(Flash::<8, 2048>::new(6));
+    for (epoch, outcome) in
+        [(0, Err(Error::Epoch { present: 0 })), (7, Ok(())), (7, Err(Error::Epoch { present: 7 }))]
+    {
+        now(store.stage(Some(&small(1)))).unwrap();
+        assert_eq!(now(store.commit(epoch)), outcome);
+    }
+    assert_eq!(open(store.release()).epoch(), 7);
+}
+
+#[test]
+fn flash_full_of_anything_is_a_store_without_a_configuration() {
+    // First word, middle and last word of each page. The last one is what the map would repair: an interrupted erase.
+    for [first, middle, last] in [[0x00; 3], [0x55; 3], [0xFF; 3], [0x00, 0x55, 0xFF], [0xFF, 0x55, 0x00]] {
+        let mut flash = Flash::<8, 2048>::new(6);
+        for page in flash.bytes.chunks_mut(2048).skip(1).take(4) {
+            page.fill(middle);
+            page[..8].fill(first);
+            page[2040..].fill(last);
+        }
+        let bytes = flash.bytes.clone();
+        let mut store = open(flash);
+        assert_eq!(read(&mut store), None);
+        assert!(store.flash().bytes == bytes, "looking must not write");
+        assert_eq!(put(store.release(), &Some(small(1))).0, Ok(()));
+    }
+}
+
+#[test]
+fn a_region_that_does_not_fit_the_pages_is_refused() {
+    let backwards = core::ops::Range { start: 4 * 2048, end: 0 };
+    for region in [0..3 * 2048, 0..2 * 2048, 100..4 * 2048 + 100, backwards] {
+        let opened = now(Store::open(Flash::<8, 2048>::new(8), region.clone()));
+        assert!(matches!(opened.map(|_| ()), Err(Error::Region)), "{region:?}");
+    }
+    assert!(matches!(now(Store::open(Flash::<4, 1024>::new(8), 0..8192)).map(|_| ()), Err(Error::Region)));
+}
+
+/// Lets the power fail `cut` steps from now.
+fn arm<const W: usize, const P: usize>(store: &mut Store<Flash<W, P>>, cut: Option<u64>) {
+    let flash = store.flash();
+    flash.cut_after = cut.map(|n| flash.steps + n);
+}
+
+/// One step in the life of a node; `cut` is where in it the power fails.
+#[derive(Clone, Debug)]
+enum Step {
+    Stage(Option<u8>, Option<u64>),
+    Commit(Option<u64>),
+    Restart,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        4 => (prop::option::weighted(0.9, 1..100_u8), prop::option::of(0..200_u64)).prop_map(|(id, cut)| Step::Stage(id, cut)),
+        4 => prop::option::of(0..32_u64).prop_map(Step::Commit),
+        1 => Just(Step::Restart),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(300) })]
+
+    /// Against a model: what is committed, and what is staged since the start.
+    #[test]
+    fn any_life_with_any_cuts_keeps_what_was_committed(steps in prop::collection::vec(step(), 1..40), seed in any::<u64>()) {
+        let mut flash = Flash::<8, 2048>::new(6);
+        flash.seed = seed;
+        let mut store = open(flash);
+        let mut committed: Stored = None;
+        let mut staged: Option<Stored> = None;
+        for step in steps {
+            let mut allowed = vec![committed.clone()];
+            let (cut, result) = match &step {
+                Step::Restart => (true, Ok(())),
+                Step::Stage(id, cut) => {
+                    let new = id.map(small);
+                    arm(&mut store, *cut);
+                    let result = now(store.stage(new.as_ref()));
+                    staged = result.is_ok().then_some(new);
+                    (result.is_err(), result)
+                }
+                Step::Commit(cut) => {
+                    arm(&mut store, *cut);
+                    let result = now(store.commit(store.epoch() + 1));
+                    match (&result, staged.take()) {
+                        (Ok(()), new) => allowed = vec![new.clone().unwrap()],
+                        (Err(Error::Flash(_)), Some(new)) => allowed.push(new),
+                        (error, new) => prop_assert!(*error == Err(Error::NotStaged) && new.is_none(), "{error:?}"),
+                    }
+                    (matches!(result, Err(Error::Flash(_))), result)
+                }
+            };
+            if cut {
+                store = open(store.release().restart(None));
+                staged = None;
+            }
+            let found = read(&mut store);
+            prop_assert!(allowed.contains(&found), "{step:?} gave {result:?}, found {found:?}");
+            committed = found;
+        }
+    }
+}
