@@ -22,7 +22,6 @@ fn options() -> RunOptions {
         bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
-        bench: None,
         repeat: String::new(),
     }
 }

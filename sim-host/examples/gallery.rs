@@ -65,7 +65,6 @@ fn options(scenario: &Scenario) -> RunOptions {
         bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
-        bench: None,
         repeat: String::new(),
     }
 }

@@ -63,7 +63,6 @@ fn rows(file: &str, sets: &[&str]) -> Vec<Row> {
         bench: None,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
-        bench: None,
         repeat: String::new(),
     };
     simulate(&scenario, &options).expect("a run").rows

@@ -175,7 +175,11 @@ impl Played {
             match act {
                 Act::Send => {}
                 Act::Noise(bytes) => self.put(&bytes),
-                Act::Hear(bytes) => bytes.iter().for_each(|&byte| drop(self.deframer.push(byte))),
+                Act::Hear(bytes) => {
+                    for &byte in &bytes {
+                        let _ = self.deframer.push(byte);
+                    }
+                }
                 Act::Vanish => self.quit.store(true, Ordering::Relaxed),
                 Act::Hang => self.hung = true,
                 Act::Flood => {

@@ -74,7 +74,7 @@ impl BenchFile {
         file.integer("version", None, (1, 1), "the version of this format; write version = 1");
         let baud = file.integer("baud", Some(DEFAULT_BAUD.into()), BAUDS, "bit/s");
         let answer_ns = match file.take("answer_within") {
-            Some(_) => file.duration_within("answer_within", ANSWER_LIMITS_NS),
+            Some(_) => file.duration_within("answer_within", ANSWER_LIMITS_NS, "for one answer"),
             None => ANSWER_NS,
         };
         let items = file.array("node");
@@ -247,7 +247,10 @@ mod tests {
                 ("version = 1", "version = 1\nbaud = 5"),
                 "baud = 5: must be an integer from 1200 to 12000000 (bit/s)",
             ),
-            (("version = 1", "version = 1\nanswer_within = \"1ms\""), "must be from 100ms to 60s"),
+            (
+                ("version = 1", "version = 1\nanswer_within = \"1ms\""),
+                "must be from 100ms to 60s, for one answer",
+            ),
         ];
         for ((from, to), expected) in cases {
             assert!(FILE.contains(from), "{from}");

@@ -66,8 +66,8 @@ impl Outcome {
             emergent: Some(emergent),
             reference: self.reference,
             bus: self.bus.clone(),
-            stopped: self.stopped(scenario),
             bench: self.bench.clone(),
+            stopped: self.stopped(scenario),
             wall_s: 0.0,
         }
     }

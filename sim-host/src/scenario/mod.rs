@@ -144,7 +144,7 @@ struct Time<'a> {
 fn read_time(mut section: Section<'_>) -> Time<'_> {
     let ticks = (u64::from(params::SHORTEST_TICK_NS), u64::from(u32::MAX));
     let time = Time {
-        tick_ns: section.duration_within("tick", ticks),
+        tick_ns: section.duration_within("tick", ticks, "to suit a node"),
         duration_ns: section.duration("duration", None),
         duration: section.take("duration"),
         place: section.place(),

@@ -256,8 +256,8 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// A required duration within `limits`, both included, in nanoseconds.
-    pub fn duration_within(&mut self, key: &'static str, limits: (u64, u64)) -> u64 {
+    /// A required duration within `limits`, both included, in nanoseconds. `why` ends the message.
+    pub fn duration_within(&mut self, key: &'static str, limits: (u64, u64), why: &str) -> u64 {
         let Some(item) = self.take(key) else {
             self.missing(key, duration::ALLOWED);
             return limits.0;
@@ -266,7 +266,7 @@ impl<'a> Section<'a> {
             true => Ok(ns),
             false => {
                 let [low, high] = [limits.0, limits.1].map(duration::format_duration);
-                let allowed = format!("must be from {low} to {high}, to suit a node");
+                let allowed = format!("must be from {low} to {high}, {why}");
                 Err(item.diagnostic(Problem::Value, allowed))
             }
         };
