@@ -191,7 +191,7 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
 # The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, and what can go wrong with emulators and benches
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin selftest
-    cargo test --locked --workspace --test parity --test emulator_faults --test bench -- --include-ignored
+    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour -- --include-ignored
 }
 
 cmd_cost() { #: count instructions on the emulated Cortex-M4F and on the host; Markdown, fails above a limit
