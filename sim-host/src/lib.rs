@@ -6,6 +6,7 @@
 
 pub mod bench;
 pub mod bus;
+pub mod can;
 pub mod central;
 pub mod check;
 pub mod cli;
