@@ -169,9 +169,9 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
     cargo test --locked --release --package funnel-core --test sweep -- --include-ignored --nocapture
 }
 
-cmd_thumb() { #: core and protocol alone for the target: no std, and with Debian's toolchain no alloc either
+cmd_thumb() { #: the crates of a node alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnel-core funnel-link funnel-protocol funnel-store; do
+    for package in funnel-core funnel-link funnel-plant funnel-protocol funnel-store; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done
@@ -289,13 +289,13 @@ board_storage() { # BOARD END-OF-PROGRAM
     expect_symbol "$image" __storage_end "$((start + length))"
 }
 
-cmd_panics() { #: check that no code of core, link and protocol in the images leads to a panic
+cmd_panics() { #: check that no code of core, link, plant and protocol in the images leads to a panic
     local board images=()
     for board in $(boards); do
         board_cargo build "$board" --release
         images+=("$(board_image "$board")")
     done
-    python3 firmware/panics.py "$ROOT" core,link,protocol "${images[@]}"
+    python3 firmware/panics.py "$ROOT" core,link,plant,protocol "${images[@]}"
 }
 
 # First address of a section and the one after its end, in decimal.

@@ -66,6 +66,13 @@ pub struct PlantSetup {
     pub coast_ticks: u32,
 }
 
+impl PlantSetup {
+    /// A plant with these inputs, one per component of the state, 8 at most.
+    pub fn new(inputs: impl IntoIterator<Item = InputRange>, coast_ticks: u32) -> Self {
+        Self { inputs: collect(inputs), coast_ticks }
+    }
+}
+
 /// What the app is asked for next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Demand {
