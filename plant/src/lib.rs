@@ -18,8 +18,8 @@ pub use sensor::{Sensor, SensorScale, Source};
 use funnel_core::field::State;
 use funnel_core::{Configured, Model};
 
-/// The plant of a node, as its app sees it.
-#[allow(async_fn_in_trait)] // One executor, one task: nobody needs the futures to be `Send`.
+/// The plant of a node, as its app sees it. Nothing here waits: a sensor that takes longer than a small part of a tick is read by a task of
+/// its own, and [`Plant::measure`] gives its latest value.
 pub trait Plant {
     /// The plant's model.
     type Model: Model;
@@ -31,19 +31,19 @@ pub trait Plant {
     ///
     /// # Errors
     /// Why there is none; the node then goes on with its prediction for a while.
-    async fn measure(&mut self) -> Result<State<f32>, Failure>;
+    fn measure(&mut self) -> Result<State<f32>, Failure>;
 
     /// Drives the actuators with `u`, state units / s, one value per component, within the limits of the model.
     ///
     /// # Errors
     /// What has failed; the node then stops.
-    async fn actuate(&mut self, u: &[f32]) -> Result<(), Failure>;
+    fn actuate(&mut self, u: &[f32]) -> Result<(), Failure>;
 
     /// Puts the actuators in their safe position: at the start of the program, and whenever the node stops.
     ///
     /// # Errors
     /// What has failed; all the others are safe nevertheless.
-    async fn safe(&mut self) -> Result<(), Failure>;
+    fn safe(&mut self) -> Result<(), Failure>;
 }
 
 /// No plant: the node integrates the field of its configuration.
@@ -58,15 +58,15 @@ impl Plant for Virtual {
     }
 
     /// Never asked for.
-    async fn measure(&mut self) -> Result<State<f32>, Failure> {
+    fn measure(&mut self) -> Result<State<f32>, Failure> {
         Err(Failure::Components)
     }
 
-    async fn actuate(&mut self, _: &[f32]) -> Result<(), Failure> {
+    fn actuate(&mut self, _: &[f32]) -> Result<(), Failure> {
         Ok(())
     }
 
-    async fn safe(&mut self) -> Result<(), Failure> {
+    fn safe(&mut self) -> Result<(), Failure> {
         Ok(())
     }
 }

@@ -35,16 +35,16 @@ impl<S: Source, A: Sink, M: Model + Clone, const N: usize> Plant for Sampled<S, 
         WithPlant { model: self.model.clone(), plant: PlantSetup::new(inputs, self.coast_ticks) }
     }
 
-    async fn measure(&mut self) -> Result<State<f32>, Failure> {
+    fn measure(&mut self) -> Result<State<f32>, Failure> {
         let mut state = State::new();
         for (sensor, component) in self.sensors.iter_mut().zip(0..) {
-            let x = sensor.read(component).await?;
+            let x = sensor.read(component)?;
             state.push(x).map_err(|_| Failure::Components)?;
         }
         Ok(state)
     }
 
-    async fn actuate(&mut self, u: &[f32]) -> Result<(), Failure> {
+    fn actuate(&mut self, u: &[f32]) -> Result<(), Failure> {
         if u.len() != N {
             return Err(Failure::Components);
         }
@@ -52,7 +52,7 @@ impl<S: Source, A: Sink, M: Model + Clone, const N: usize> Plant for Sampled<S, 
         driven.try_for_each(|((actuator, &u), component)| actuator.drive(component, u))
     }
 
-    async fn safe(&mut self) -> Result<(), Failure> {
+    fn safe(&mut self) -> Result<(), Failure> {
         let safe = self.actuators.iter_mut().zip(0..).map(|(actuator, component)| actuator.safe(component));
         // All of them, also after one that refuses.
         safe.fold(Ok(()), Result::and)

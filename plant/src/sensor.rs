@@ -4,16 +4,15 @@ use crate::failure::{BadScale, Failure, check};
 use core::ops::RangeInclusive;
 
 /// A converter that gives raw counts. embedded-hal 1.0 has no trait for one, and every HAL its own type: a line or two adapt it.
-#[allow(async_fn_in_trait)] // One executor, one task: nobody needs the futures to be `Send`.
 pub trait Source {
     /// What the converter says when it fails.
     type Error;
 
-    /// The value now, counts. One that blocks simply returns.
+    /// The value now, counts. It blocks for no longer than a conversion.
     ///
     /// # Errors
     /// Whatever the converter says.
-    async fn counts(&mut self) -> Result<i32, Self::Error>;
+    fn counts(&mut self) -> Result<i32, Self::Error>;
 }
 
 /// `x = zero + per_count counts`, and which counts can be meant.
@@ -50,8 +49,8 @@ impl<S: Source> Sensor<S> {
     }
 
     /// The state now, state units; `component` says whose it is, should it fail.
-    pub(crate) async fn read(&mut self, component: u8) -> Result<f32, Failure> {
-        let counts = self.source.counts().await.map_err(|_| Failure::Source { component })?;
+    pub(crate) fn read(&mut self, component: u8) -> Result<f32, Failure> {
+        let counts = self.source.counts().map_err(|_| Failure::Source { component })?;
         let SensorScale { zero, per_count, valid } = &self.scale;
         if valid.contains(&counts) {
             Ok(zero + per_count * counts as f32)

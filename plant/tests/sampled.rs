@@ -1,9 +1,6 @@
 //! A sampled plant on mocked pins: scales, limits, what fails, and what is safe.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use core::future::Future;
-use core::pin::pin;
-use core::task::{Context, Poll, Waker};
 use embedded_hal_mock::eh1::MockError;
 use embedded_hal_mock::eh1::pwm::{Mock, Transaction};
 use funnel_core::{Configured, Model};
@@ -19,7 +16,7 @@ struct Converter(Result<i32, ()>);
 impl Source for Converter {
     type Error = ();
 
-    async fn counts(&mut self) -> Result<i32, ()> {
+    fn counts(&mut self) -> Result<i32, ()> {
         self.0
     }
 }
@@ -45,14 +42,6 @@ impl Sink for &mut Dac {
 const CELSIUS: SensorScale = SensorScale { zero: -50.0, per_count: 330.0 / 4096.0, valid: 300..=3000 };
 /// 40 % without input and all of it at 0.6 K/s; the safe heater is off.
 const HEATER: ActuatorScale = ActuatorScale { at_zero: 0.4, per_input: 1.0, safe: 0.0 };
-
-/// What never waits is ready at once.
-fn now<T>(future: impl Future<Output = T>) -> T {
-    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(value) => value,
-        Poll::Pending => panic!("it waits"),
-    }
-}
 
 fn sensor(counts: Result<i32, ()>) -> Sensor<Converter> {
     Sensor::new(Converter(counts), CELSIUS).unwrap()
@@ -82,7 +71,7 @@ fn plant<const N: usize>(
 #[test]
 fn counts_become_states() {
     let (mut plant, pins) = plant([Ok(1000), Ok(300), Ok(3000)], [&[], &[], &[]]);
-    let x = now(plant.measure()).unwrap();
+    let x = plant.measure().unwrap();
     for (x, celsius) in x.iter().zip([30.566, -25.830, 191.699]) {
         assert!((x - celsius).abs() < 1e-3, "{x} instead of {celsius} degrees C");
     }
@@ -96,7 +85,7 @@ fn inputs_become_duty_cycles() {
     let calls = [set(400), set(500), set(0), set(1000), set(1000), set(0), set(467)].concat();
     let (mut plant, [mut pin]) = plant([Ok(1000)], [&calls]);
     for u in [0.0, 0.1, -0.4, 0.6, 70.0, -70.0, 0.0666] {
-        now(plant.actuate(&[u])).unwrap();
+        plant.actuate(&[u]).unwrap();
     }
     pin.done();
 }
@@ -105,7 +94,7 @@ fn inputs_become_duty_cycles() {
 fn a_dac_is_driven_in_the_same_way() {
     let mut dac = Dac::default();
     let actuator = Actuator::new(&mut dac, HEATER).unwrap();
-    now(Sampled::new([sensor(Ok(1000))], [actuator], Configured, 5).actuate(&[0.1])).unwrap();
+    Sampled::new([sensor(Ok(1000))], [actuator], Configured, 5).actuate(&[0.1]).unwrap();
     assert_eq!(dac.0, 2048);
 }
 
@@ -133,7 +122,7 @@ fn a_sensor_that_fails_or_gives_nonsense_is_named() {
     let failure = |counts| {
         let (mut plant, pins) = plant([Ok(1000), counts], [&[], &[]]);
         pins.into_iter().for_each(|mut pin| pin.done());
-        now(plant.measure()).unwrap_err()
+        plant.measure().unwrap_err()
     };
     assert_eq!(failure(Err(())), Failure::Source { component: 1 });
     for counts in [299, 3001, i32::MIN, i32::MAX] {
@@ -147,15 +136,15 @@ fn a_sensor_that_fails_or_gives_nonsense_is_named() {
 #[test]
 fn a_pin_that_refuses_is_named() {
     let (mut plant, pins) = plant([Ok(1000); 2], [&set(500), &refuse(300)]);
-    assert_eq!(now(plant.actuate(&[0.1, -0.1])), Err(Failure::Sink { component: 1 }));
+    assert_eq!(plant.actuate(&[0.1, -0.1]), Err(Failure::Sink { component: 1 }));
     pins.into_iter().for_each(|mut pin| pin.done());
-    assert_eq!(now(plant.actuate(&[0.1])), Err(Failure::Components), "and nothing is driven");
+    assert_eq!(plant.actuate(&[0.1]), Err(Failure::Components), "and nothing is driven");
 }
 
 #[test]
 fn all_are_made_safe_even_if_one_refuses() {
     let (mut plant, pins) = plant([Ok(1000); 3], [&set(0), &refuse(0), &set(0)]);
-    assert_eq!(now(plant.safe()), Err(Failure::Sink { component: 1 }));
+    assert_eq!(plant.safe(), Err(Failure::Sink { component: 1 }));
     pins.into_iter().for_each(|mut pin| pin.done());
 }
 
@@ -183,5 +172,5 @@ fn a_scale_that_cannot_be_is_refused_by_name() {
 #[test]
 fn a_virtual_node_has_no_plant() {
     assert_eq!(Virtual.model().plant(), None);
-    assert_eq!((now(Virtual.safe()), now(Virtual.actuate(&[]))), (Ok(()), Ok(())));
+    assert_eq!((Virtual.safe(), Virtual.actuate(&[])), (Ok(()), Ok(())));
 }

@@ -7,6 +7,7 @@ mod can;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
+use funnel_plant::Virtual;
 
 use crate::app;
 use crate::link::can::CanNode;
@@ -43,8 +44,8 @@ pub async fn run<L: Read + Write>(
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
-        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, 0).await,
-        b's' => app::run(Serial::new(link), storage, 0).await,
+        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, Virtual, 0).await,
+        b's' => app::run(Serial::new(link), storage, Virtual, 0).await,
         b'f' => cortex_m::asm::udf(),
         other => {
             defmt::error!("no test is called {=u8:#04x}", other);
