@@ -193,7 +193,7 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
 # The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, what can go wrong with emulators and benches, and emulated heaters
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin selftest --bin heater_emulated
-    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test heaters -- --include-ignored
+    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters -- --include-ignored
 }
 
 cmd_cost() { #: count instructions on the emulated Cortex-M4F and on the host; Markdown, fails above a limit

@@ -22,7 +22,7 @@ const BIT_RATE: u32 = 1_000_000;
 #[embassy_executor::task]
 async fn test(link: Uart0) {
     let storage = InFlash::open(Blocking(Flash), 0..flash::SIZE as u32).await;
-    let Ok(()) = selftest::run(link, storage, || uart::lost().in_buffer).await;
+    let Ok(()) = selftest::run(link, storage, || uart::lost().in_buffer, time::counts).await;
 }
 
 #[entry]

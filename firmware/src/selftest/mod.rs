@@ -4,6 +4,7 @@
 //! The first byte that comes chooses a test; everything after it belongs to that test.
 
 mod can;
+mod hour;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
@@ -25,12 +26,13 @@ pub const BULK: u32 = 1_000_000;
 
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
 /// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `s` a node with
-/// storage. `lost` tells how many bytes the link has
-/// dropped for want of room.
+/// storage, `h` a network for an hour. `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
+/// embassy-time is made from.
 pub async fn run<L: Read + Write>(
     mut link: L,
     storage: impl Storage,
     lost: impl Fn() -> u32,
+    counts: impl Fn() -> u32,
 ) -> Result<(), L::Error> {
     defmt::info!("selftest ready");
     let mut choice = [0];
@@ -46,6 +48,7 @@ pub async fn run<L: Read + Write>(
         b'p' => deliberate_panic(),
         b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, Virtual, 0).await,
         b's' => app::run(Serial::new(link), storage, Virtual, 0).await,
+        b'h' => hour::run(&mut link, counts).await,
         b'f' => cortex_m::asm::udf(),
         other => {
             defmt::error!("no test is called {=u8:#04x}", other);
