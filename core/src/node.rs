@@ -14,7 +14,7 @@ use crate::math::Real;
 use crate::neighbour::{EdgeFunnel, Heard, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
-use crate::plant::{Demand, Plant, Purpose};
+use crate::plant::{Plant, Purpose, Step};
 use funnel_protocol::config::{MAX_COMPONENTS, TickSource};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, TickStamp};
 use funnel_protocol::refusal::Refusal;
@@ -57,8 +57,7 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
-    /// The app is to be told that the node has stopped.
-    safe: bool,
+    step: Step,
     events: Deque<Event, EVENT_CAPACITY>,
     in_breach: bool,
     /// What a breach has added to the funnel, state units, at the tick that is computed next.
@@ -135,7 +134,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             schedule: Schedule::Wait,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
-            safe: false,
+            step: Step::Idle,
             events: Deque::new(),
             in_breach: false,
             reopened: F::ZERO,
@@ -193,11 +192,13 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// When [`Node::poll`] has something to do next, ns on the caller's clock; `None`: not before a message.
     pub fn poll_at(&self) -> Option<u64> {
-        if self.has_outgoing() || !self.events.is_empty() || self.has_demand() {
+        if self.has_outgoing() || !self.events.is_empty() {
             return Some(0);
         }
-        if self.waits_for_sample() {
-            return None;
+        match self.step {
+            Step::Idle => {}
+            Step::Await(_) => return None,
+            Step::Ask(_) | Step::Tell | Step::Stop => return Some(0),
         }
         match self.schedule {
             Schedule::Wait => None,
@@ -251,11 +252,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// Ticks, or asks for the sample that a tick needs.
     fn run_due_ticks(&mut self, now: u64) {
         for _ in 0..CATCH_UP_LIMIT {
-            if self.plant.as_ref().is_some_and(|plant| !plant.is_idle()) || !self.tick_is_due(now) {
+            if self.step != Step::Idle || !self.tick_is_due(now) {
                 return;
             }
-            match &mut self.plant {
-                Some(plant) => plant.ask(Purpose::Tick),
+            match self.plant {
+                Some(_) => self.step = Step::Ask(Purpose::Tick),
                 None => self.run_tick(),
             }
         }
@@ -592,10 +593,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.phase = phase;
         self.schedule = Schedule::Wait;
         self.outgoing = Outgoing::default();
-        self.safe = true;
-        if let Some(plant) = &mut self.plant {
-            plant.rest();
-        }
+        self.step = Step::Stop;
     }
 
     fn fault(&mut self, code: FaultCode) {
@@ -640,40 +638,41 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if !sound {
             return self.sample_failed();
         }
-        let Some(plant) = self.plant.as_mut().filter(|plant| plant.awaits()) else { return };
+        let (Some(plant), Step::Await(purpose)) = (&mut self.plant, self.step) else { return };
         plant.succeed();
         for (part, &x) in self.parts.iter_mut().zip(x) {
             part.correct(F::from_f32(x));
         }
-        self.resume();
+        self.resume(purpose);
     }
 
     /// Answers [`Action::Sample`] where the sensor has failed: the node goes on with its prediction, for so many ticks.
     pub fn sample_failed(&mut self) {
-        let Some(plant) = self.plant.as_mut().filter(|plant| plant.awaits()) else { return };
+        let (Some(plant), Step::Await(purpose)) = (&mut self.plant, self.step) else { return };
         count(&mut self.counters.coasted);
         match plant.miss() {
             Some(missed) => self.fail(FaultCode::PLANT, u16::try_from(missed).unwrap_or(u16::MAX)),
-            None => self.resume(),
+            None => self.resume(purpose),
         }
     }
 
-    fn resume(&mut self) {
-        match self.plant.as_mut().and_then(Plant::resume) {
-            Some(Purpose::Announce) => {
+    /// Takes up what has waited for a sample, with it or without.
+    fn resume(&mut self, purpose: Purpose) {
+        self.step = Step::Idle;
+        match purpose {
+            Purpose::Announce => {
                 // Before the first tick nothing has changed.
                 self.parts.iter_mut().for_each(|part| part.dx = F::ZERO);
                 self.outgoing.states = self.all_components();
             }
-            Some(Purpose::Tick) => self.run_tick(),
-            None => {}
+            Purpose::Tick => self.run_tick(),
         }
     }
 
     /// The initial state goes out; that of a plant has to be measured first.
     fn announce(&mut self) {
-        match &mut self.plant {
-            Some(plant) => plant.ask(Purpose::Announce),
+        match self.plant {
+            Some(_) => self.step = Step::Ask(Purpose::Announce),
             None => self.outgoing.states = self.all_components(),
         }
     }
@@ -692,33 +691,31 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 part.u = applied;
             }
         }
-        plant.tell();
+        self.step = Step::Tell;
         if saturated {
             count(&mut self.counters.saturated);
         }
     }
 
-    fn has_demand(&self) -> bool {
-        self.safe || self.plant.as_ref().is_some_and(Plant::has_demand)
-    }
-
-    fn waits_for_sample(&self) -> bool {
-        self.plant.as_ref().is_some_and(Plant::awaits)
-    }
-
     /// Whether the app is to be told that the node has stopped; told once.
-    pub(crate) fn take_safe(&mut self) -> bool {
-        core::mem::take(&mut self.safe)
+    pub(crate) fn take_stop(&mut self) -> bool {
+        let stopped = self.step == Step::Stop;
+        if stopped {
+            self.step = Step::Idle;
+        }
+        stopped
     }
 
+    /// What to ask of the app now, each once.
     fn demand(&mut self) -> Option<Action> {
-        if self.take_safe() {
-            return Some(Action::Safe);
-        }
-        self.plant.as_mut()?.demand().map(|demand| match demand {
-            Demand::Sample => Action::Sample,
-            Demand::Actuate => Action::Actuate,
-        })
+        let (action, next) = match self.step {
+            Step::Idle | Step::Await(_) => return None,
+            Step::Ask(purpose) => (Action::Sample, Step::Await(purpose)),
+            Step::Tell => (Action::Actuate, Step::Idle),
+            Step::Stop => (Action::Safe, Step::Idle),
+        };
+        self.step = next;
+        Some(action)
     }
 }
 
