@@ -300,17 +300,22 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if self.phase != Phase::Running {
             return Err(Refusal::Phase);
         }
-        let due = self.tick.wrapping_add(u32::from(self.schedule == Schedule::Now));
+        // A tick that has not been run yet is overtaken; one that waits for its sample gives that to the new one.
+        let waits = self.tick_waits_for_sample();
+        let overtakes = waits || self.schedule == Schedule::Now;
+        let due = self.tick.wrapping_add(u32::from(overtakes));
         let ahead = if self.counters.ticks == 0 { JOIN_AHEAD } else { SYNC_AHEAD };
         let last = previous.rebuild(due.wrapping_sub(1), 0, ahead).ok_or(Refusal::TickWindow)?;
         let marked = last.wrapping_add(1);
-        if self.schedule == Schedule::Now || marked != self.tick {
+        if overtakes || marked != self.tick {
             let missed = marked.wrapping_sub(self.tick);
             count(&mut self.counters.sync_gaps);
             self.report_event(Event::SyncGap { missed });
             self.tick = marked;
         }
-        self.schedule = Schedule::Now;
+        if !waits {
+            self.schedule = Schedule::Now;
+        }
         Ok(())
     }
 

@@ -339,6 +339,21 @@ fn a_virtual_node_is_never_asked_for_a_sample() {
 }
 
 #[test]
+fn a_sync_that_comes_before_the_sample_takes_it_over() {
+    let mut node = started();
+    tell(&mut node, sync(0));
+    assert_eq!(node.poll(0), Some(Output::Sample));
+    tell(&mut node, sync(1));
+    node.measured(&[20.0]);
+    answer(&mut node, Some(30.0));
+    let counters = node.node().unwrap().counters().clone();
+    assert_eq!((counters.ticks, counters.sync_gaps, node.node().unwrap().tick()), (1, 1, 2));
+    tell(&mut node, sync(2));
+    answer(&mut node, Some(20.0));
+    assert_eq!((node.node().unwrap().tick(), node.node().unwrap().counters().sync_gaps), (3, 1));
+}
+
+#[test]
 fn ticks_that_came_late_are_each_measured() {
     let timer = NodeConfig { tick_source: TickSource::Timer, ..config(1, &[2]) };
     let mut node = session(Known::badly(Heater::default()), timer);

@@ -41,6 +41,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
+    pub(super) fn tick_waits_for_sample(&self) -> bool {
+        matches!(self.step, Step::Ask(Purpose::Tick) | Step::Await(Purpose::Tick))
+    }
+
     /// Takes up what has waited for a sample, with it or without.
     fn resume(&mut self, purpose: Purpose) {
         self.step = Step::Idle;
