@@ -3,6 +3,8 @@
 //! Order of a tick `k`: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is advanced to
 //! `k + 1` and sent at once, so that it has a whole period to reach the neighbours (docs/notes/2026-11-23-first-light.md).
 
+mod plant;
+
 use crate::collect::collect;
 use crate::field::{AffineSines, State, VectorField, compensated_add, midpoint_step};
 use crate::funnel::Widths;
@@ -14,6 +16,7 @@ use crate::math::Real;
 use crate::neighbour::{EdgeFunnel, Heard, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
+use crate::plant::{Plant, Purpose, Step};
 use funnel_protocol::config::{MAX_COMPONENTS, TickSource};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, TickStamp};
 use funnel_protocol::refusal::Refusal;
@@ -36,6 +39,12 @@ pub enum Action {
     Send(Message),
     /// Log or show this event.
     Report(Event),
+    /// Put the actuator in its safe position: the node has stopped, whatever the reason.
+    Safe,
+    /// Measure the plant, and answer by [`Node::measured`] or [`Node::sample_failed`]: a tick waits for it.
+    Sample,
+    /// Drive the actuator with [`Node::inputs`].
+    Actuate,
 }
 
 /// A node of the network.
@@ -50,6 +59,9 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     observations: Vec<Observation<F>, MAX_COMPONENTS>,
     schedule: Schedule,
     outgoing: Outgoing,
+    /// A virtual node has none.
+    plant: Option<Plant<F>>,
+    step: Step,
     events: Deque<Event, EVENT_CAPACITY>,
     in_breach: bool,
     /// What a breach has added to the funnel, state units, at the tick that is computed next.
@@ -80,6 +92,12 @@ struct Part<F> {
 impl<F: Real> Part<F> {
     fn own(&self) -> Own<F> {
         Own { x: self.x, dx: self.dx }
+    }
+
+    /// Replaces the prediction by the measurement `x` of the same tick.
+    fn correct(&mut self, x: F) {
+        self.dx += x - self.x;
+        (self.x, self.carry) = (x, F::ZERO);
     }
 }
 
@@ -119,6 +137,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             schedule: Schedule::Wait,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
+            plant: params.plant.clone().map(Plant::new),
+            step: Step::Idle,
             events: Deque::new(),
             in_breach: false,
             reopened: F::ZERO,
@@ -179,6 +199,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if self.has_outgoing() || !self.events.is_empty() {
             return Some(0);
         }
+        match self.step {
+            Step::Idle => {}
+            Step::Await(_) => return None,
+            Step::Ask(_) | Step::Tell | Step::Stop => return Some(0),
+        }
         match self.schedule {
             Schedule::Wait => None,
             Schedule::Now => Some(0),
@@ -214,13 +239,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// Does what is due at `now` (ns) and gives the next action; call it until it gives `None`.
     ///
     /// Bounded: at most [`CATCH_UP_LIMIT`] ticks per call. Ticks that came late are made up for and counted; of their
-    /// states only the latest is worth sending.
+    /// states only the latest is worth sending. What concerns the actuator comes first.
     pub fn poll(&mut self, now: u64) -> Option<Action> {
-        for _ in 0..CATCH_UP_LIMIT {
-            if !self.tick_is_due(now) {
-                break;
-            }
-            self.run_tick();
+        self.run_due_ticks(now);
+        if let Some(action) = self.demand() {
+            return Some(action);
         }
         if let Some(event) = self.events.pop_front() {
             return Some(Action::Report(event));
@@ -228,6 +251,19 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let message = self.next_message()?;
         count(&mut self.counters.sent);
         Some(Action::Send(message))
+    }
+
+    /// Ticks, or asks for the sample that a tick needs.
+    fn run_due_ticks(&mut self, now: u64) {
+        for _ in 0..CATCH_UP_LIMIT {
+            if self.step != Step::Idle || !self.tick_is_due(now) {
+                return;
+            }
+            match self.plant {
+                Some(_) => self.step = Step::Ask(Purpose::Tick),
+                None => self.run_tick(),
+            }
+        }
     }
 
     fn on_state(
@@ -264,17 +300,22 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if self.phase != Phase::Running {
             return Err(Refusal::Phase);
         }
-        let due = self.tick.wrapping_add(u32::from(self.schedule == Schedule::Now));
+        // A tick that has not been run yet is overtaken; one that waits for its sample gives that to the new one.
+        let waits = self.tick_waits_for_sample();
+        let overtakes = waits || self.schedule == Schedule::Now;
+        let due = self.tick.wrapping_add(u32::from(overtakes));
         let ahead = if self.counters.ticks == 0 { JOIN_AHEAD } else { SYNC_AHEAD };
         let last = previous.rebuild(due.wrapping_sub(1), 0, ahead).ok_or(Refusal::TickWindow)?;
         let marked = last.wrapping_add(1);
-        if self.schedule == Schedule::Now || marked != self.tick {
+        if overtakes || marked != self.tick {
             let missed = marked.wrapping_sub(self.tick);
             count(&mut self.counters.sync_gaps);
             self.report_event(Event::SyncGap { missed });
             self.tick = marked;
         }
-        self.schedule = Schedule::Now;
+        if !waits {
+            self.schedule = Schedule::Now;
+        }
         Ok(())
     }
 
@@ -282,7 +323,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
-                self.outgoing.states = self.all_components();
+                self.announce();
                 self.schedule = match self.params.tick_source {
                     TickSource::Sync => Schedule::Wait,
                     // One period for the announced initial states to arrive, then tick 0.
@@ -361,7 +402,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             }
             psi = self.reopen(k, ratio, psi);
         }
-        self.inputs(psi);
+        self.compute_inputs(psi);
+        self.saturate();
         self.observe(k, left);
         self.advance(k);
     }
@@ -420,7 +462,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     }
 
     /// The input of every component (docs/notes/2026-11-23-whole-paper.md).
-    fn inputs(&mut self, psi: Widths<F>) {
+    fn compute_inputs(&mut self, psi: Widths<F>) {
         let law = &self.params.law;
         match self.params.coupling {
             Coupling::NodeWise => {
@@ -561,6 +603,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.phase = phase;
         self.schedule = Schedule::Wait;
         self.outgoing = Outgoing::default();
+        self.step = Step::Stop;
     }
 
     fn fault(&mut self, code: FaultCode) {
