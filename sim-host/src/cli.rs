@@ -12,6 +12,7 @@ use crate::bench::{self, BenchFile};
 use crate::check;
 use crate::exit::Exit;
 use crate::figure::figure;
+use crate::host_node::{self, End};
 use crate::interrupt::Interrupt;
 use crate::record::{BenchNodeSummary, BenchSummary, Expectation, PerComponent, Summary};
 use crate::run::{self, Fidelity, RunOptions, Verbosity};
@@ -44,6 +45,14 @@ Examples:
   sim-host bench --list
   sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench";
 
+const NODE_HELP: &str = "\
+The node is blank until a bench configures it over its line, and ends when that is closed. It stores nothing and has
+no plant. A bench file's `host = true` starts such a node by itself.
+
+Examples:
+  sim-host node --serial /dev/ttyUSB0
+  sim-host node --serial /dev/ttyUSB0 --can can0";
+
 const CHECK_HELP: &str = "\
 Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over
 time, how narrow a funnel the tick can hold, what the emergent dynamics predict, how hard each node has to
@@ -74,6 +83,9 @@ enum Command {
     /// Run a scenario on nodes behind serial ports, beside the same run in loopback
     #[command(after_help = BENCH_HELP)]
     Bench(BenchArgs),
+    /// Be a node: the firmware's, in this process, for a computer with a CAN adapter or to try a bench without boards
+    #[command(after_help = NODE_HELP)]
+    Node(NodeArgs),
     /// Check a scenario's assumptions, bounds and capacity without running it
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
@@ -128,6 +140,25 @@ struct RunArgs {
     on: Fidelity,
     #[command(flatten)]
     output: OutputArgs,
+}
+
+#[derive(Args, Debug)]
+struct NodeArgs {
+    /// The line to the host: a serial port
+    #[arg(long, value_name = "PATH", required_unless_present = "inherited")]
+    serial: Option<String>,
+    /// Bit rate of the serial port
+    #[arg(long, value_name = "BIT/S", default_value_t = bench::DEFAULT_BAUD)]
+    baud: u32,
+    /// Send and hear states on this CAN interface, and leave the line to the host
+    #[arg(long, value_name = "INTERFACE")]
+    can: Option<String>,
+    /// The unique number that it says it has, in hexadecimal digits
+    #[arg(long, value_name = "HEX", default_value = "0", value_parser = parse_uid)]
+    uid: u64,
+    /// The line is a socket at standard input
+    #[arg(long, hide = true, conflicts_with = "serial")]
+    inherited: bool,
 }
 
 #[derive(Args, Debug)]
@@ -228,6 +259,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
     let result = match cli.command {
         Command::Run(args) => run_command(&args, arguments),
         Command::Bench(args) => bench_command(&args, arguments),
+        Command::Node(args) => node_command(&args),
         Command::Check(args) => check_command(&args),
         Command::Completions { shell } => completions(shell),
     };
@@ -432,6 +464,25 @@ fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
         print(&report.to_string())?;
     }
     Ok(if report.pass { Exit::Success } else { Exit::BadInput })
+}
+
+fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {
+    let missing = |message| Failure { message, exit: Exit::NoHardware };
+    let can = args.can.as_deref().map(host_node::can_port).transpose().map_err(missing)?;
+    let line = match &args.serial {
+        Some(path) => host_node::serial_line(path, args.baud).map_err(missing)?,
+        None => host_node::inherited_line().map_err(|error| missing(format!("standard input is no socket: {error}")))?,
+    };
+    let end = host_node::run(line, can, args.uid);
+    if let End::CanGone(why) = &end {
+        complain(&format!("the CAN interface is gone: {why}"));
+    }
+    Ok(Exit::from(&end))
+}
+
+/// Clap names the option and the value itself, so only what is allowed is left to say.
+fn parse_uid(text: &str) -> Result<u64, &'static str> {
+    u64::from_str_radix(text, 16).map_err(|_| "must be up to 16 hexadecimal digits")
 }
 
 fn completions(shell: clap_complete::Shell) -> Result<Exit, Failure> {

@@ -23,6 +23,11 @@ impl Noise {
         Self { nodes: nodes.collect() }
     }
 
+    /// Whether there is none.
+    pub fn is_none(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
     /// The message of node `index` as it goes on the bus.
     pub fn disturb(&mut self, index: usize, message: Message) -> Message {
         match message {

@@ -28,6 +28,8 @@ pub enum Where {
     UsbSerial(String),
     /// An emulator of its own.
     Emulator,
+    /// A process of its own on this computer.
+    Host,
 }
 
 /// One node of a bench.
@@ -39,6 +41,8 @@ pub struct BenchNode {
     pub at: Where,
     /// The unique number that its chip must have.
     pub uid: Option<u64>,
+    /// Its states travel on the file's CAN interface, and only the service plane on its line.
+    pub can: bool,
 }
 
 /// A whole `bench.toml`.
@@ -52,6 +56,8 @@ pub struct BenchFile {
     pub answer: Duration,
     /// What happens when a node is lost during a run.
     pub on_loss: OnLoss,
+    /// The CAN interface of this computer, for the nodes that are on CAN.
+    pub can: Option<String>,
     /// The nodes, in the order of the file.
     pub nodes: Vec<BenchNode>,
 }
@@ -82,11 +88,12 @@ impl BenchFile {
             None => ANSWER_NS,
         };
         let on_loss = file.choice("on_loss", &ON_LOSS, Some(OnLoss::Stop)).unwrap_or_default();
+        let can = file.text("can");
         let items = file.array("node");
         if items.is_empty() {
-            file.missing("node", "must be at least one [[node]] with id and serial, usb_serial or emulator");
+            file.missing("node", "must be at least one [[node]] with id and serial, usb_serial, emulator or host");
         }
-        let nodes: Vec<_> = items.iter().filter_map(|item| Some((item, read_node(item, &log)?))).collect();
+        let nodes: Vec<_> = items.iter().filter_map(|item| Some((item, read_node(item, can.is_some(), &log)?))).collect();
         file.finish();
         distinct(&nodes, &log);
         log.checkpoint()?;
@@ -96,6 +103,7 @@ impl BenchFile {
             baud: u32::try_from(baud).unwrap_or(DEFAULT_BAUD),
             answer: Duration::from_nanos(answer_ns),
             on_loss,
+            can,
             nodes: nodes.into_iter().map(|(_, node)| node).collect(),
         })
     }
@@ -103,6 +111,11 @@ impl BenchFile {
     /// The entry of a node.
     pub fn node(&self, id: u8) -> Option<&BenchNode> {
         self.nodes.iter().find(|node| node.id == id)
+    }
+
+    /// The interface that a node's states travel on.
+    pub fn can_of(&self, node: &BenchNode) -> Option<&str> {
+        self.can.as_deref().filter(|_| node.can)
     }
 
     /// How long the hub waits for these nodes.
@@ -130,36 +143,45 @@ impl BenchFile {
     }
 }
 
-fn read_node(item: &Item, log: &Log) -> Option<BenchNode> {
+fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
     let mut section = Section::open(item, log)?;
     let id = section.integer("id", None, (1, LARGEST_RUN as u64), "the node's id in the scenario");
     let serial = section.text("serial").map(Where::Serial);
     let usb_serial = section.text("usb_serial").map(Where::UsbSerial);
     let emulator = section.value("emulator", None, |item| must_be_true(item).map(|()| Some(Where::Emulator)));
+    let host = section.value("host", None, |item| must_be_true(item).map(|()| Some(Where::Host)));
+    let can = section.value("can", false, |item| must_be_true(item).map(|()| true));
     let uid = section.value("uid", None, |item| read_uid(item).map(Some));
     if let (Some(uid), true) = (item.get("uid"), emulator.is_some()) {
         log.report(
             uid.diagnostic(Problem::Value, "must not be there with emulator = true: it has no number"),
         );
     }
-    let mut places = [serial, usb_serial, emulator].into_iter().flatten();
+    if let (Some(item), true) = (item.get("can"), can && (emulator.is_some() || !has_can)) {
+        let allowed = match has_can {
+            true => "must not be there with emulator = true: the emulated board has no CAN controller",
+            false => "must come with the file's can, the name of an interface such as \"can0\"",
+        };
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
+    let mut places = [serial, usb_serial, emulator, host].into_iter().flatten();
     let (at, another) = (places.next(), places.next());
-    let wrong = |item: &Item| ["serial", "usb_serial", "emulator"].iter().any(|key| item.get(key).is_some());
+    let wrong = |item: &Item| ["serial", "usb_serial", "emulator", "host"].iter().any(|key| item.get(key).is_some());
     match (&at, another) {
         // What is there and wrong has been reported.
         (None, _) if !wrong(item) => section.missing(
             "serial",
-            "must be the port's path, such as \"/dev/ttyACM0\"; or usb_serial, its USB adapter's serial number; or emulator = true",
+            "must be the port's path, such as \"/dev/ttyACM0\"; or usb_serial, its USB adapter's serial number; or emulator = true; or host = true",
         ),
         (Some(_), Some(_)) => {
-            let allowed = "must have one of serial, usb_serial and emulator, not several";
+            let allowed = "must have one of serial, usb_serial, emulator and host, not several";
             log.report(item.place.diagnostic(Problem::Whole, &item.path, allowed));
         }
         _ => {}
     }
     section.finish();
     // Within 1 to LARGEST_RUN.
-    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid })
+    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can })
 }
 
 fn must_be_true(item: &Item) -> Result<(), Box<Diagnostic>> {
@@ -184,7 +206,7 @@ fn read_uid(item: &Item) -> Result<u64, Box<Diagnostic>> {
 fn distinct(nodes: &[(&Item, BenchNode)], log: &Log) {
     for (n, (item, node)) in nodes.iter().enumerate() {
         for (_, other) in nodes.iter().take(n) {
-            let same_place = node.at == other.at && node.at != Where::Emulator;
+            let same_place = node.at == other.at && !matches!(node.at, Where::Emulator | Where::Host);
             let key = match () {
                 () if node.id == other.id => "id",
                 () if same_place && matches!(node.at, Where::Serial(_)) => "serial",
@@ -214,7 +236,7 @@ mod tests {
     fn every_way_to_reach_a_node_is_read() {
         let file = BenchFile::parse(FILE, Path::new("bench.toml")).unwrap();
         assert_eq!((file.baud, file.answer), (115_200, Duration::from_secs(2)));
-        let node = |id, at, uid| BenchNode { id, at, uid };
+        let node = |id, at, uid| BenchNode { id, at, uid, can: false };
         let expected = [
             node(1, Where::Serial("/dev/ttyACM0".into()), Some(0x0123_4567_89AB_CDEF)),
             node(2, Where::UsbSerial("066AFF".into()), None),
@@ -227,6 +249,12 @@ mod tests {
         let fast = BenchFile::parse(&fast, Path::new("bench.toml")).unwrap();
         assert_eq!((fast.baud, fast.answer), (1_000_000, Duration::from_millis(500)));
         assert_eq!(fast.on_loss, OnLoss::GoOn);
+        let can = FILE.replacen("version = 1", "version = 1\ncan = \"can0\"", 1);
+        let can = can.replace("emulator = true", "host = true\ncan = true").replace("AFF\"", "AFF\"\ncan = true");
+        let can = BenchFile::parse(&can, Path::new("bench.toml")).unwrap();
+        assert_eq!(can.can.as_deref(), Some("can0"));
+        assert_eq!(can.nodes.iter().map(|node| node.can).collect::<Vec<_>>(), [false, true, true]);
+        assert_eq!(can.nodes[2].at, Where::Host);
     }
 
     #[test]
@@ -260,6 +288,8 @@ mod tests {
                 ("version = 1", "version = 1\nanswer_within = \"1ms\""),
                 "must be from 100ms to 60s, for one answer",
             ),
+            (("emulator = true", "host = true\ncan = true"), "node.3.can = true: must come with the file's can"),
+            (("emulator = true", "host = false"), "node.3.host = false: must be true, or left out"),
             (("version = 1", "version = 1\non_loss = \"go on\""), "must be one of stop, go-on"),
         ];
         for ((from, to), expected) in cases {

@@ -1,18 +1,35 @@
-//! Nodes behind serial ports: which they are, how they are opened, and what is kept of a run on them.
+//! Nodes behind serial ports, on CAN or in processes: which they are, how they are opened, and what is kept of a run on them.
 
 mod compare;
 mod file;
+mod host;
 mod list;
 mod port;
 mod record;
 
 pub use compare::{Comparison, Difference};
-pub use file::{BenchFile, BenchNode, Where};
+pub use file::{BenchFile, BenchNode, DEFAULT_BAUD, Where};
 pub use list::{Listed, list};
-pub use record::Stampings;
+pub use port::open as open_port;
+pub use record::{CanLog, Stampings};
 
 use crate::emulator::{self, EmulatorOptions};
-use crate::hub::{Attached, HubError};
+use crate::can::{CanPort, Own};
+use crate::hub::{Attached, CanSide, HubError};
+
+/// Opens the CAN interface of the file, if one of `ids` is on it.
+///
+/// # Errors
+/// It cannot be used.
+pub fn can_side(file: &BenchFile, ids: &[u8]) -> Result<Option<CanSide>, HubError> {
+    let Some(interface) = &file.can else { return Ok(None) };
+    if !ids.iter().filter_map(|&id| file.node(id)).any(|node| node.can) {
+        return Ok(None);
+    }
+    let port = CanPort::open(interface, Own::Heard);
+    let port = port.map_err(|error| HubError::NoCan { problem: error.to_string() })?;
+    Ok(Some(CanSide::new(interface.clone(), port)))
+}
 
 /// Opens what the bench file names for `ids`, in that order; other entries of the file are left alone.
 ///
@@ -23,6 +40,7 @@ pub fn attach(file: &BenchFile, ids: &[u8], options: &EmulatorOptions) -> Result
     for node in ids.iter().filter_map(|&id| file.node(id)) {
         let one = match &node.at {
             Where::Emulator => emulator::attach(&[node.id], options)?,
+            Where::Host => vec![host::attach(node, file.can_of(node), options)?],
             Where::Serial(path) => vec![port::attach(node, path, file.baud, &options.interrupt)?],
             Where::UsbSerial(number) => {
                 let path = port::find(node.id, number)?;

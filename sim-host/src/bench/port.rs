@@ -32,7 +32,7 @@ impl Device for Board {
         let path = match &self.at {
             Where::Serial(path) => path.clone(),
             Where::UsbSerial(number) => path_of(number)?,
-            Where::Emulator => return None,
+            Where::Emulator | Where::Host => return None,
         };
         // While the port is still open it cannot be opened again, and need not be.
         Some(Box::new(open(&path, self.baud).ok()?))

@@ -1,5 +1,6 @@
-//! `bench.csv`: when the host sent and read what belongs to each tick of each node.
+//! `can.log`: every frame that was on the bus, as `candump -L` writes it. `bench.csv`: when the host sent and read what belongs to each tick of each node.
 
+use crate::can::Heard;
 use crate::hub::Stamps;
 use crate::record::{AtomicFile, RecordError};
 use std::io::{self, Write};
@@ -8,8 +9,8 @@ use std::time::Duration;
 
 /// Writes the file row by row; it gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `tick`, `node`, then host time since the start, in seconds with microseconds: `sync_s`, `state_s`, `telemetry_s`. Empty
-/// where there was none: the node had stopped.
+/// Columns: `tick`, `node`, then host time since the start, in seconds with microseconds: `sync_s`, `state_s`, `telemetry_s`; and bus
+/// time, when the kernel says that the state was on CAN: `bus_s`. Empty where there was none: the node had stopped, or is on no CAN.
 pub struct Stampings(AtomicFile);
 
 impl Stampings {
@@ -19,7 +20,7 @@ impl Stampings {
     /// [`RecordError`], naming `path` and the reason.
     pub fn create(path: impl Into<PathBuf>) -> Result<Self, RecordError> {
         let mut file = AtomicFile::create(path)?;
-        file.write(|out| writeln!(out, "tick,node,sync_s,state_s,telemetry_s"))?;
+        file.write(|out| writeln!(out, "tick,node,sync_s,state_s,telemetry_s,bus_s"))?;
         Ok(Self(file))
     }
 
@@ -45,10 +46,40 @@ impl Stampings {
 }
 
 fn line(out: &mut dyn Write, tick: u64, node: u8, stamps: &Stamps) -> io::Result<()> {
-    let [sync, state, telemetry] = [stamps.sync, stamps.state, stamps.telemetry].map(seconds);
-    writeln!(out, "{tick},{node},{sync},{state},{telemetry}")
+    let [sync, state, telemetry, bus] = [stamps.sync, stamps.state, stamps.telemetry, stamps.bus].map(seconds);
+    writeln!(out, "{tick},{node},{sync},{state},{telemetry},{bus}")
 }
 
 fn seconds(stamp: Option<Duration>) -> String {
     stamp.map_or(String::new(), |stamp| format!("{:.6}", stamp.as_secs_f64()))
+}
+
+/// Writes the bus's frames line by line; it gets its name on [`finish`](Self::finish).
+pub struct CanLog(AtomicFile);
+
+impl CanLog {
+    /// Opens the file.
+    ///
+    /// # Errors
+    /// [`RecordError`], naming `path` and the reason.
+    pub fn create(path: impl Into<PathBuf>) -> Result<Self, RecordError> {
+        AtomicFile::create(path).map(Self)
+    }
+
+    /// Appends what was heard on `interface`.
+    ///
+    /// # Errors
+    /// [`RecordError`].
+    pub fn heard(&mut self, interface: &str, heard: &[Heard]) -> Result<(), RecordError> {
+        let mut lines = heard.iter().filter_map(|heard| heard.log_line(interface));
+        self.0.write(|out| lines.try_for_each(|line| writeln!(out, "{line}")))
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// [`RecordError`]; no half file is left.
+    pub fn finish(self) -> Result<(), RecordError> {
+        self.0.commit()
+    }
 }

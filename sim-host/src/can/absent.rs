@@ -1,6 +1,6 @@
 //! Where there is no SocketCAN.
 
-use super::{CanError, Heard};
+use super::{CanError, Heard, Own};
 use funnel_protocol::can::CanFrame;
 use std::io;
 use std::time::Duration;
@@ -14,7 +14,7 @@ impl CanPort {
     ///
     /// # Errors
     /// Always.
-    pub fn open(interface: &str) -> Result<Self, CanError> {
+    pub fn open(interface: &str, _: Own) -> Result<Self, CanError> {
         Err(CanError {
             problem: format!("the CAN interface {interface} cannot be opened"),
             advice: "CAN interfaces are used by SocketCAN, which only Linux has",

@@ -11,6 +11,15 @@ use funnel_protocol::refusal::Refusal;
 use std::fmt;
 use std::time::{Duration, SystemTime};
 
+/// Whether a port hears what it sends itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Own {
+    /// As everybody else hears it, with its bus time.
+    Heard,
+    /// As a node: its own id is that of a twin.
+    Ignored,
+}
+
 /// Something that was heard on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Heard {

@@ -1,6 +1,6 @@
 //! SocketCAN (Linux).
 
-use super::{CanError, Heard, Traffic};
+use super::{CanError, Heard, Own, Traffic};
 use funnel_protocol::can::CanFrame;
 use socketcan::{CanDataFrame, CanSocket, EmbeddedFrame, Id, ShouldRetry, Socket, SocketOptions, StandardId};
 use std::io::{self, ErrorKind};
@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Linux has no room left in an interface's transmit queue.
 const NO_ROOM: i32 = 105; // ENOBUFS
 
-/// An open interface. It hears what it sends, as everybody does.
+/// An open interface.
 #[derive(Debug)]
 pub struct CanPort(CanSocket);
 
@@ -19,18 +19,18 @@ impl CanPort {
     ///
     /// # Errors
     /// There is none, or it may not be used.
-    pub fn open(interface: &str) -> Result<Self, CanError> {
-        Self::try_open(interface).map_err(|error| CanError {
+    pub fn open(interface: &str, own: Own) -> Result<Self, CanError> {
+        Self::try_open(interface, own).map_err(|error| CanError {
             problem: format!("the CAN interface {interface} cannot be opened: {error}"),
             advice: "Is its adapter plugged in, and is it up? sudo ip link set can0 up type can bitrate 1000000; \
                      `ip -brief link` shows the interfaces that there are",
         })
     }
 
-    fn try_open(interface: &str) -> io::Result<Self> {
+    fn try_open(interface: &str, own: Own) -> io::Result<Self> {
         let socket = CanSocket::open(interface)?;
         socket.set_nonblocking(true)?;
-        socket.set_recv_own_msgs(true)?;
+        socket.set_recv_own_msgs(own == Own::Heard)?;
         socket.set_error_filter_accept_all()?;
         socket.set_recv_timestamp(true)?;
         Ok(Self(socket))

@@ -116,6 +116,7 @@ impl Hub {
     /// Finds the node, configures and starts it.
     fn bring_back(&mut self, index: usize) -> Result<(), HubError> {
         let Some(config) = self.config_to_join(index) else { return Ok(()) };
+        self.forget_heard(index)?;
         let patience = self.patience;
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         if let Some(stream) = node.device.reopen() {
@@ -129,8 +130,11 @@ impl Hub {
         node.link.write(&serial::encode(&START))?;
         node.stopped = false;
         node.next_state = config.initial_state.to_vec();
-        for _ in 0..config.initial_state.len() {
+        if node.on_can {
             // Stamped tick 0, which nobody could use any more.
+            return (0..config.initial_state.len()).try_for_each(|_| self.wait_on_can(index).map(|_| ()));
+        }
+        for _ in 0..config.initial_state.len() {
             node.link.wait_for(patience.answer, "state", |received| match received {
                 Received::Message(Message::State { .. }) => Some(()),
                 _ => None,

@@ -47,6 +47,18 @@ pub enum HubError {
         /// What to try.
         advice: &'static str,
     },
+    /// A CAN interface that was in use fails.
+    Can {
+        /// Its name.
+        interface: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// A CAN interface cannot be used.
+    NoCan {
+        /// The interface, why not, and what to try.
+        problem: String,
+    },
     /// Another chip than the one that the bench file names.
     Uid {
         /// Id that the bench file gives it.
@@ -148,6 +160,10 @@ impl fmt::Display for HubError {
             Self::Port { node, port, problem, advice } => {
                 write!(f, "node {node}: the serial port {port} {problem}. {advice}")
             }
+            Self::Can { interface, source } => {
+                write!(f, "the CAN interface {interface} fails: {source}. Is it up, is the bus terminated, is anybody else on it?")
+            }
+            Self::NoCan { problem } => f.write_str(problem),
             Self::Uid { node, place, expected, found } => write!(
                 f,
                 "{place} of node {node} has the unique number {found:016x}, the bench file says {expected:016x}; nothing was \

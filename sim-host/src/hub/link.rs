@@ -174,6 +174,18 @@ impl Link {
         }
     }
 
+    /// Takes what the node has said, waiting for a slice at most, and gives the first thing that `pick` picks; all of it stays.
+    ///
+    /// # Errors
+    /// The node is gone, or an interrupt.
+    pub fn look<T>(&mut self, pick: impl Fn(&Received) -> Option<T>) -> Result<Option<T>, HubError> {
+        if self.interrupt.is_set() {
+            return Err(HubError::Interrupted);
+        }
+        self.read()?;
+        Ok(self.received.iter().find_map(pick))
+    }
+
     fn read(&mut self) -> Result<(), HubError> {
         let mut bytes = [0; 1024];
         let length = match self.stream.read(&mut bytes) {

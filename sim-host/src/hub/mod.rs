@@ -8,11 +8,13 @@ mod absence;
 mod error;
 mod halt;
 mod link;
+mod on_can;
 
 pub use absence::{Absence, OnLoss};
 pub use error::HubError;
 pub use halt::Halted;
 pub use link::{Link, Received, SLICE, Stream};
+pub use on_can::{CanCounts, CanSide};
 
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::engine::NodeEvent;
@@ -24,7 +26,7 @@ use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, Ti
 use funnel_protocol::report::{Report, Telemetry};
 use funnel_protocol::service::{Identity, Reply, Request};
 use funnel_protocol::{WIRE_VERSION, serial};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// How long a node that has said nothing is left alone before it is asked again who it is: it may have been booting.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -75,6 +77,8 @@ pub struct Stamps {
     pub state: Option<Duration>,
     /// Its telemetry was read.
     pub telemetry: Option<Duration>,
+    /// Its state was on CAN, by the kernel's clock.
+    pub bus: Option<Duration>,
 }
 
 /// One node of the network.
@@ -87,6 +91,8 @@ struct HubNode {
     config: NodeConfig,
     /// Set while it is lost and the others go on.
     away: Option<Away>,
+    /// Its states travel on CAN.
+    on_can: bool,
     /// State at the tick that comes next, by component.
     next_state: Vec<f32>,
     /// It has said that it stopped, and is not waited for any more.
@@ -138,6 +144,9 @@ pub struct Hub {
     /// Tick that comes next.
     tick: u32,
     begin: Instant,
+    /// The same instant by the clock that the kernel stamps frames with.
+    begin_on_bus: SystemTime,
+    can: Option<CanSide>,
     /// Of the last tick, by index.
     stamps: Vec<Stamps>,
     /// Node by node, and the components of each in order.
@@ -165,6 +174,7 @@ impl Hub {
                 identity: None,
                 config: config.clone(),
                 away: None,
+                on_can: false,
                 next_state,
                 stopped: false,
                 ticked: false,
@@ -189,6 +199,8 @@ impl Hub {
             tick_ns,
             tick: 0,
             begin,
+            begin_on_bus: SystemTime::now(),
+            can: None,
             stamps,
             observations,
             events,
@@ -212,8 +224,9 @@ impl Hub {
     }
 
     fn announce(&mut self) -> Result<(), HubError> {
-        self.begin = Instant::now();
-        for node in &mut self.nodes {
+        (self.begin, self.begin_on_bus) = (Instant::now(), SystemTime::now());
+        self.say_on_can(&START)?;
+        for node in self.nodes.iter_mut().filter(|node| !node.on_can) {
             node.link.write(&serial::encode(&START))?;
         }
         for index in 0..self.nodes.len() {
@@ -236,7 +249,8 @@ impl Hub {
         if self.nodes.iter().any(|node| !node.stopped) {
             self.look_for_lost()?;
             let now = (u64::from(self.tick) + 1) * self.tick_ns;
-            self.deliver_before(now);
+            self.deliver_before(now)?;
+            self.say_on_can(&self.sync())?;
             for index in 0..self.nodes.len() {
                 let sent = self.send_sync(index);
                 sent.or_else(|error| self.lose(index, error))?;
@@ -250,10 +264,15 @@ impl Hub {
         Ok(())
     }
 
-    /// Writes what is queued for a node, and a SYNC if it runs.
-    fn send_sync(&mut self, index: usize) -> Result<(), HubError> {
+    /// What makes the nodes tick.
+    fn sync(&self) -> Message {
         let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
-        let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        Message::Sync { source: None, previous_tick, phase_us: 0 }
+    }
+
+    /// Writes what is queued for a node, and a SYNC if it runs and is on no CAN.
+    fn send_sync(&mut self, index: usize) -> Result<(), HubError> {
+        let sync = serial::encode(&self.sync());
         let (Some(node), Some(stamps)) = (self.nodes.get_mut(index), self.stamps.get_mut(index)) else {
             return Ok(());
         };
@@ -262,7 +281,9 @@ impl Hub {
             return Ok(());
         }
         if !node.stopped {
-            node.link.queue(&sync);
+            if !node.on_can {
+                node.link.queue(&sync);
+            }
             stamps.sync = Some(self.begin.elapsed());
         }
         node.link.flush()
@@ -362,15 +383,18 @@ impl Hub {
         Ok(())
     }
 
-    fn deliver_before(&mut self, now: u64) {
+    fn deliver_before(&mut self, now: u64) -> Result<(), HubError> {
+        let mut for_can = Vec::new();
         while self.bus.next_arrival().is_some_and(|at| at < now) {
             let nodes = &mut self.nodes;
-            self.bus.deliver(|receiver, frame| {
-                if let Some(node) = nodes.get_mut(receiver).filter(|node| node.away.is_none()) {
-                    node.link.queue(frame);
-                }
+            self.bus.deliver(|receiver, frame| match nodes.get_mut(receiver) {
+                Some(node) if node.away.is_some() => {}
+                Some(node) if node.on_can => for_can.push(frame.clone()),
+                Some(node) => node.link.queue(frame),
+                None => {}
             });
         }
+        for_can.iter().try_for_each(|frame| self.relay_to_can(frame))
     }
 
     /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
@@ -378,10 +402,10 @@ impl Hub {
         let mut left = self.nodes.get(index).map_or(0, |node| node.next_state.len());
         while left > 0 {
             let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { break };
-            let message = node.link.wait_for(self.patience.answer, "state", |received| match received {
-                Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
-                _ => None,
-            })?;
+            let message = match node.on_can {
+                true => self.wait_on_can(index)?.0,
+                false => node.link.wait_for(self.patience.answer, "state", announcement)?,
+            };
             self.take_message(index, message, 0);
             left -= 1;
         }
@@ -397,6 +421,9 @@ impl Hub {
         node.ticked = false;
         (node.states, node.telemetries) = (0, 0);
         let state = node.next_state.clone();
+        if node.on_can {
+            self.take_states_on_can(index, now)?;
+        }
         loop {
             let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
             if node.stopped && !node.ticked {
@@ -404,6 +431,8 @@ impl Hub {
             }
             let awaited = if node.ticked { "telemetry" } else { "state" };
             match node.link.wait_for(self.patience.answer, awaited, Some)? {
+                // A fault, which has been heard on the bus.
+                Received::Message(_) if node.on_can => {}
                 Received::Message(message) => self.take_message(index, message, now),
                 Received::Reply(Reply::Telemetry(telemetry)) => {
                     self.take_telemetry(index, &state, &telemetry)?;
@@ -414,6 +443,18 @@ impl Hub {
                 Received::Reply(_) => {}
             }
         }
+    }
+
+    /// Waits for the states of a node on CAN, or for a fault.
+    fn take_states_on_can(&mut self, index: usize, now: u64) -> Result<(), HubError> {
+        while self.nodes.get(index).is_some_and(|node| !node.stopped && node.states < node.next_state.len()) {
+            let (message, at) = self.wait_on_can(index)?;
+            self.take_message(index, message, now);
+            if let Some(stamps) = self.stamps.get_mut(index) {
+                stamps.bus = at.duration_since(self.begin_on_bus).ok();
+            }
+        }
+        Ok(())
     }
 
     fn take_telemetry(&mut self, index: usize, state: &[f32], telemetry: &Telemetry) -> Result<(), HubError> {
@@ -502,6 +543,14 @@ pub fn identify(link: &mut Link, limit: Duration) -> Result<Identity, HubError> 
 fn report(received: Received) -> Option<Report> {
     match received {
         Received::Reply(Reply::Report(report)) => Some(report),
+        _ => None,
+    }
+}
+
+/// What a node answers to a start.
+fn announcement(received: Received) -> Option<Message> {
+    match received {
+        Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
         _ => None,
     }
 }

@@ -13,7 +13,7 @@ pub use atomic::{AtomicFile, RecordError, write_atomic};
 pub use junit::junit;
 pub use number::{Precision, shortest};
 pub use summary::{
-    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary,
+    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary, Expectation, FunnelSummary,
     PerComponent, ReferenceSummary, Summary, SyncSummary,
 };
 pub use trace_hash::TraceHash;

@@ -127,8 +127,30 @@ pub struct BenchSummary {
     pub bit_for_bit: bool,
     /// Nodes that were away for a time, in the order in which they were lost.
     pub absences: Vec<AbsenceSummary>,
+    /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay.
+    pub skipped: Vec<&'static str>,
+    /// The CAN interface; left out where no node was on one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub can: Option<CanSummary>,
     /// By id.
     pub nodes: Vec<BenchNodeSummary>,
+}
+
+/// What was heard on CAN.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct CanSummary {
+    /// Its name.
+    pub interface: String,
+    /// Data frames, with those of this program.
+    pub frames: u64,
+    /// Frames of nodes that were not of this run.
+    pub strangers: u64,
+    /// Frames that were none of the real-time plane.
+    pub unreadable: u64,
+    /// Errors that the controller reported.
+    pub errors: u64,
+    /// The last of them.
+    pub last_error: Option<String>,
 }
 
 /// The time that a node was away.

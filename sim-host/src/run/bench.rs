@@ -4,11 +4,11 @@ use super::error::RunError;
 use super::fidelity::{LOCKSTEP, bus, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
-use crate::bench::{Comparison, Difference, Stampings, attach};
+use crate::bench::{CanLog, Comparison, Difference, Stampings, attach, can_side};
 use crate::configure::node_configs;
 use crate::hub::{Absence, Hub, Link};
 use crate::noise::Noise;
-use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary};
+use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary};
 use crate::scenario::Scenario;
 use funnel_protocol::service::Identity;
 use std::io::Write;
@@ -19,15 +19,75 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     let comparison = Comparison::new(engine(scenario)?);
-    let stampings =
-        options.out.as_ref().map(|folder| Stampings::create(folder.join("bench.csv"))).transpose()?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
+    let on_can = |index: usize| ids.get(index).and_then(|&id| file.node(id)).is_some_and(|node| node.can);
+    // Before any node is touched.
+    let can = can_side(file, &ids)?;
+    let skipped = if can.is_some() { skipped(scenario) } else { Vec::new() };
+    tell_skipped(&skipped, options);
+    let files = Files::create(options, can.is_some())?;
     let attached = attach(file, &ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, bus(scenario), file.patience())?;
-    let mut hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
-    match compared(scenario, options, &mut hub, comparison, stampings) {
-        Ok(outcome) => Ok(Outcome { logs: hub.into_logs(), ..outcome }),
+    let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
+    let mut hub = match can {
+        Some(side) => hub.with_can(side, on_can),
+        None => hub,
+    };
+    match compared(scenario, options, &mut hub, comparison, files) {
+        Ok(outcome) => {
+            let bench = outcome.bench.map(|bench| BenchSummary { skipped, ..bench });
+            Ok(Outcome { logs: hub.into_logs(), bench, ..outcome })
+        }
         Err(error) => Err(error.and(hub.halt())),
+    }
+}
+
+/// What a scenario asks of its bus that a real one does not do between nodes on it.
+fn skipped(scenario: &Scenario) -> Vec<&'static str> {
+    let bus = &scenario.bus;
+    let asked = [
+        ("bus.loss", bus.loss > 0.0),
+        ("bus.latency", bus.latency_ns > 0),
+        ("bus.jitter", bus.jitter_ns > 0),
+        ("noise", !Noise::of(scenario).is_none()),
+    ];
+    asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect()
+}
+
+fn tell_skipped(skipped: &[&str], options: &RunOptions) {
+    if !skipped.is_empty() && options.verbosity != Verbosity::Quiet {
+        // Nobody is left to tell where standard error is closed.
+        let _ = writeln!(std::io::stderr(), "skipped between nodes on CAN, whose bus is real: {}", skipped.join(", "));
+    }
+}
+
+/// What a bench writes tick by tick.
+struct Files {
+    stampings: Option<Stampings>,
+    can: Option<CanLog>,
+}
+
+impl Files {
+    fn create(options: &RunOptions, on_can: bool) -> Result<Self, RunError> {
+        let Some(folder) = &options.out else { return Ok(Self { stampings: None, can: None }) };
+        let can = on_can.then(|| CanLog::create(folder.join("can.log"))).transpose()?;
+        Ok(Self { stampings: Some(Stampings::create(folder.join("bench.csv"))?), can })
+    }
+
+    fn tick(&mut self, k: u64, hub: &mut Hub) -> Result<(), RunError> {
+        if let Some(file) = &mut self.stampings {
+            file.tick(k, hub.members().map(|(link, _)| link.id()).zip(hub.stamps()))?;
+        }
+        let heard = hub.take_heard();
+        if let (Some(file), Some((interface, _))) = (&mut self.can, hub.can()) {
+            file.heard(interface, &heard)?;
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> Result<(), RunError> {
+        self.stampings.map_or(Ok(()), Stampings::finish)?;
+        Ok(self.can.map_or(Ok(()), CanLog::finish)?)
     }
 }
 
@@ -36,7 +96,7 @@ fn compared(
     options: &RunOptions,
     hub: &mut Hub,
     mut comparison: Comparison,
-    mut stampings: Option<Stampings>,
+    mut files: Files,
 ) -> Result<Outcome, RunError> {
     let mut told = Vec::new();
     let outcome = lockstep("bench", scenario, options, hub, |k, hub| {
@@ -44,10 +104,9 @@ fn compared(
             tell(hub.absences(), &mut told);
         }
         comparison.tick(k, hub.observations());
-        let stamps = hub.members().map(|(link, _)| link.id()).zip(hub.stamps());
-        stampings.as_mut().map_or(Ok(()), |file| file.tick(k, stamps)).map_err(RunError::from)
+        files.tick(k, hub)
     })?;
-    stampings.map_or(Ok(()), Stampings::finish)?;
+    files.finish()?;
     Ok(Outcome { bench: Some(summary(hub, &comparison)), ..outcome })
 }
 
@@ -93,7 +152,17 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
         to_tick: absence.to,
         why: absence.why.lines().next().unwrap_or_default().to_owned(),
     };
+    let can = hub.can().map(|(interface, counts)| CanSummary {
+        interface: interface.to_owned(),
+        frames: counts.frames,
+        strangers: counts.strangers,
+        unreadable: counts.unreadable,
+        errors: counts.errors.0,
+        last_error: counts.errors.1.clone(),
+    });
     BenchSummary {
+        can,
+        skipped: Vec::new(),
         absences: hub.absences().iter().map(absence).collect(),
         bit_for_bit: differences.iter().all(|difference| difference.first.is_none()),
         nodes: hub.members().zip(differences).map(node).collect(),

@@ -72,6 +72,8 @@ fn exit(error: &HubError) -> Exit {
         | HubError::Died { .. }
         | HubError::Lost { .. }
         | HubError::Port { .. }
+        | HubError::Can { .. }
+        | HubError::NoCan { .. }
         | HubError::Uid { .. }
         | HubError::WireVersion { .. }
         | HubError::Io { .. } => Exit::NoHardware,

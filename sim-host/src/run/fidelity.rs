@@ -106,7 +106,7 @@ pub(super) fn lockstep(
     scenario: &Scenario,
     options: &RunOptions,
     hub: &mut Hub,
-    mut each: impl FnMut(u64, &Hub) -> Result<(), RunError>,
+    mut each: impl FnMut(u64, &mut Hub) -> Result<(), RunError>,
 ) -> Result<Outcome, RunError> {
     let exact = reference::where_expected(scenario, options)?;
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());

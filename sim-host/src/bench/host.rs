@@ -1,0 +1,84 @@
+//! Nodes in processes of their own on this computer: `sim-host node`, with a pair of sockets for a line.
+
+use super::file::BenchNode;
+use crate::emulator::EmulatorOptions;
+use crate::hub::{Attached, Device, HubError, Link, SLICE};
+use std::fs::File;
+use std::io::{Read, Seek};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// How much later than the end of its line the exit status of a process may come.
+const EXIT: Duration = Duration::from_secs(1);
+
+/// A running node; dropping it ends it.
+struct HostProcess {
+    child: Child,
+    /// Its standard error: a file without a name, which never fills up as a pipe does.
+    errors: File,
+}
+
+/// Starts the node of this entry, on the interface `can` if there is one. Its chip's number is its id.
+///
+/// # Errors
+/// The operating system's.
+pub fn attach(node: &BenchNode, can: Option<&str>, options: &EmulatorOptions) -> Result<Attached, HubError> {
+    let (ours, theirs) = UnixStream::pair().map_err(HubError::io("make a pair of sockets"))?;
+    let slow = ours.set_read_timeout(Some(SLICE)).and_then(|()| ours.set_write_timeout(Some(SLICE)));
+    slow.map_err(HubError::io("use a pair of sockets"))?;
+    let program = std::env::current_exe().map_err(HubError::io("find this program"))?;
+    let mut command = Command::new(program);
+    command.args(["node", "--inherited", "--uid", &format!("{:x}", node.id)]);
+    if let Some(interface) = can {
+        command.args(["--can", interface]);
+    }
+    let errors = tempfile::tempfile().map_err(HubError::io("make a node's log file"))?;
+    let shared = errors.try_clone().map_err(HubError::io("share a node's log file"))?;
+    // A group of its own: Ctrl-C reaches only this program, which then stops the nodes in order.
+    command.stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).stderr(shared).process_group(0);
+    let child = command.spawn().map_err(HubError::io("start a node's process"))?;
+    let link = Link::new(node.id, "the process".to_owned(), Box::new(ours), options.interrupt.clone());
+    Ok(Attached { link, device: Box::new(HostProcess { child, errors }), uid: node.uid })
+}
+
+impl HostProcess {
+    fn end(&mut self) {
+        // Already ended is as good.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// What it has written to standard error.
+    fn words(&mut self) -> String {
+        let mut text = String::new();
+        // What cannot be read is as good as not written.
+        let _ = self.errors.rewind().and_then(|()| self.errors.read_to_string(&mut text));
+        text
+    }
+}
+
+impl Device for HostProcess {
+    fn last_words(&mut self, ended: bool) -> Vec<String> {
+        let begin = Instant::now();
+        while ended && begin.elapsed() < EXIT && matches!(self.child.try_wait(), Ok(None)) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let status = self.child.try_wait().ok().flatten().map(|status| format!("its process: {status}"));
+        let words: Vec<_> = self.words().lines().map(|line| format!("its process: {line}")).collect();
+        status.into_iter().chain(words).collect()
+    }
+
+    fn into_log(mut self: Box<Self>) -> Option<String> {
+        self.end();
+        Some(self.words())
+    }
+}
+
+impl Drop for HostProcess {
+    fn drop(&mut self) {
+        self.end();
+    }
+}

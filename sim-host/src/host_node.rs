@@ -1,0 +1,277 @@
+//! A node in a process of its own: the firmware's session, with a line for the service plane and, if wanted, a CAN interface for states.
+//!
+//! So a Linux computer with a CAN adapter takes part in a network, and a bench is tried without a board. It ticks by its own clock or by
+//! SYNC like any node, but on a computer whose system takes its time now and then: what is late is counted.
+
+use crate::can::{CanPort, Heard, Own, Traffic};
+use crate::exit::Exit;
+use funnel_core::{Event, Output, Session};
+use funnel_link::Mailbox;
+use funnel_protocol::WIRE_VERSION;
+use funnel_protocol::can;
+use funnel_protocol::message::{FaultCode, Message};
+use funnel_protocol::refusal::Refusal;
+use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
+use funnel_protocol::service::{Identity, Reply, StoreError};
+use std::io::{self, ErrorKind, Read, Write};
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant};
+
+/// How long a node without anything to do rests, at most, and how soon a frame for which there was no room is sent again.
+const REST: Duration = Duration::from_millis(100);
+const AGAIN: Duration = Duration::from_micros(200);
+
+/// Both ends of a node's line.
+pub struct Line {
+    /// What the host says.
+    pub from_host: Box<dyn Read + Send>,
+    /// What the node says.
+    pub to_host: Box<dyn Write>,
+}
+
+/// Why a node ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Its line was closed: nobody needs it any more.
+    Closed,
+    /// Its CAN interface is gone, in words.
+    CanGone(String),
+}
+
+/// How the program ends for it.
+impl From<&End> for Exit {
+    fn from(end: &End) -> Self {
+        match end {
+            End::Closed => Self::Success,
+            End::CanGone(_) => Self::NoHardware,
+        }
+    }
+}
+
+/// What a node waits for.
+enum Input {
+    Bytes(Vec<u8>),
+    Heard(Heard),
+    Ended(End),
+}
+
+/// Runs a node until its line is closed. `uid` is the unique number that it gives itself.
+pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
+    let (sender, inputs) = mpsc::channel();
+    let Line { from_host, to_host } = line;
+    let can = can.map(Arc::new);
+    if let Some(port) = can.clone() {
+        let sender = sender.clone();
+        std::thread::spawn(move || listen(&port, &sender));
+    }
+    std::thread::spawn(move || read(from_host, &sender));
+    let [major, minor, patch] = [0, 1, 2].map(version);
+    let identity = Identity { wire_version: WIRE_VERSION, firmware: [major, minor, patch], id: 0, uid };
+    HostNode {
+        session: Session::new(identity),
+        deframer: Deframer::new(),
+        mailbox: Mailbox::new(),
+        begin: Instant::now(),
+        offs: 0,
+        to_host,
+        can,
+    }
+    .run(&inputs)
+}
+
+/// Part of this program's version: major, minor, patch.
+fn version(part: usize) -> u8 {
+    env!("CARGO_PKG_VERSION").split('.').nth(part).and_then(|number| number.parse().ok()).unwrap_or(0)
+}
+
+/// Until nobody listens any more.
+fn read(mut from: Box<dyn Read + Send>, to: &Sender<Input>) {
+    let mut bytes = [0; 1024];
+    loop {
+        let input = match from.read(&mut bytes) {
+            Ok(0) => Input::Ended(End::Closed),
+            Ok(length) => Input::Bytes(bytes.get(..length).unwrap_or(&[]).to_vec()),
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+                continue;
+            }
+            Err(_) => Input::Ended(End::Closed),
+        };
+        let last = matches!(input, Input::Ended(_));
+        if to.send(input).is_err() || last {
+            return;
+        }
+    }
+}
+
+/// The same for a bus.
+fn listen(port: &CanPort, to: &Sender<Input>) {
+    loop {
+        let input = match port.receive() {
+            Ok(None) => {
+                port.wait(REST);
+                continue;
+            }
+            Ok(Some(heard)) => Input::Heard(heard),
+            Err(error) => Input::Ended(End::CanGone(error.to_string())),
+        };
+        let last = matches!(input, Input::Ended(_));
+        if to.send(input).is_err() || last {
+            return;
+        }
+    }
+}
+
+struct HostNode {
+    session: Session,
+    deframer: Deframer,
+    mailbox: Mailbox,
+    begin: Instant,
+    /// How often the controller went off the bus.
+    offs: u16,
+    to_host: Box<dyn Write>,
+    can: Option<Arc<CanPort>>,
+}
+
+impl HostNode {
+    fn run(mut self, inputs: &Receiver<Input>) -> End {
+        loop {
+            if let Err(end) = self.drain() {
+                return end;
+            }
+            match inputs.recv_timeout(self.rest()) {
+                Ok(Input::Bytes(bytes)) => bytes.iter().for_each(|&byte| self.take_byte(byte)),
+                Ok(Input::Heard(heard)) => self.take_heard(&heard),
+                Ok(Input::Ended(end)) => return end,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return End::Closed,
+            }
+        }
+    }
+
+    /// Time since the start, ns.
+    fn now(&self) -> u64 {
+        u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn rest(&self) -> Duration {
+        let due = self.session.poll_at().map(|at| Duration::from_nanos(at.saturating_sub(self.now())));
+        let rest = due.unwrap_or(REST).min(REST);
+        if self.mailbox.next().is_some() { rest.min(AGAIN) } else { rest }
+    }
+
+    fn take_byte(&mut self, byte: u8) {
+        let now = self.now();
+        let on_can = self.can.is_some();
+        let Some(frame) = self.deframer.push(byte) else { return };
+        let frame = match frame {
+            // On CAN the states of others come by CAN (protocol/README.md, "Nodes on CAN").
+            Ok(Frame::RealTime(Message::State { .. } | Message::Edge { .. } | Message::Fault { .. })) if on_can => {
+                Err(Refusal::Kind)
+            }
+            frame => frame,
+        };
+        self.session.on_frame(frame, now);
+    }
+
+    fn take_heard(&mut self, heard: &Heard) {
+        if let Traffic::Error { off: true, .. } = heard.what {
+            self.offs = self.offs.saturating_add(1);
+            self.mailbox.clear();
+            self.session.fail(FaultCode::BUS_OFF, self.offs);
+        }
+        let frame = match heard.message() {
+            Ok(message) => Ok(Frame::RealTime(message)),
+            Err(Some(reason)) => Err(reason),
+            Err(None) => return,
+        };
+        self.session.on_frame(frame, self.now());
+    }
+
+    fn drain(&mut self) -> Result<(), End> {
+        while let Some(output) = self.session.poll(self.now()) {
+            match output {
+                Output::Send(message) => self.send(&message)?,
+                Output::Reply(reply) => self.reply(&reply)?,
+                Output::Report(event) => log(&event),
+                Output::Store => self.session.stored(Err(StoreError::Absent)),
+                Output::Erase => self.session.erased(Err(StoreError::Absent)),
+                // It has no plant.
+                Output::Sample | Output::Actuate | Output::Safe => {}
+            }
+        }
+        self.empty_mailbox()
+    }
+
+    fn send(&mut self, message: &Message) -> Result<(), End> {
+        if self.can.is_none() {
+            return self.write(&serial::encode(message));
+        }
+        self.mailbox.put(can::encode(message));
+        if matches!(message, Message::Fault { .. }) {
+            self.write(&serial::encode(message))?;
+        }
+        Ok(())
+    }
+
+    fn reply(&mut self, reply: &Reply) -> Result<(), End> {
+        let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
+        // Every reply fits a frame.
+        let length = serial::encode_service(reply, self.session.id(), &mut scratch, &mut frame).unwrap_or(0);
+        self.write(frame.get(..length).unwrap_or(&[]))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), End> {
+        self.to_host.write_all(bytes).and_then(|()| self.to_host.flush()).map_err(|_| End::Closed)
+    }
+
+    fn empty_mailbox(&mut self) -> Result<(), End> {
+        let Some(port) = &self.can else { return Ok(()) };
+        while let Some(frame) = self.mailbox.next() {
+            match port.send(frame) {
+                Ok(true) => self.mailbox.taken(),
+                Ok(false) => break,
+                Err(error) => return Err(End::CanGone(error.to_string())),
+            }
+        }
+        Ok(())
+    }
+}
+
+fn log(event: &Event) {
+    // Nobody is left to tell where standard error is closed.
+    let _ = writeln!(io::stderr(), "{event}");
+}
+
+/// The line of a node that was started by a bench: its standard input is one end of a pair of sockets.
+///
+/// # Errors
+/// It is none.
+#[cfg(unix)]
+pub fn inherited_line() -> io::Result<Line> {
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixStream;
+    let stream = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
+    // Fails for what is not a socket.
+    stream.peer_addr()?;
+    Ok(Line { from_host: Box::new(stream.try_clone()?), to_host: Box::new(stream) })
+}
+
+/// A port for a line.
+///
+/// # Errors
+/// What the problem is, and what to try.
+pub fn serial_line(path: &str, baud: u32) -> Result<Line, String> {
+    let opened = crate::bench::open_port(path, baud);
+    let port = opened.map_err(|(problem, advice)| format!("the serial port {path} {problem}. {advice}"))?;
+    let reader = port.try_clone_native().map_err(|error| format!("the serial port {path}: {error}"))?;
+    Ok(Line { from_host: Box::new(reader), to_host: Box::new(port) })
+}
+
+/// Opens what a node shall send its states on.
+///
+/// # Errors
+/// What the problem is, and what to try.
+pub fn can_port(interface: &str) -> Result<CanPort, String> {
+    CanPort::open(interface, Own::Ignored).map_err(|error| error.to_string())
+}
