@@ -1,0 +1,188 @@
+//! Benches on a real SocketCAN bus, `vcan` in a guest kernel, with nodes in processes of their own. `./ci.sh socketcan` runs this.
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
+use funnel_protocol::can;
+use funnel_protocol::message::{Command as Order, Message};
+use sim_host::record::TraceHash;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use tempfile::TempDir;
+
+const NODES: usize = 5;
+const TICKS: usize = 2000;
+/// What the guest may take, and what the host grants it, s.
+const GUEST_S: u32 = 90;
+const HOST_S: u32 = 120;
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
+}
+
+/// The work folder after the guest has run the job in it.
+fn guest() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let work = folder.path();
+    let nodes: String = (1..=NODES).map(|id| format!("[[node]]\nid = {id}\nhost = true\ncan = true\n")).collect();
+    fs::write(work.join("can.toml"), format!("version = 1\ncan = \"vcan0\"\n{nodes}")).unwrap();
+    let script = repository().join("tests/socketcan");
+    let job = format!(
+        "exec sh {}/job.sh {} {}/scenarios\n",
+        script.display(),
+        env!("CARGO_BIN_EXE_sim-host"),
+        repository().display()
+    );
+    fs::write(work.join("job.sh"), job).unwrap();
+    let console = fs::File::create(work.join("console")).unwrap();
+    let ended = Command::new("timeout")
+        .args(["--kill-after=5", &HOST_S.to_string(), "linux.uml", "mem=256M", "quiet"])
+        .args(["rootfstype=hostfs", "rootflags=/", "ro", "con=null", "con0=null,fd:1"])
+        .arg(format!("init={}/guest.sh", script.display()))
+        .arg(format!("WORK={}", work.display()))
+        .arg(format!("SECONDS_LEFT={GUEST_S}"))
+        .stdin(Stdio::null())
+        .stdout(console.try_clone().unwrap())
+        .stderr(console)
+        .status()
+        .unwrap_or_else(|error| panic!("no linux.uml: {error}; ./ci.sh setup"));
+    let said = [text(work, "console"), text(work, "log")].join("\n");
+    assert_eq!(text(work, "status").trim(), "0", "{ended}:\n{said}");
+    folder
+}
+
+/// A file of the work folder; empty where there is none.
+fn text(work: &Path, name: &str) -> String {
+    fs::read_to_string(work.join(name)).unwrap_or_default()
+}
+
+fn summary(work: &Path, run: &str) -> serde_json::Value {
+    let text = text(work, &format!("{run}/summary.json"));
+    serde_json::from_str(&text).unwrap_or_else(|_| panic!("{run}: {}", self::text(work, &format!("{run}.err"))))
+}
+
+/// The frames of a log of `candump -L`, with everything but the time.
+fn frames(log: &str) -> Vec<&str> {
+    log.lines().map(|line| line.split_once(' ').unwrap().1).collect()
+}
+
+fn decoded(frame: &str) -> Message {
+    let (id, data) = frame.strip_prefix("vcan0 ").unwrap().split_once('#').unwrap();
+    let byte = |n: usize| u8::from_str_radix(&data[2 * n..2 * n + 2], 16).unwrap();
+    let bytes: Vec<_> = (0..data.len() / 2).map(byte).collect();
+    can::decode(u16::from_str_radix(id, 16).unwrap(), &bytes).unwrap_or_else(|reason| panic!("{frame}: {reason:?}"))
+}
+
+#[test]
+#[ignore = "needs user-mode Linux and can-utils: ./ci.sh socketcan"]
+fn benches_on_a_real_can_bus() {
+    let folder = guest();
+    let work = folder.path();
+    the_bits_of_loopback(work);
+    every_frame_is_explained(work);
+    what_a_real_bus_does_not_do_is_skipped(work);
+    a_node_that_dies_is_named(work);
+    twins_fall_silent(work);
+}
+
+fn the_bits_of_loopback(work: &Path) {
+    assert_eq!(text(work, "whole.status").trim(), "0", "{}", text(work, "whole.err"));
+    let summary = summary(work, "whole");
+    assert_eq!((&summary["ticks"], &summary["bench"]["bit_for_bit"]), (&TICKS.into(), &true.into()));
+    let json = work.join("loopback.json");
+    let loopback = Command::new(env!("CARGO_BIN_EXE_sim-host"))
+        .arg("run")
+        .arg(repository().join("scenarios/five-agents.toml"))
+        .args(["--quiet", "--set", "time.duration=2s", "--json"])
+        .arg(&json)
+        .status();
+    assert!(loopback.unwrap().success());
+    let loopback: serde_json::Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+    assert_eq!(summary["trace_hash"], loopback["trace_hash"]);
+}
+
+/// Candump, which knows nothing of the run, has seen what the nodes say of it: each state of each tick, and nothing else but a start, a
+/// SYNC per tick and the announced edges.
+fn every_frame_is_explained(work: &Path) {
+    let log = text(work, "candump.log");
+    let frames = frames(&log);
+    let mut states: BTreeMap<(usize, u8), f32> = BTreeMap::new();
+    let (mut starts, mut edges, mut syncs) = (0, 0, 0);
+    for message in frames.iter().map(|frame| decoded(frame)) {
+        match message {
+            Message::Ctrl { command: Order::Start, .. } => starts += 1,
+            Message::Sync { source: None, previous_tick, .. } => {
+                let previous = (syncs as u32).wrapping_sub(1) & 0xFF_FFFF;
+                assert_eq!(previous_tick.value(), previous, "SYNC {syncs}");
+                syncs += 1;
+            }
+            Message::State { source, tick, x, .. } => {
+                // Announced before the first SYNC; then each belongs to the tick after the last SYNC.
+                assert_eq!(tick.value(), syncs as u32 & 0xFF, "node {source:?} after {syncs} SYNCs");
+                let twice = states.insert((syncs, source.get()), x);
+                assert_eq!(twice, None, "node {source:?} after {syncs} SYNCs");
+            }
+            Message::Edge { .. } => edges += 1,
+            other => panic!("unexplained: {other:?}"),
+        }
+    }
+    assert_eq!((starts, syncs, edges), (1, TICKS + 1, 2 * NODES));
+    assert_eq!(states.len(), NODES * (TICKS + 2));
+    let mut hash = TraceHash::new();
+    // The nodes send one state more than a run has ticks.
+    hash.extend(states.iter().filter(|((tick, _), _)| *tick <= TICKS).map(|(_, &x)| x));
+    assert_eq!(summary(work, "whole")["trace_hash"], hash.to_string());
+    // Our own log, which has the kernel's times too, is the same.
+    let ours = text(work, "whole/can.log");
+    assert_eq!(self::frames(&ours), frames);
+    let can = &summary(work, "whole")["bench"]["can"];
+    assert_eq!((&can["frames"], &can["strangers"]), (&frames.len().into(), &0.into()));
+    assert_eq!((&can["unreadable"], &can["errors"]), (&0.into(), &0.into()));
+    bus_times_are_those_of_the_log(work, &ours);
+}
+
+/// `bus_s` of bench.csv grows from tick to tick, and spans what the log spans.
+fn bus_times_are_those_of_the_log(work: &Path, log: &str) {
+    let csv = text(work, "whole/bench.csv");
+    let times: Vec<f64> = csv
+        .lines()
+        .skip(1)
+        .filter(|line| line.split(',').nth(1) == Some("1"))
+        .map(|line| line.rsplit(',').next().unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(times.len(), TICKS + 1);
+    assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
+    let at = |line: &str| -> f64 { line[1..line.find(')').unwrap()].parse().unwrap() };
+    let spans = at(log.lines().last().unwrap()) - at(log.lines().next().unwrap());
+    let last = times.last().unwrap();
+    assert!((spans - last).abs() < 0.05, "{spans} s in the log, {last} s in bench.csv");
+}
+
+fn what_a_real_bus_does_not_do_is_skipped(work: &Path) {
+    let skipped = &summary(work, "skipped")["bench"]["skipped"];
+    assert_eq!(skipped[0], "bus.loss", "{skipped}");
+    let said = text(work, "skipped.err");
+    assert!(said.contains("skipped between nodes on CAN, whose bus is real: bus.loss"), "{said}");
+}
+
+fn a_node_that_dies_is_named(work: &Path) {
+    let said = text(work, "killed.err");
+    assert_eq!(text(work, "killed.status").trim(), "3", "{said}");
+    for words in ["the process of node 3 ended", "signal: 9", "stopped: 1, 2, 4, 5; told to stop, but did not confirm it: 3"] {
+        assert!(said.contains(words), "no '{words}' in: {said}");
+    }
+    let [at, end] = ["killed.at", "killed.end"].map(|name| text(work, name).trim().parse::<f64>().unwrap());
+    assert!(end - at < 3.0, "it took {} s", end - at);
+}
+
+fn twins_fall_silent(work: &Path) {
+    for run in ["first", "twins"] {
+        let said = text(work, &format!("{run}.err"));
+        for id in 1..=NODES {
+            assert!(said.contains(&format!("node {id} ")) && said.contains("id"), "node {id} of {run}: {said}");
+        }
+    }
+    let stopped = &summary(work, "first")["stopped"];
+    assert_eq!(stopped.as_array().map(Vec::len), Some(NODES), "{stopped}");
+}

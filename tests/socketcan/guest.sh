@@ -1,0 +1,28 @@
+#!/bin/sh
+# The first process of the guest kernel: a virtual CAN bus, the job on it, and the end of the guest.
+#
+# The host's files are all there, and none can be written but those of the work folder, which is mounted on /mnt. A kernel that is
+# a process gives no exit status, so it goes into a file, which appears whole. WORK and SECONDS_LEFT come from the kernel's command line.
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin TMPDIR=/mnt HOME=/mnt
+
+job() {
+    modules=/usr/lib/uml/modules/$(uname -r)/kernel
+    for module in net/can/can net/can/can-raw drivers/net/can/dev/can-dev drivers/net/can/vcan; do
+        insmod "$modules/$module.ko" || return 90
+    done
+    ip link set lo up
+    ip link add dev vcan0 type vcan && ip link set vcan0 up || return 91
+    timeout "$SECONDS_LEFT" sh /mnt/job.sh
+}
+
+mount -t proc proc /proc
+mount -t sysfs sysfs /sys
+mount -t hostfs -o "$WORK" none /mnt || echo "no work folder"
+cd /mnt
+job >/mnt/log 2>&1 </dev/null
+echo $? >/mnt/status.new
+sync
+mv /mnt/status.new /mnt/status
+sync
+echo o >/proc/sysrq-trigger
+sleep 10

@@ -1,0 +1,43 @@
+#!/bin/sh
+# The benches that sim-host/tests/socketcan.rs judges, on vcan0, with its files in the work folder.
+# The program is $1; the folder with the scenarios is $2.
+program=$1 scenarios=$2
+
+bench() { # OUT OPTIONS...
+    out=$1
+    shift
+    "$program" bench --bench can.toml --out "$out" "$@" >"$out.out" 2>"$out.err"
+    echo $? >"$out.status"
+}
+
+# Process of the host node with this unique number.
+process_of() {
+    for process in /proc/[0-9]*; do
+        tr '\0' ' ' <"$process/cmdline" 2>/dev/null | grep -q -- "node --inherited --uid $1 " && echo "${process#/proc/}" && return
+    done
+}
+
+# 2,000 ticks, with somebody listening who knows nothing of them.
+candump -L vcan0 >candump.log &
+listener=$!
+sleep 0.5
+bench whole "$scenarios/five-agents.toml" --set time.duration=2s --every 1ms
+sleep 0.2
+kill $listener
+
+# What a real bus does not do is skipped, and said to be.
+bench skipped "$scenarios/lossy-ring.toml" --set graph.nodes=5 --set time.duration=100ms
+
+# A node dies.
+bench killed "$scenarios/five-agents.toml" --set time.duration=10min &
+sleep 1.5
+kill -KILL "$(process_of 3)"
+date +%s.%N >killed.at
+wait $!
+date +%s.%N >killed.end
+
+# Somebody else comes with the ids 1 to 5.
+bench first "$scenarios/five-agents.toml" --set time.duration=3s &
+sleep 0.4
+bench twins "$scenarios/five-agents.toml" --set time.duration=100ms
+wait
