@@ -139,10 +139,18 @@ cmd_setup() { #: find or install what the other commands need
         || missing+=(libnewlib-arm-none-eabi)
     (( ${#missing[@]} == 0 )) || apt_install "${missing[@]}"
     setup_toolchain
+    setup_socketcan
     # Not fatal: clippy says where it is skipped.
     target_has_clippy || [[ $(toolchain) != debian ]] || (apt_install rust-web-clippy) || true
     say "host: $(rustc --version); $(valgrind --version)"
     say "firmware: toolchain of $(toolchain); $(qemu-system-arm --version | head -n 1)"
+}
+
+# A kernel with CAN, in a process; only Debian and its like package it. `socketcan` says what follows where it is missing.
+has_socketcan() { have linux.uml && have candump && have insmod && have ip; }
+
+setup_socketcan() {
+    has_socketcan || (apt_install user-mode-linux can-utils kmod iproute2) || say "no user-mode Linux, so no test of SocketCAN"
 }
 
 cmd_fmt() { #: check the format of every Rust file
@@ -194,6 +202,15 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, what can go wrong with emulators and benches, and emulated heaters
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin selftest --bin heater_emulated
     cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters -- --include-ignored
+}
+
+cmd_socketcan() { #: benches on a real CAN bus: vcan in a guest kernel, nodes in processes of their own
+    if ! has_socketcan; then
+        [[ ${CI:-} != true ]] || fail "no user-mode Linux, can-utils, kmod or iproute2 here: ./ci.sh setup"
+        say "SKIPPED benches on SocketCAN: no user-mode Linux, can-utils, kmod or iproute2 here"
+        return
+    fi
+    cargo test --release --locked --package sim-host --test socketcan -- --include-ignored
 }
 
 cmd_cost() { #: count instructions on the emulated Cortex-M4F and on the host; Markdown, fails above a limit
@@ -364,7 +381,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware boards panics selftest parity scenarios gallery-check cost book; do
+    for name in setup fmt clippy unit thumb firmware boards panics selftest parity socketcan scenarios gallery-check cost book; do
         say "--- $name"
         "cmd_$name"
     done

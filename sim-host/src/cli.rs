@@ -80,7 +80,7 @@ enum Command {
     /// Run a scenario and check its expectations
     #[command(after_help = RUN_HELP)]
     Run(RunArgs),
-    /// Run a scenario on nodes behind serial ports, beside the same run in loopback
+    /// Run a scenario on nodes behind serial ports or on CAN, beside the same run in loopback
     #[command(after_help = BENCH_HELP)]
     Bench(BenchArgs),
     /// Be a node: the firmware's, in this process, for a computer with a CAN adapter or to try a bench without boards
@@ -471,7 +471,8 @@ fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {
     let can = args.can.as_deref().map(host_node::can_port).transpose().map_err(missing)?;
     let line = match &args.serial {
         Some(path) => host_node::serial_line(path, args.baud).map_err(missing)?,
-        None => host_node::inherited_line().map_err(|error| missing(format!("standard input is no socket: {error}")))?,
+        None => host_node::inherited_line()
+            .map_err(|error| missing(format!("standard input is no socket: {error}")))?,
     };
     let end = host_node::run(line, can, args.uid);
     if let End::CanGone(why) = &end {

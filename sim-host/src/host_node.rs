@@ -92,7 +92,12 @@ fn read(mut from: Box<dyn Read + Send>, to: &Sender<Input>) {
         let input = match from.read(&mut bytes) {
             Ok(0) => Input::Ended(End::Closed),
             Ok(length) => Input::Bytes(bytes.get(..length).unwrap_or(&[]).to_vec()),
-            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+                ) =>
+            {
                 continue;
             }
             Err(_) => Input::Ended(End::Closed),
@@ -166,7 +171,9 @@ impl HostNode {
         let Some(frame) = self.deframer.push(byte) else { return };
         let frame = match frame {
             // On CAN the states of others come by CAN (protocol/README.md, "Nodes on CAN").
-            Ok(Frame::RealTime(Message::State { .. } | Message::Edge { .. } | Message::Fault { .. })) if on_can => {
+            Ok(Frame::RealTime(Message::State { .. } | Message::Edge { .. } | Message::Fault { .. }))
+                if on_can =>
+            {
                 Err(Refusal::Kind)
             }
             frame => frame,

@@ -91,9 +91,13 @@ impl BenchFile {
         let can = file.text("can");
         let items = file.array("node");
         if items.is_empty() {
-            file.missing("node", "must be at least one [[node]] with id and serial, usb_serial, emulator or host");
+            file.missing(
+                "node",
+                "must be at least one [[node]] with id and serial, usb_serial, emulator or host",
+            );
         }
-        let nodes: Vec<_> = items.iter().filter_map(|item| Some((item, read_node(item, can.is_some(), &log)?))).collect();
+        let nodes: Vec<_> =
+            items.iter().filter_map(|item| Some((item, read_node(item, can.is_some(), &log)?))).collect();
         file.finish();
         distinct(&nodes, &log);
         log.checkpoint()?;
@@ -166,7 +170,8 @@ fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
     }
     let mut places = [serial, usb_serial, emulator, host].into_iter().flatten();
     let (at, another) = (places.next(), places.next());
-    let wrong = |item: &Item| ["serial", "usb_serial", "emulator", "host"].iter().any(|key| item.get(key).is_some());
+    let wrong =
+        |item: &Item| ["serial", "usb_serial", "emulator", "host"].iter().any(|key| item.get(key).is_some());
     match (&at, another) {
         // What is there and wrong has been reported.
         (None, _) if !wrong(item) => section.missing(
@@ -250,7 +255,8 @@ mod tests {
         assert_eq!((fast.baud, fast.answer), (1_000_000, Duration::from_millis(500)));
         assert_eq!(fast.on_loss, OnLoss::GoOn);
         let can = FILE.replacen("version = 1", "version = 1\ncan = \"can0\"", 1);
-        let can = can.replace("emulator = true", "host = true\ncan = true").replace("AFF\"", "AFF\"\ncan = true");
+        let can =
+            can.replace("emulator = true", "host = true\ncan = true").replace("AFF\"", "AFF\"\ncan = true");
         let can = BenchFile::parse(&can, Path::new("bench.toml")).unwrap();
         assert_eq!(can.can.as_deref(), Some("can0"));
         assert_eq!(can.nodes.iter().map(|node| node.can).collect::<Vec<_>>(), [false, true, true]);
@@ -288,7 +294,10 @@ mod tests {
                 ("version = 1", "version = 1\nanswer_within = \"1ms\""),
                 "must be from 100ms to 60s, for one answer",
             ),
-            (("emulator = true", "host = true\ncan = true"), "node.3.can = true: must come with the file's can"),
+            (
+                ("emulator = true", "host = true\ncan = true"),
+                "node.3.can = true: must come with the file's can",
+            ),
             (("emulator = true", "host = false"), "node.3.host = false: must be true, or left out"),
             (("version = 1", "version = 1\non_loss = \"go on\""), "must be one of stop, go-on"),
         ];

@@ -13,8 +13,8 @@ pub use list::{Listed, list};
 pub use port::open as open_port;
 pub use record::{CanLog, Stampings};
 
-use crate::emulator::{self, EmulatorOptions};
 use crate::can::{CanPort, Own};
+use crate::emulator::{self, EmulatorOptions};
 use crate::hub::{Attached, CanSide, HubError};
 
 /// Opens the CAN interface of the file, if one of `ids` is on it.

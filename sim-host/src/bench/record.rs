@@ -46,7 +46,8 @@ impl Stampings {
 }
 
 fn line(out: &mut dyn Write, tick: u64, node: u8, stamps: &Stamps) -> io::Result<()> {
-    let [sync, state, telemetry, bus] = [stamps.sync, stamps.state, stamps.telemetry, stamps.bus].map(seconds);
+    let [sync, state, telemetry, bus] =
+        [stamps.sync, stamps.state, stamps.telemetry, stamps.bus].map(seconds);
     writeln!(out, "{tick},{node},{sync},{state},{telemetry},{bus}")
 }
 

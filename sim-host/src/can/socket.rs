@@ -65,7 +65,9 @@ impl CanPort {
         let frame = CanDataFrame::new(id, frame.data()).ok_or(ErrorKind::InvalidInput)?;
         match self.0.write_frame(&frame) {
             Ok(()) => Ok(true),
-            Err(error) if error.kind() == ErrorKind::WouldBlock || error.raw_os_error() == Some(NO_ROOM) => Ok(false),
+            Err(error) if error.kind() == ErrorKind::WouldBlock || error.raw_os_error() == Some(NO_ROOM) => {
+                Ok(false)
+            }
             Err(error) if error.should_retry() => Ok(false),
             Err(error) => Err(error),
         }

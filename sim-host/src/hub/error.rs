@@ -161,7 +161,10 @@ impl fmt::Display for HubError {
                 write!(f, "node {node}: the serial port {port} {problem}. {advice}")
             }
             Self::Can { interface, source } => {
-                write!(f, "the CAN interface {interface} fails: {source}. Is it up, is the bus terminated, is anybody else on it?")
+                write!(
+                    f,
+                    "the CAN interface {interface} fails: {source}. Is it up, is the bus terminated, is anybody else on it?"
+                )
             }
             Self::NoCan { problem } => f.write_str(problem),
             Self::Uid { node, place, expected, found } => write!(

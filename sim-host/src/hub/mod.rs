@@ -431,8 +431,12 @@ impl Hub {
             }
             let awaited = if node.ticked { "telemetry" } else { "state" };
             match node.link.wait_for(self.patience.answer, awaited, Some)? {
-                // A fault, which has been heard on the bus.
-                Received::Message(_) if node.on_can => {}
+                // A fault, which most often has been heard on the bus. A twin's state there may have been taken for the node's.
+                Received::Message(message) if node.on_can => {
+                    if matches!(message, Message::Fault { .. }) && !node.stopped {
+                        self.take_message(index, message, now);
+                    }
+                }
                 Received::Message(message) => self.take_message(index, message, now),
                 Received::Reply(Reply::Telemetry(telemetry)) => {
                     self.take_telemetry(index, &state, &telemetry)?;

@@ -75,7 +75,9 @@ impl CanSide {
 
     fn sort(&mut self, heard: &Heard) {
         match &heard.what {
-            Traffic::Error { text, .. } => self.counts.errors = (self.counts.errors.0 + 1, Some(text.clone())),
+            Traffic::Error { text, .. } => {
+                self.counts.errors = (self.counts.errors.0 + 1, Some(text.clone()))
+            }
             Traffic::Frame { .. } | Traffic::Other(_) => self.counts.frames += 1,
         }
         match heard.message() {
@@ -87,7 +89,9 @@ impl CanSide {
 
     fn sort_message(&mut self, message: Message, at: SystemTime) {
         let source = match message {
-            Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => source.get(),
+            Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
+                source.get()
+            }
             // Of this program.
             Message::Ctrl { .. } | Message::Sync { source: None, .. } => return,
             Message::Sync { .. } => return self.counts.strangers += 1,
@@ -143,7 +147,9 @@ impl Hub {
         bytes.pop();
         let Ok(Frame::RealTime(message)) = serial::decode(&mut bytes) else { return Ok(()) };
         let source = match message {
-            Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => source.get(),
+            Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
+                source.get()
+            }
             Message::Ctrl { .. } | Message::Sync { .. } => return Ok(()),
         };
         if side.heard.contains_key(&source) {

@@ -57,7 +57,11 @@ fn skipped(scenario: &Scenario) -> Vec<&'static str> {
 fn tell_skipped(skipped: &[&str], options: &RunOptions) {
     if !skipped.is_empty() && options.verbosity != Verbosity::Quiet {
         // Nobody is left to tell where standard error is closed.
-        let _ = writeln!(std::io::stderr(), "skipped between nodes on CAN, whose bus is real: {}", skipped.join(", "));
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped between nodes on CAN, whose bus is real: {}",
+            skipped.join(", ")
+        );
     }
 }
 
