@@ -20,6 +20,8 @@ nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 94208 22528 0x
 rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 94208 22528 0x101fc000 16384
 "
 readonly HEATER_BOARD=rp2040_pico # of the worked example, firmware/src/bin/heater.rs
+# Budgets of the stack, bytes: what ./ci.sh stack finds, and a tenth or so.
+readonly STACK_BUDGETS="mps2_an386 53248 nucleo_g474re 49152 nucleo_f446re 40960 nrf52840_dk 65536 rp2040_pico 65536"
 readonly HOST_LIMIT=1500 # instructions per node-tick in loopback
 # The paths above and below are those of cargo's default target folders.
 unset CARGO_TARGET_DIR CARGO_BUILD_TARGET_DIR CARGO_BUILD_TARGET
@@ -321,6 +323,16 @@ cmd_panics() { #: check that no code of core, link, plant and protocol in the im
     python3 firmware/panics.py "$ROOT" core,link,plant,protocol "${images[@]}"
 }
 
+cmd_stack() { #: the deepest stack of every image, against a budget and the room that it has
+    local board budget images=()
+    while read -r board budget; do
+        board_cargo build "$board" --release
+        images+=("$(board_image "$board")=$budget")
+    done < <(xargs -n 2 <<<"$STACK_BUDGETS")
+    [[ ${#images[@]} == $(boards | wc -l) ]] || fail "a board has no budget of stack"
+    python3 firmware/stack.py "${images[@]}"
+}
+
 # First address of a section and the one after its end, in decimal.
 section_span() { # IMAGE SECTION
     local size start
@@ -381,7 +393,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware boards panics selftest parity socketcan scenarios gallery-check cost book; do
+    for name in setup fmt clippy unit thumb firmware boards panics stack selftest parity socketcan scenarios gallery-check cost book; do
         say "--- $name"
         "cmd_$name"
     done

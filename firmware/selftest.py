@@ -5,6 +5,8 @@ usage: selftest.py QEMU DECODER IMAGE      DECODER IMAGE < LOG prints a defmt lo
 """
 import binascii, json, pathlib, random, socket, struct, subprocess, sys, tempfile, time
 
+import stack
+
 QEMU, DECODER, IMAGE = sys.argv[1:4]
 TIMEOUT = 60.0
 # Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10.
@@ -58,13 +60,25 @@ class Node:
 
     def restart(self):
         """Resets the machine, as its button does. What is in RAM stays there."""
+        self.control({"execute": "system_reset"})
+
+    def stack_used(self):
+        """Bytes of stack that were ever written: an emulated RAM is zero at first."""
+        dump, size = pathlib.Path(self.folder.name) / "stack", 1 << 20
+        end = stack.symbol(IMAGE, "_stack_start")
+        arguments = {"val": end - size, "size": size, "filename": str(dump)}
+        self.control({"execute": "pmemsave", "arguments": arguments})
+        return size - next(at for at, byte in enumerate(dump.read_bytes()) if byte)
+
+    def control(self, *requests):
+        """Asks QEMU, not the machine."""
         with socket.socket(socket.AF_UNIX) as control:
             control.settimeout(TIMEOUT)
             control.connect(str(pathlib.Path(self.folder.name) / "qmp"))
             lines = control.makefile()
             lines.readline()  # its greeting
-            for command in ("qmp_capabilities", "system_reset"):
-                control.sendall(json.dumps({"execute": command}).encode() + b"\n")
+            for request in ({"execute": "qmp_capabilities"}, *requests):
+                control.sendall(json.dumps(request).encode() + b"\n")
                 while "return" not in (answer := json.loads(lines.readline())):
                     assert "event" in answer, answer
 
@@ -196,7 +210,9 @@ def commissioning():
         restart(node)
         node.ask(0x40, b"", identity(0))
         assert node.log().count("configured from storage: node 3") == 2, node.log()
-        return "stored, restarted, joined; erased, restarted, blank"
+        used, most = node.stack_used(), sum(stack.bound(IMAGE))
+        assert 4000 < used <= most, (used, most)
+        return f"stored, restarted, joined; erased, restarted, blank; {used} bytes of stack of at most {most}"
 
 
 def restart(node):

@@ -1,0 +1,244 @@
+"""The deepest stack of linked images, against the room that they have. Run by ./ci.sh stack.
+
+usage: stack.py IMAGE=BYTES...      BYTES: budget of the board
+
+Every function's frame is read off its disassembly: all that it ever pushes or subtracts from the stack pointer, added up. The deepest path is
+that through the call graph. A call through a pointer may be of any function whose address is somewhere in the image, which
+makes groups of functions that could call each other in a circle. No function of ours is recursive, so each function of such a group counts
+once on a path; those of core::fmt, which formats arguments while it formats, count twice. So the bound is safe, and larger than what happens.
+
+On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority here, so no
+handler interrupts another. The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
+"""
+
+import collections
+import re
+import struct
+import sys
+
+from image import FUNCTION, INSTRUCTION, Image, tool
+
+# What an exception stacks: 8 words, with FPU 18 more, and a word of alignment.
+EXCEPTION = {"v6": 36, "v7e": 108}
+# For the functions in the boot ROM of the RP2040 that write flash. Not documented; RAM that they need is not ours to read.
+ROM_BYTES = 256
+TWICE = re.compile(r"4core3fmt|core\[[0-9a-f]+\]::fmt|core::fmt")
+# The task's function, whose address is in its header, and who reads that.
+POLL = re.compile(r"TaskStorage.*4poll")
+EXECUTOR = re.compile(r"8executor8Executor3run")
+# How the stack pointer goes down, as (mnemonic, operands); the group is the number or the list of registers.
+PUSH = re.compile(r"^(?:push|stmdb)(?:\.w)?$")
+IMMEDIATE = re.compile(r"^sp,(?: sp,)? #(\d+)")
+DOWN = re.compile(r"^\[sp, #-(\d+)\]!")
+HANDLERS = 256
+
+
+class Stacks(Image):
+    """An image with the frame of each function."""
+
+    def __init__(self, path):
+        super().__init__(path)
+        self.add_code_in_ram()
+        self.words = self.all_words()
+        self.frame = {start: self.frame_of(start) for start in self.starts}
+        self.taken = self.addresses_taken()
+
+    def lines(self, addresses):
+        """Not needed here, and slow."""
+        return []
+
+    def add_code_in_ram(self):
+        """Functions that .data brings into RAM, which are not disassembled as code is."""
+        for name in re.findall(r"^2[0-9a-f]{7} [tT] (\S+)$", tool("nm", self.path, text=True), re.M):
+            text = tool("objdump", "-D", "--no-show-raw-insn", f"--disassemble={name}", self.path, text=True)
+            for line in text.splitlines():
+                if match := FUNCTION.match(line):
+                    self.starts.append(int(match[1], 16))
+                    self.names[self.starts[-1]] = match[2]
+                elif match := INSTRUCTION.match(line):
+                    self.code.append((int(match[1], 16), self.starts[-1], match[2], match[3] or ""))
+        self.starts.sort()
+        self.sites = [site for each in self.code if (site := self.site(*each))]
+
+    def all_words(self):
+        """Every aligned word of the image, by address."""
+        words = {}
+        table = tool("objdump", "-h", self.path, text=True)
+        for name, size, address in re.findall(r"^ +\d+ (\.\S+) +([0-9a-f]{8}) +([0-9a-f]{8})", table, re.M):
+            if name not in (".vector_table", ".text", ".rodata", ".data"):
+                continue
+            data = tool("objcopy", "-O", "binary", "-j", name, self.path, "/dev/stdout")
+            for offset in range(0, len(data) // 4 * 4, 4):
+                words[int(address, 16) + offset] = struct.unpack_from("<I", data, offset)[0]
+        return words
+
+    def frame_of(self, start):
+        """Bytes that a function takes of the stack at most."""
+        total = 0
+        literals = {}
+        for address, function, mnemonic, operands in self.code_of(start):
+            total += self.taken_by(address, mnemonic, operands, literals)
+        return total
+
+    def code_of(self, start):
+        if not hasattr(self, "by_function"):
+            self.by_function = collections.defaultdict(list)
+            for each in self.code:
+                self.by_function[each[1]].append(each)
+        return self.by_function[start]
+
+    def taken_by(self, address, mnemonic, operands, literals):
+        """Bytes by which an instruction moves the stack pointer down."""
+        if PUSH.match(mnemonic) and (mnemonic.startswith("push") or operands.startswith("sp!")):
+            return 4 * registers(operands)
+        if mnemonic.startswith("vpush"):
+            return (8 if "d" in operands else 4) * registers(operands)
+        if match := re.search(DOWN.pattern[1:], operands):
+            return int(match[1]) if mnemonic.startswith("str") else 0
+        if literal := re.match(r"^(\w+), \[pc, .*\(([0-9a-f]+) ", operands):
+            literals[literal[1]] = self.words.get(int(literal[2], 16))
+        if immediate := re.match(r"^(\w+), #(\d+)", operands):
+            if mnemonic.startswith("mov"):
+                literals[immediate[1]] = int(immediate[2])
+        if not re.match(r"^sp(,|$)", operands) or mnemonic.startswith(("ldm", "cmp", "vldm", "ldr", "str")):
+            return 0
+        if match := IMMEDIATE.match(operands):
+            return int(match[1]) if mnemonic.startswith("sub") else 0
+        register = re.match(r"^sp,(?: sp,)? (\w+)", operands)
+        if mnemonic.startswith("mov") or not register:
+            return 0  # back to a frame pointer
+        number = literals.get(register[1])
+        if number is None:
+            sys.exit(f"{self.path}: {address:#x}: {mnemonic} {operands}: how much is that?")
+        if mnemonic.startswith("add"):
+            number = -number & 0xFFFFFFFF
+        return number if number < 1 << 31 else 0
+
+    def addresses_taken(self):
+        """Functions whose address is a word of the image, or is put together by movw and movt; the vector table does not count."""
+        low = min(address for address in self.words)
+        vectors = {low + 4 * n for n in range(HANDLERS)} if self.is_vector(low) else set()
+        found = {word - 1 for address, word in self.words.items() if word & 1 and address not in vectors}
+        halves = {}
+        for _, function, mnemonic, operands in self.code:
+            if match := re.match(r"^(\w+), #(\d+)", operands):
+                if mnemonic.startswith("movw"):
+                    halves[function, match[1]] = int(match[2])
+                elif mnemonic.startswith("movt") and (function, match[1]) in halves:
+                    found.add((int(match[2]) << 16 | halves[function, match[1]]) - 1)
+        return found & set(self.starts)
+
+    def is_vector(self, address):
+        return any(self.names[start] == "Reset" and self.words.get(address + 4) == start | 1 for start in self.starts)
+
+    def callees(self):
+        """For each function those that it may call. Tasks are polled by the executor and by nobody else, and it calls nothing else by a pointer."""
+        calls = {start: set() for start in self.starts}
+        tasks = {start for start in self.taken if POLL.search(self.names[start])}
+        for site in self.sites:
+            if site.target is not None:
+                calls[site.function].add(site.target)
+            elif EXECUTOR.search(self.names[site.function]):
+                calls[site.function] |= tasks
+            else:
+                calls[site.function] |= self.taken - tasks
+        return calls
+
+
+def registers(operands):
+    """How many registers a list in braces names."""
+    count = 0
+    for each in re.search(r"\{(.*)\}", operands)[1].split(", "):
+        first, _, last = each.partition("-")
+        count += int(last[1:]) - int(first[1:]) + 1 if last else 1
+    return count
+
+
+def groups(calls):
+    """Strongly connected groups of functions, callees first (Tarjan, without recursion)."""
+    order, low, stack, on_stack, done = {}, {}, [], set(), []
+    for root in calls:
+        work = [] if root in order else [(root, iter(calls[root]))]
+        while work:
+            node, rest = work[-1]
+            if node not in order:
+                order[node] = low[node] = len(order)
+                stack.append(node)
+                on_stack.add(node)
+            for callee in rest:
+                if callee not in order:
+                    work.append((callee, iter(calls[callee])))
+                    break
+                if callee in on_stack:
+                    low[node] = min(low[node], order[callee])
+            else:
+                work.pop()
+                if work:
+                    low[work[-1][0]] = min(low[work[-1][0]], low[node])
+                if low[node] == order[node]:
+                    group = set()
+                    while node not in group:
+                        group.add(stack.pop())
+                    on_stack -= group
+                    done.append(group)
+    return done
+
+
+def depths(image):
+    """Deepest stack of each function with all that it calls."""
+    calls, depth = image.callees(), {}
+    for group in groups(calls):
+        circle = len(group) > 1 or any(each in calls[each] for each in group)
+        own = sum(image.frame[each] * (2 if circle and TWICE.search(image.names[each]) else 1) for each in group)
+        below = max((depth[callee] for each in group for callee in calls[each] if callee not in group), default=0)
+        depth.update(dict.fromkeys(group, own + below))
+    return depth
+
+
+def symbol(path, name):
+    match = re.search(rf"^([0-9a-f]+) \S {name}$", tool("nm", path, text=True), re.M)
+    return int(match[1], 16) if match else sys.exit(f"{path} has no symbol {name}")
+
+
+def bound(path):
+    """Bytes of stack that the program and its tasks need at most, and those of an interrupt on top."""
+    image = Stacks(path)
+    depth = depths(image)
+    by_name = {name: start for start, name in image.names.items()}
+    table = min(address for address in image.words if image.is_vector(address))
+    handlers = {image.words.get(table + 4 * n, 0) - 1 for n in range(2, HANDLERS)} & set(image.starts)
+    handlers.discard(by_name["Reset"])
+    core = "v6" if "thumbv6m" in path else "v7e"
+    thread = depth[by_name["Reset"]] + (ROM_BYTES if "rp2040" in path else 0)
+    return thread, EXCEPTION[core] + max(depth[each] for each in handlers)
+
+
+def check(path, budget):
+    thread, interrupt = bound(path)
+    total, room = thread + interrupt, symbol(path, "_stack_start") - symbol(path, "_stack_end")
+    name = path.rsplit("/", 1)[-1]
+    print(f"| {name} | {thread:,} | {interrupt:,} | {total:,} | {budget:,} | {room:,} |", flush=True)
+    return total <= min(budget, room)
+
+
+def self_check():
+    """A function that calls itself through another, and one that takes 1,000 bytes, are seen."""
+    calls = {1: {2}, 2: {3, 4}, 3: {2}, 4: set()}
+    assert sorted(map(sorted, groups(calls))) == [[1], [2, 3], [4]], groups(calls)
+    assert [registers(each) for each in ("{r4, r7, lr}", "{d8-d11}", "sp!, {r4-r8, lr}")] == [3, 4, 6]
+    image = Stacks.__new__(Stacks)
+    image.words, image.path = {0x100: -1000 & 0xFFFFFFFF}, "self-check"
+    literals = {}
+    code = [("push", "{r4, lr}", 8), ("sub", "sp, #24", 24), ("sub.w", "sp, sp, #1000", 1000), ("vpush", "{d8-d9}", 16),
+            ("str.w", "r4, [sp, #-4]!", 4), ("add", "sp, #24", 0), ("add", "r7, sp, #8", 0), ("ldmia.w", "sp!, {r4, pc}", 0),
+            ("ldr", "r6, [pc, #8]\t@ (100 <f+0x8>)", 0), ("add", "sp, r6", 1000), ("mov", "sp, r7", 0)]
+    for mnemonic, operands, expected in code:
+        taken = image.taken_by(0, mnemonic, operands, literals)
+        assert taken == expected, (mnemonic, operands, taken)
+
+
+if __name__ == "__main__":
+    self_check()
+    images = [argument.rsplit("=", 1) for argument in sys.argv[1:]]
+    print("| board | thread | interrupt | stack, bytes | budget | room |\n|---|---:|---:|---:|---:|---:|")
+    sys.exit(0 if all([check(path, int(budget)) for path, budget in images]) else "the stack is over its budget")
