@@ -54,6 +54,7 @@ impl Board {
                 Output::Store => self.session.stored(Err(StoreError::Absent)),
                 Output::Erase => self.session.erased(Err(StoreError::Absent)),
                 Output::Report(_) => {}
+                Output::Safe | Output::Sample | Output::Actuate => {}
             }
         }
     }

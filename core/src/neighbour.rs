@@ -246,6 +246,14 @@ impl<F: Real> Neighbours<F> {
         sums
     }
 
+    /// The actuator has done only `share` (0 to 1) of the inputs that the edges have asked for in one component. Each edge goes on from
+    /// its part of that.
+    pub fn feed_back(&mut self, component: u8, share: F) {
+        for edge in self.edges.iter_mut().filter(|edge| edge.component == component) {
+            edge.last = edge.last.map(|u| u * share);
+        }
+    }
+
     /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones.
     pub fn edge_inputs<G: Gain<F>>(
         &mut self,

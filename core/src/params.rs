@@ -11,6 +11,7 @@ use crate::law::node_wise::{NodeWise, THETA};
 use crate::law::{Coupling, EdgeWise, LambdaTracker};
 use crate::math::Real;
 use crate::neighbour::Neighbours;
+use crate::plant::PlantSetup;
 use funnel_protocol::config::{
     BreachPolicy, ConfigError, ConfigField, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape,
     GainConfig, MAX_COMPONENTS, MAX_NEIGHBOURS, NodeConfig, NormalisedShape, TickSource,
@@ -63,6 +64,8 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     pub on_breach: OnBreach<F>,
     /// Neighbour table, nobody heard yet.
     pub neighbours: Neighbours<F>,
+    /// The plant; a virtual node has none.
+    pub plant: Option<PlantSetup>,
 }
 
 /// A breach policy, prepared.
@@ -89,22 +92,45 @@ impl<F: Real> Params<F> {
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
     pub fn new(config: &NodeConfig) -> Result<Self, ConfigError> {
+        Self::with_field(config, |tick| AffineSines::configured(config, tick))
+    }
+}
+
+impl<F: Real> AffineSines<F> {
+    /// Validates the field of `config` and prepares it for tick period `tick` (s).
+    ///
+    /// # Errors
+    /// The first value outside its range, by name, with what is allowed.
+    pub fn configured(config: &NodeConfig, tick: f64) -> Result<Self, ConfigError> {
         check_components(config)?;
-        let field = check_field(&config.field)?;
+        check_field(&config.field).map(|field| Self::new(field, tick))
+    }
+}
+
+impl<F: Real, V> Params<F, V> {
+    /// Validates `config`, with a vector field of the user's own, built from `T` in s, in place of its.
+    ///
+    /// # Errors
+    /// The first value outside its range, by name, with what is allowed.
+    pub fn with_field(
+        config: &NodeConfig,
+        field: impl FnOnce(f64) -> Result<V, ConfigError>,
+    ) -> Result<Self, ConfigError> {
         let gain = check_gain(&config.gain)?;
         check_gain_of_coupling(&config.gain, &config.coupling)?;
-        Self::with_field_and_gain(config, |tick| AffineSines::new(field, tick), gain)
+        Self::with_field_and_gain(config, field, gain)
     }
 }
 
 impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
-    /// Validates `config`, with a vector field (built from `T` in s) and a gain of the user's own in place of its.
+    /// Validates `config`, with a vector field (built from `T` in s) and a gain of the user's own in place of its. The node is
+    /// virtual until it is given a plant.
     ///
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
     pub fn with_field_and_gain(
         config: &NodeConfig,
-        field: impl FnOnce(f64) -> V,
+        field: impl FnOnce(f64) -> Result<V, ConfigError>,
         gain: G,
     ) -> Result<Self, ConfigError> {
         let id = check_id(ConfigField::Id, 0, config.id)?;
@@ -126,14 +152,25 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             tick_source: config.tick_source,
             initial_state: collect(config.initial_state.iter().map(|&x| F::from_f32(x))),
             state_limit: F::from_f64(limit),
-            field: field(tick),
+            field: field(tick)?,
             coupling: check_coupling(&config.coupling, tick)?,
             law: NodeWise::new(gain, tick, degree),
             funnel: Funnel::new(&config.funnel, tick, THETA),
             floor_per_state: F::from_f64(FLOOR_ULPS * f64::from(config.funnel.factor)) * F::EPSILON,
             on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
             neighbours,
+            plant: None,
         })
+    }
+
+    /// The node measures and drives this plant.
+    ///
+    /// # Errors
+    /// The plant has another number of components than the state.
+    pub fn with_plant(self, plant: PlantSetup) -> Result<Self, ConfigError> {
+        let components = plant.inputs.len() as f64;
+        check(ConfigField::Components, 0, self.initial_state.len() as f64, components, components)?;
+        Ok(Self { plant: Some(plant), ..self })
     }
 }
 

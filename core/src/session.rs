@@ -2,6 +2,7 @@
 //!
 //! Firmware wraps a link around it; tests drive it in memory.
 
+use crate::model::{Configured, Model};
 use crate::node::{Action, Node};
 use crate::observe::{Event, Phase};
 use crate::params::Params;
@@ -22,6 +23,12 @@ pub enum Output {
     Reply(Reply),
     /// Log this event.
     Report(Event),
+    /// Put the actuator in its safe position: the program has started, or the node has stopped, whatever the reason.
+    Safe,
+    /// Measure the plant, and answer by [`Session::measured`] or [`Session::sample_failed`]: a tick waits for it.
+    Sample,
+    /// Drive the actuator with [`Session::inputs`].
+    Actuate,
     /// Store [`Session::config`], and say how that went by [`Session::stored`].
     Store,
     /// Erase what is stored, and say how that went by [`Session::erased`].
@@ -30,9 +37,10 @@ pub enum Output {
 
 /// A node that may still be blank.
 #[derive(Debug)]
-pub struct Session {
+pub struct Session<M: Model = Configured> {
     identity: Identity,
-    node: Option<Node>,
+    model: M,
+    node: Option<Node<f32, M::Field>>,
     /// What the node was made of.
     config: Option<NodeConfig>,
     /// Counters of a blank node.
@@ -42,6 +50,8 @@ pub struct Session {
     reported: (u32, u8),
     reply: Option<Reply>,
     keep: Option<Keep>,
+    /// The app is to be told that the actuator belongs in its safe position.
+    safe: bool,
 }
 
 /// What the app shall do with its storage.
@@ -52,11 +62,19 @@ enum Keep {
 }
 
 impl Session {
-    /// A blank node.
+    /// A blank node that will be what its configuration describes.
     pub fn new(identity: Identity) -> Self {
+        Self::with_model(identity, Configured)
+    }
+}
+
+impl<M: Model> Session<M> {
+    /// A blank node that will have the field and the plant of `model`.
+    pub fn with_model(identity: Identity, model: M) -> Self {
         let counters = Counters::default();
         Self {
             identity,
+            model,
             node: None,
             config: None,
             counters,
@@ -64,6 +82,7 @@ impl Session {
             reported: (0, 0),
             reply: None,
             keep: None,
+            safe: true,
         }
     }
 
@@ -91,8 +110,27 @@ impl Session {
     }
 
     /// The node, once it is configured.
-    pub fn node(&self) -> Option<&Node> {
+    pub fn node(&self) -> Option<&Node<f32, M::Field>> {
         self.node.as_ref()
+    }
+
+    /// What [`Output::Actuate`] is about, state units / s, component by component; empty without a plant.
+    pub fn inputs(&self) -> &[f32] {
+        self.node.as_ref().map_or(&[], Node::inputs)
+    }
+
+    /// Answers [`Output::Sample`], as [`Node::measured`] does.
+    pub fn measured(&mut self, x: &[f32]) {
+        if let Some(node) = self.node.as_mut() {
+            node.measured(x);
+        }
+    }
+
+    /// Answers [`Output::Sample`], as [`Node::sample_failed`] does.
+    pub fn sample_failed(&mut self) {
+        if let Some(node) = self.node.as_mut() {
+            node.sample_failed();
+        }
     }
 
     /// Own id, 0 while blank: the source of its frames.
@@ -102,7 +140,8 @@ impl Session {
 
     /// When [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
     pub fn poll_at(&self) -> Option<u64> {
-        if self.reply.is_some() || self.keep.is_some() { Some(0) } else { self.node.as_ref()?.poll_at() }
+        let waits = self.safe || self.reply.is_some() || self.keep.is_some();
+        if waits { Some(0) } else { self.node.as_ref()?.poll_at() }
     }
 
     /// Takes what the link received at `now` (ns). What is refused is counted and changes nothing.
@@ -126,6 +165,9 @@ impl Session {
 
     /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as `Node::poll`.
     pub fn poll(&mut self, now: u64) -> Option<Output> {
+        if self.take_safe() {
+            return Some(Output::Safe);
+        }
         if let Some(reply) = self.reply.take() {
             return Some(Output::Reply(reply));
         }
@@ -139,8 +181,17 @@ impl Session {
         match node.poll(now) {
             Some(Action::Send(message)) => Some(Output::Send(message)),
             Some(Action::Report(event)) => Some(Output::Report(event)),
+            Some(Action::Safe) => Some(Output::Safe),
+            Some(Action::Sample) => Some(Output::Sample),
+            Some(Action::Actuate) => Some(Output::Actuate),
             None => self.telemetry().map(|telemetry| Output::Reply(Reply::Telemetry(telemetry))),
         }
+    }
+
+    /// Whether the actuator belongs in its safe position from now on; told once. It comes before any reply, which may take a while.
+    fn take_safe(&mut self) -> bool {
+        let stopped = self.node.as_mut().is_some_and(Node::take_safe);
+        core::mem::take(&mut self.safe) || stopped
     }
 
     fn on_message(&mut self, message: &Message, now: u64) {
@@ -194,7 +245,10 @@ impl Session {
         if self.is_running() {
             return Err(ConfigError::Running);
         }
-        self.node = Some(Node::new(Params::new(&config)?));
+        let node = Node::new(Params::of_model(&config, &self.model)?);
+        // The old one may have stopped just now.
+        self.safe = self.take_safe();
+        self.node = Some(node);
         self.telemetry_every = config.telemetry_every;
         self.config = Some(config);
         self.reported = (0, 0);

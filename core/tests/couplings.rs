@@ -70,6 +70,7 @@ impl Net {
                 match action {
                     Action::Send(message) => frames.push(message),
                     Action::Report(event) => self.events.push((node.id().get(), event)),
+                    Action::Safe | Action::Sample | Action::Actuate => {}
                 }
             }
         }
@@ -373,7 +374,7 @@ fn a_users_scalar_field_serves_every_component() {
     }
     let gain = BuiltinGain::Reciprocal(Reciprocal { scale: 1.0 });
     let config = NodeConfig { neighbours: heapless::Vec::new(), ..config(0, 3, &[1.0, -2.0]) };
-    let mut node = Node::new(Params::with_field_and_gain(&config, |_| Decay, gain).unwrap());
+    let mut node = Node::new(Params::with_field_and_gain(&config, |_| Ok(Decay), gain).unwrap());
     node.on_message(&Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 }, 0)
         .unwrap();
     while node.poll(0).is_some() {}

@@ -57,8 +57,9 @@ fn actions(node: &mut Node, now: u64) -> Vec<Action> {
 /// What goes to the link, but for the weights that are announced in the first ticks.
 fn sent(actions: &[Action]) -> Vec<Message> {
     let message = |action: &Action| match action {
-        Action::Send(Message::Edge { .. }) | Action::Report(_) => None,
+        Action::Send(Message::Edge { .. }) => None,
         Action::Send(message) => Some(*message),
+        Action::Report(_) | Action::Safe | Action::Sample | Action::Actuate => None,
     };
     actions.iter().filter_map(message).collect()
 }

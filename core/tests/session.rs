@@ -31,6 +31,13 @@ fn config() -> NodeConfig {
     }
 }
 
+/// A session whose program has just started.
+fn blank() -> Session {
+    let mut session = Session::new(IDENTITY);
+    assert_eq!(outputs(&mut session), [Output::Safe]);
+    session
+}
+
 fn ask(session: &mut Session, request: &Request) -> Vec<Output> {
     let mut body = [0; 1024];
     let length = request.encode(&mut body).unwrap();
@@ -58,7 +65,7 @@ fn sync(previous: u32) -> Message {
 
 #[test]
 fn a_blank_node_says_who_it_is_and_counts_what_it_cannot_use() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(IDENTITY))]);
     assert_eq!(tell(&mut session, start()), []);
     session.on_frame(Err(Refusal::Crc), 0);
@@ -68,7 +75,7 @@ fn a_blank_node_says_who_it_is_and_counts_what_it_cannot_use() {
 
 #[test]
 fn a_bad_configuration_is_refused_by_name_and_leaves_the_node_as_it_was() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     let mut bad = config();
     bad.funnel.factor = -1.0;
     let answer = ask(&mut session, &Request::Configure(bad));
@@ -87,7 +94,7 @@ fn a_bad_configuration_is_refused_by_name_and_leaves_the_node_as_it_was() {
 
 #[test]
 fn it_runs_by_sync_with_telemetry_and_reports() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     assert_eq!(ask(&mut session, &Request::Configure(config())), [Output::Reply(Reply::Configured(Ok(())))]);
     let started = tell(&mut session, start());
     assert!(started.iter().any(|o| matches!(o, Output::Send(Message::State { x: 1.0, .. }))), "{started:?}");
@@ -107,7 +114,7 @@ fn it_runs_by_sync_with_telemetry_and_reports() {
 
 #[test]
 fn a_platform_fault_stops_the_node_says_so_once_and_leaves_it_configurable() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     session.fail(FaultCode::BUS_OFF, 1);
     assert_eq!(outputs(&mut session), [], "a blank node has nothing to stop");
     ask(&mut session, &Request::Configure(config()));
@@ -124,7 +131,7 @@ fn a_platform_fault_stops_the_node_says_so_once_and_leaves_it_configurable() {
 
 #[test]
 fn a_configured_node_asks_the_app_to_store_and_passes_the_answer_on() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     let blank = ask(&mut session, &Request::Store);
     assert_eq!(blank, [Output::Reply(Reply::Stored(Err(StoreError::Blank)))]);
     ask(&mut session, &Request::Configure(config()));
@@ -141,7 +148,7 @@ fn a_configured_node_asks_the_app_to_store_and_passes_the_answer_on() {
 
 #[test]
 fn what_is_stored_is_the_last_configuration_that_was_accepted() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     ask(&mut session, &Request::Configure(config()));
     let bad = NodeConfig { tick_ns: 0, ..config() };
     ask(&mut session, &Request::Configure(bad));
@@ -153,7 +160,7 @@ fn what_is_stored_is_the_last_configuration_that_was_accepted() {
 
 #[test]
 fn a_running_node_neither_stores_nor_erases() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     ask(&mut session, &Request::Configure(config()));
     tell(&mut session, start());
     let answer = ask(&mut session, &Request::Store);
@@ -164,7 +171,7 @@ fn a_running_node_neither_stores_nor_erases() {
 
 #[test]
 fn a_restored_node_is_ready_with_its_id() {
-    let mut session = Session::new(IDENTITY);
+    let mut session = blank();
     assert!(session.restore(NodeConfig { tick_ns: 0, ..config() }).is_err());
     assert_eq!((session.id(), session.config()), (0, None), "blank as before");
     session.restore(config()).unwrap();

@@ -64,6 +64,8 @@ async fn drain<L: Link, S: Storage>(session: &mut Session, link: &mut L, storage
             Output::Reply(reply) => link.reply(&reply, session.id()).await,
             Output::Report(event) => defmt::info!("{}", event),
             Output::Store => store(session, storage).await,
+            // The boards' nodes are virtual.
+            Output::Safe | Output::Sample | Output::Actuate => {}
             Output::Erase => session.erased(storage.erase().await),
         }
     }

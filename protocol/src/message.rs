@@ -146,6 +146,8 @@ impl FaultCode {
     pub const FUNNEL_LEFT: Self = Self(4);
     /// The node's CAN controller went off the bus; the argument is how often so far.
     pub const BUS_OFF: Self = Self(5);
+    /// The node's sensor has failed for longer than it may: the argument is for how many samples. 0: its actuator has failed.
+    pub const PLANT: Self = Self(8);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -157,6 +159,7 @@ macro_rules! say {
             FaultCode::PANIC => $($write)::+!($f, "its firmware panicked"),
             FaultCode::FUNNEL_LEFT => $($write)::+!($f, "its diffusive term has left the funnel"),
             FaultCode::BUS_OFF => $($write)::+!($f, "its CAN controller went off the bus"),
+            FaultCode::PLANT => $($write)::+!($f, "its sensor or actuator has failed"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };

@@ -30,6 +30,10 @@ pub struct Counters {
     pub weights_differ: u32,
     /// Refused frames, by [`Refusal`].
     pub refused: [u32; Refusal::COUNT],
+    /// Samples of the plant that failed: the node went on with its prediction, or stopped.
+    pub coasted: u32,
+    /// Ticks at which the actuator could not do what the law asked for.
+    pub saturated: u32,
 }
 
 impl Counters {

@@ -90,6 +90,8 @@ fn largest_reply_fits_and_little_is_wasted() {
         overruns: most,
         reopened: most,
         weights_differ: most,
+        coasted: most,
+        saturated: most,
         refused: [most; Refusal::COUNT],
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });

@@ -108,6 +108,8 @@ impl Engine {
                     self.bus.send(now, index, can::encode(&message));
                 }
                 Action::Report(event) => self.events.push(NodeEvent { at: now, node: index, event }),
+                // Virtual nodes: nothing to drive, nothing to measure.
+                Action::Safe | Action::Sample | Action::Actuate => {}
             }
         }
         // All nodes have as many components.

@@ -165,6 +165,7 @@ impl Played {
                 // A bench never asks for these.
                 Output::Store | Output::Erase => {}
                 Output::Report(_) => {}
+                Output::Safe | Output::Sample | Output::Actuate => {}
             }
         }
     }
