@@ -19,6 +19,7 @@ nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 73728 20480
 nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 94208 22528 0x000fc000 16384
 rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 94208 22528 0x101fc000 16384
 "
+readonly HEATER_BOARD=rp2040_pico # of the worked example, firmware/src/bin/heater.rs
 readonly HOST_LIMIT=1500 # instructions per node-tick in loopback
 # The paths above and below are those of cargo's default target folders.
 unset CARGO_TARGET_DIR CARGO_BUILD_TARGET_DIR CARGO_BUILD_TARGET
@@ -155,6 +156,7 @@ cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its t
         firmware_cargo clippy --quiet --locked --features cost --bins -- -D warnings
         local board
         for board in $(boards); do board_cargo clippy "$board" -- -D warnings; done
+        board_cargo clippy "$HEATER_BOARD" --bin heater -- -D warnings
         board_cargo clippy nucleo_g474re --features can-fd -- -D warnings
     else
         say "SKIPPED clippy of the firmware: the toolchain for $TARGET has none"
@@ -169,9 +171,9 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
     cargo test --locked --release --package funnel-core --test sweep -- --include-ignored --nocapture
 }
 
-cmd_thumb() { #: core and protocol alone for the target: no std, and with Debian's toolchain no alloc either
+cmd_thumb() { #: the crates of a node alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnel-core funnel-link funnel-protocol funnel-store; do
+    for package in funnel-core funnel-link funnel-plant funnel-protocol funnel-store; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done
@@ -189,9 +191,9 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
 }
 
 # The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
-cmd_parity() { #: the simulator against emulated nodes, bit for bit, and what can go wrong with emulators and benches
-    firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin selftest
-    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour -- --include-ignored
+cmd_parity() { #: the simulator against emulated nodes, bit for bit, what can go wrong with emulators and benches, and emulated heaters
+    firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin selftest --bin heater_emulated
+    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters -- --include-ignored
 }
 
 cmd_cost() { #: count instructions on the emulated Cortex-M4F and on the host; Markdown, fails above a limit
@@ -243,6 +245,7 @@ cmd_boards() { #: build the image of every board; check flash and RAM against bu
     one_root_memory_map
     local board over=0
     for board in $(boards); do board_cargo build "$board" --release; done
+    board_cargo build "$HEATER_BOARD" --release --bin heater
     printf '| board | flash | of | static RAM | of |\n|---|---:|---:|---:|---:|\n'
     for board in $(boards); do
         board_size "$board" || over=1
@@ -289,13 +292,16 @@ board_storage() { # BOARD END-OF-PROGRAM
     expect_symbol "$image" __storage_end "$((start + length))"
 }
 
-cmd_panics() { #: check that no code of core, link and protocol in the images leads to a panic
+cmd_panics() { #: check that no code of core, link, plant and protocol in the images leads to a panic
     local board images=()
     for board in $(boards); do
         board_cargo build "$board" --release
         images+=("$(board_image "$board")")
     done
-    python3 firmware/panics.py "$ROOT" core,link,protocol "${images[@]}"
+    # A plant whose pins are ours: those of a HAL may panic.
+    firmware_cargo build --release --locked --quiet --bin heater_emulated
+    images+=("$IMAGES/heater_emulated")
+    python3 firmware/panics.py "$ROOT" core,link,plant,protocol "${images[@]}"
 }
 
 # First address of a section and the one after its end, in decimal.

@@ -27,7 +27,7 @@ pub mod session;
 pub use field::{AffineSines, VectorField};
 pub use gain::{BuiltinGain, Gain};
 pub use math::Real;
-pub use model::{Configured, Model};
+pub use model::{Configured, Fixed, Model};
 pub use node::{Action, Node};
 pub use observe::{Event, Observation, Phase};
 pub use params::Params;

@@ -35,6 +35,18 @@ impl Model for Configured {
     }
 }
 
+/// A field that takes nothing from the configuration, and no plant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fixed<V>(pub V);
+
+impl<V: VectorField<f32> + Clone> Model for Fixed<V> {
+    type Field = V;
+
+    fn field(&self, _: &NodeConfig, _: f64) -> Result<V, ConfigError> {
+        Ok(self.0.clone())
+    }
+}
+
 impl<V: VectorField<f32>> Params<f32, V> {
     /// Validates `config`, with the field and the plant of `model`.
     ///

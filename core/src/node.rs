@@ -3,6 +3,8 @@
 //! Order of a tick `k`: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is advanced to
 //! `k + 1` and sent at once, so that it has a whole period to reach the neighbours (docs/notes/2026-11-23-first-light.md).
 
+mod plant;
+
 use crate::collect::collect;
 use crate::field::{AffineSines, State, VectorField, compensated_add, midpoint_step};
 use crate::funnel::Widths;
@@ -14,7 +16,7 @@ use crate::math::Real;
 use crate::neighbour::{EdgeFunnel, Heard, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
-use crate::plant::{Demand, Plant, Purpose};
+use crate::plant::{Plant, Purpose, Step};
 use funnel_protocol::config::{MAX_COMPONENTS, TickSource};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, TickStamp};
 use funnel_protocol::refusal::Refusal;
@@ -57,8 +59,7 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
-    /// The app is to be told that the node has stopped.
-    safe: bool,
+    step: Step,
     events: Deque<Event, EVENT_CAPACITY>,
     in_breach: bool,
     /// What a breach has added to the funnel, state units, at the tick that is computed next.
@@ -135,7 +136,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             schedule: Schedule::Wait,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
-            safe: false,
+            step: Step::Idle,
             events: Deque::new(),
             in_breach: false,
             reopened: F::ZERO,
@@ -193,11 +194,13 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// When [`Node::poll`] has something to do next, ns on the caller's clock; `None`: not before a message.
     pub fn poll_at(&self) -> Option<u64> {
-        if self.has_outgoing() || !self.events.is_empty() || self.has_demand() {
+        if self.has_outgoing() || !self.events.is_empty() {
             return Some(0);
         }
-        if self.waits_for_sample() {
-            return None;
+        match self.step {
+            Step::Idle => {}
+            Step::Await(_) => return None,
+            Step::Ask(_) | Step::Tell | Step::Stop => return Some(0),
         }
         match self.schedule {
             Schedule::Wait => None,
@@ -251,11 +254,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// Ticks, or asks for the sample that a tick needs.
     fn run_due_ticks(&mut self, now: u64) {
         for _ in 0..CATCH_UP_LIMIT {
-            if self.plant.as_ref().is_some_and(|plant| !plant.is_idle()) || !self.tick_is_due(now) {
+            if self.step != Step::Idle || !self.tick_is_due(now) {
                 return;
             }
-            match &mut self.plant {
-                Some(plant) => plant.ask(Purpose::Tick),
+            match self.plant {
+                Some(_) => self.step = Step::Ask(Purpose::Tick),
                 None => self.run_tick(),
             }
         }
@@ -592,10 +595,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.phase = phase;
         self.schedule = Schedule::Wait;
         self.outgoing = Outgoing::default();
-        self.safe = true;
-        if let Some(plant) = &mut self.plant {
-            plant.rest();
-        }
+        self.step = Step::Stop;
     }
 
     fn fault(&mut self, code: FaultCode) {
@@ -621,104 +621,6 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn report_event(&mut self, event: Event) {
         // A full queue keeps the oldest events: they tell the cause.
         let _ = self.events.push_back(event);
-    }
-}
-
-/// The plant's part of a node.
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
-    /// What the actuator was told last, state units / s, component by component; empty on a virtual node.
-    pub fn inputs(&self) -> &[F] {
-        self.plant.as_ref().map_or(&[], Plant::inputs)
-    }
-
-    /// Answers [`Action::Sample`] with the state of the plant, state units, component by component. A state that is not finite, beyond
-    /// the state limit or of another number of components is a sample that failed. Not asked for, it is ignored.
-    pub fn measured(&mut self, x: &[f32]) {
-        let limit = self.params.state_limit;
-        // Written so that NaN is outside.
-        let sound = x.len() == self.parts.len() && x.iter().all(|&x| F::from_f32(x).abs() <= limit);
-        if !sound {
-            return self.sample_failed();
-        }
-        let Some(plant) = self.plant.as_mut().filter(|plant| plant.awaits()) else { return };
-        plant.succeed();
-        for (part, &x) in self.parts.iter_mut().zip(x) {
-            part.correct(F::from_f32(x));
-        }
-        self.resume();
-    }
-
-    /// Answers [`Action::Sample`] where the sensor has failed: the node goes on with its prediction, for so many ticks.
-    pub fn sample_failed(&mut self) {
-        let Some(plant) = self.plant.as_mut().filter(|plant| plant.awaits()) else { return };
-        count(&mut self.counters.coasted);
-        match plant.miss() {
-            Some(missed) => self.fail(FaultCode::PLANT, u16::try_from(missed).unwrap_or(u16::MAX)),
-            None => self.resume(),
-        }
-    }
-
-    fn resume(&mut self) {
-        match self.plant.as_mut().and_then(Plant::resume) {
-            Some(Purpose::Announce) => {
-                // Before the first tick nothing has changed.
-                self.parts.iter_mut().for_each(|part| part.dx = F::ZERO);
-                self.outgoing.states = self.all_components();
-            }
-            Some(Purpose::Tick) => self.run_tick(),
-            None => {}
-        }
-    }
-
-    /// The initial state goes out; that of a plant has to be measured first.
-    fn announce(&mut self) {
-        match &mut self.plant {
-            Some(plant) => plant.ask(Purpose::Announce),
-            None => self.outgoing.states = self.all_components(),
-        }
-    }
-
-    /// Inputs as the actuator can do them. The law goes on from these and not from what it had asked for: otherwise `b u[k-1]` in (*)
-    /// would wind up (LAW.md 6).
-    fn saturate(&mut self) {
-        let Some(plant) = &mut self.plant else { return };
-        let mut saturated = false;
-        for (component, part) in self.parts.iter_mut().enumerate() {
-            let applied = plant.apply(component, part.u);
-            if applied != part.u {
-                saturated = true;
-                self.params.neighbours.feed_back(component as u8, applied / part.u);
-                part.memory.feed_back(applied);
-                part.u = applied;
-            }
-        }
-        plant.tell();
-        if saturated {
-            count(&mut self.counters.saturated);
-        }
-    }
-
-    fn has_demand(&self) -> bool {
-        self.safe || self.plant.as_ref().is_some_and(Plant::has_demand)
-    }
-
-    fn waits_for_sample(&self) -> bool {
-        self.plant.as_ref().is_some_and(Plant::awaits)
-    }
-
-    /// Whether the app is to be told that the node has stopped; told once.
-    pub(crate) fn take_safe(&mut self) -> bool {
-        core::mem::take(&mut self.safe)
-    }
-
-    fn demand(&mut self) -> Option<Action> {
-        if self.take_safe() {
-            return Some(Action::Safe);
-        }
-        self.plant.as_mut()?.demand().map(|demand| match demand {
-            Demand::Sample => Action::Sample,
-            Demand::Actuate => Action::Actuate,
-        })
     }
 }
 

@@ -66,11 +66,11 @@ pub struct PlantSetup {
     pub coast_ticks: u32,
 }
 
-/// What the app is asked for next.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Demand {
-    Sample,
-    Actuate,
+impl PlantSetup {
+    /// A plant with these inputs, one per component of the state, 8 at most.
+    pub fn new(inputs: impl IntoIterator<Item = InputRange>, coast_ticks: u32) -> Self {
+        Self { inputs: collect(inputs), coast_ticks }
+    }
 }
 
 /// What a sample is for.
@@ -82,22 +82,25 @@ pub(crate) enum Purpose {
     Tick,
 }
 
+/// What the app has to do for the node before the next tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Step {
+pub(crate) enum Step {
+    /// Nothing.
     Idle,
-    /// The app is to be asked for a sample.
+    /// It is to be asked for a sample.
     Ask(Purpose),
-    /// The app has been asked for it.
+    /// It has been asked for one.
     Await(Purpose),
-    /// The app is to be told that there are inputs.
+    /// It is to be told that there are inputs.
     Tell,
+    /// It is to be told that the node has stopped.
+    Stop,
 }
 
-/// The plant of a node, between two ticks or in the middle of one.
+/// The plant of a node.
 #[derive(Clone, Debug)]
 pub(crate) struct Plant<F> {
     setup: PlantSetup,
-    step: Step,
     /// Samples in a row that have failed.
     missed: u32,
     /// State units / s.
@@ -107,48 +110,7 @@ pub(crate) struct Plant<F> {
 impl<F: Real> Plant<F> {
     pub fn new(setup: PlantSetup) -> Self {
         let inputs = collect(setup.inputs.iter().map(|_| F::ZERO));
-        Self { setup, step: Step::Idle, missed: 0, inputs }
-    }
-
-    pub fn ask(&mut self, purpose: Purpose) {
-        self.step = Step::Ask(purpose);
-    }
-
-    /// Drops what the app was asked for: the node has stopped.
-    pub fn rest(&mut self) {
-        self.step = Step::Idle;
-    }
-
-    pub fn is_idle(&self) -> bool {
-        self.step == Step::Idle
-    }
-
-    /// Whether there is something to ask the app for.
-    pub fn has_demand(&self) -> bool {
-        matches!(self.step, Step::Ask(_) | Step::Tell)
-    }
-
-    /// What to ask the app for now: each once.
-    pub fn demand(&mut self) -> Option<Demand> {
-        let (demand, next) = match self.step {
-            Step::Ask(purpose) => (Demand::Sample, Step::Await(purpose)),
-            Step::Tell => (Demand::Actuate, Step::Idle),
-            Step::Idle | Step::Await(_) => return None,
-        };
-        self.step = next;
-        Some(demand)
-    }
-
-    /// Whether the app has been asked for a sample.
-    pub fn awaits(&self) -> bool {
-        matches!(self.step, Step::Await(_))
-    }
-
-    /// Takes up what has waited for the sample, with it or without.
-    pub fn resume(&mut self) -> Option<Purpose> {
-        let Step::Await(purpose) = self.step else { return None };
-        self.step = Step::Idle;
-        Some(purpose)
+        Self { setup, missed: 0, inputs }
     }
 
     pub fn succeed(&mut self) {
@@ -168,11 +130,6 @@ impl<F: Real> Plant<F> {
             *slot = u;
         }
         u
-    }
-
-    /// The inputs are there: the app is to be told.
-    pub fn tell(&mut self) {
-        self.step = Step::Tell;
     }
 
     /// Inputs of the last tick, state units / s, component by component.

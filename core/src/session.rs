@@ -190,7 +190,7 @@ impl<M: Model> Session<M> {
 
     /// Whether the actuator belongs in its safe position from now on; told once. It comes before any reply, which may take a while.
     fn take_safe(&mut self) -> bool {
-        let stopped = self.node.as_mut().is_some_and(Node::take_safe);
+        let stopped = self.node.as_mut().is_some_and(Node::take_stop);
         core::mem::take(&mut self.safe) || stopped
     }
 

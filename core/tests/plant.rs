@@ -5,11 +5,13 @@ mod heaters;
 
 use funnel_core::gain::Reciprocal;
 use funnel_core::law::node_wise::{Memory, NodeWise};
-use funnel_core::{Event, InputRange, Output, Params, Phase, Session};
+use funnel_core::{Event, InputRange, Output, Params, Phase, PlantSetup, Session};
 use funnel_protocol::NodeConfig;
-use funnel_protocol::config::{BreachPolicy, ConfigError, ConfigField, CouplingConfig, TickSource};
-use funnel_protocol::message::{Command, FaultCode, Message};
-use heaters::{Heater, Heaters, Known, TICK_S, command, config, session, state, sync, tell};
+use funnel_protocol::config::{
+    BreachPolicy, ConfigError, ConfigField, CouplingConfig, FieldConfig, TickSource,
+};
+use funnel_protocol::message::{Command, Component, FaultCode, Message, TickStamp};
+use heaters::{Heater, Heaters, Known, TICK_S, command, config, id, session, state, sync, tell};
 
 const UNCHANGED: fn(NodeConfig) -> NodeConfig = |config| config;
 
@@ -351,6 +353,44 @@ fn ticks_that_came_late_are_each_measured() {
     }
     assert_eq!((samples, node.node().unwrap().tick()), (10, 10));
     assert_eq!(node.poll_at(), Some(1_100_000_000));
+}
+
+#[test]
+fn every_component_has_limits_of_its_own() {
+    let mut known = Known::badly(Heater::default());
+    known.plant = PlantSetup::new(
+        [(-1.0, 0.5), (-0.25, 1.0)].map(|(low, high)| InputRange::new(low, high).unwrap()),
+        3,
+    );
+    let field = FieldConfig { offset: [0.0, 0.0].into_iter().collect(), ..config(1, &[2]).field };
+    let initial_state = [0.0, 0.0].into_iter().collect();
+    let mut node = session(known, NodeConfig { initial_state, field, ..config(1, &[2]) });
+    tell(&mut node, command(Command::Start));
+    assert_eq!(node.poll(0), Some(Output::Sample));
+    node.measured(&[20.0, 40.0]);
+    while node.poll(0).is_some() {}
+    for (component, x) in [(0, 59.0), (1, 1.0)] {
+        let component = Component::new(component).unwrap();
+        tell(&mut node, Message::State { source: id(2), component, tick: TickStamp::full(0), x });
+    }
+    tell(&mut node, sync(0));
+    assert_eq!(node.poll(0), Some(Output::Sample));
+    node.measured(&[20.0, 40.0]);
+    assert_eq!(node.inputs(), [0.5, -0.25]);
+    let counters = node.node().unwrap().counters();
+    assert_eq!((counters.coasted, counters.saturated), (0, 1));
+}
+
+#[test]
+fn a_plant_that_its_model_sees_beyond_its_limit_is_not_driven_further() {
+    let mut node = session(Known::badly(Heater { power: 10.0, ..Heater::default() }), config(1, &[2]));
+    tell(&mut node, command(Command::Start));
+    answer(&mut node, Some(199.9));
+    tell(&mut node, sync(0));
+    let outputs = answer(&mut node, Some(199.9));
+    let node = node.node().unwrap();
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::STATE_LIMIT), "{:?}", node.observations());
+    assert_eq!(outputs[..2], [Output::Sample, Output::Safe]);
 }
 
 #[test]

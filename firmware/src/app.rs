@@ -1,9 +1,10 @@
-//! The app of every board: a session on a link. It moves frames and time; the core decides.
+//! The app of every board: a session on a link, and a plant. It moves frames, time, samples and inputs; the core decides.
 
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
-use funnel_core::{Output, Session};
+use funnel_core::{Model, Output, Session};
 use funnel_link::Change;
+use funnel_plant::Plant;
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::FaultCode;
 use funnel_protocol::service::{Identity, StoreError};
@@ -11,18 +12,21 @@ use funnel_protocol::service::{Identity, StoreError};
 use crate::link::{Input, Link};
 use crate::storage::Storage;
 
-/// Runs a node on `link`, with what `storage` keeps for it. `uid` is the chip's unique number, 0 where it has none.
-pub async fn run(mut link: impl Link, mut storage: impl Storage, uid: u64) -> ! {
+/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it. `uid` is the chip's unique number, 0 where it has none.
+pub async fn run(mut link: impl Link, mut storage: impl Storage, mut plant: impl Plant, uid: u64) -> ! {
+    let identity = Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid };
+    let mut session = Session::with_model(identity, plant.model());
+    // Before anything else: the session asks for a safe output.
+    drain(&mut session, &mut link, &mut storage, &mut plant).await;
     defmt::info!("ready, wire version {=u8}", WIRE_VERSION);
-    let mut session = Session::new(Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid });
     restore(&mut session, &mut storage).await;
     loop {
-        step(&mut session, &mut link, &mut storage).await;
+        step(&mut session, &mut link, &mut storage, &mut plant).await;
     }
 }
 
 /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
-async fn restore(session: &mut Session, storage: &mut impl Storage) {
+async fn restore<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
     let Some(config) = storage.load().await else { return };
     match session.restore(config) {
         Ok(()) => defmt::info!("configured from storage: node {=u8}", session.id()),
@@ -31,7 +35,12 @@ async fn restore(session: &mut Session, storage: &mut impl Storage) {
 }
 
 /// Waits for the link or for the next tick, and does what follows.
-async fn step<L: Link, S: Storage>(session: &mut Session, link: &mut L, storage: &mut S) {
+async fn step<L: Link, S: Storage, P: Plant>(
+    session: &mut Session<P::Model>,
+    link: &mut L,
+    storage: &mut S,
+    plant: &mut P,
+) {
     match session.poll_at() {
         None => link.wait().await,
         Some(at) => {
@@ -43,35 +52,66 @@ async fn step<L: Link, S: Storage>(session: &mut Session, link: &mut L, storage:
             Input::Frame(frame) => session.on_frame(frame, now()),
             Input::Change(change) => on_change(session, link, change),
         }
-        drain(session, link, storage).await;
+        drain(session, link, storage, plant).await;
     }
-    drain(session, link, storage).await;
+    drain(session, link, storage, plant).await;
 }
 
 /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is configured anew.
-fn on_change<L: Link>(session: &mut Session, link: &L, change: Change) {
+fn on_change<L: Link, M: Model>(session: &mut Session<M>, link: &L, change: Change) {
     defmt::warn!("link: {}, {}", change, link.health());
     if let Change::Off { count, .. } = change {
         session.fail(FaultCode::BUS_OFF, count);
     }
 }
 
-/// Puts everything that the session has to say on the link, into the log and into the storage.
-async fn drain<L: Link, S: Storage>(session: &mut Session, link: &mut L, storage: &mut S) {
+/// Puts everything that the session has to say on the link, into the log and into the storage, and does what it asks of the plant.
+async fn drain<L: Link, S: Storage, P: Plant>(
+    session: &mut Session<P::Model>,
+    link: &mut L,
+    storage: &mut S,
+    plant: &mut P,
+) {
     while let Some(output) = session.poll(now()) {
         match output {
             Output::Send(message) => link.send(&message).await,
             Output::Reply(reply) => link.reply(&reply, session.id()).await,
             Output::Report(event) => defmt::info!("{}", event),
             Output::Store => store(session, storage).await,
-            // The boards' nodes are virtual.
-            Output::Safe | Output::Sample | Output::Actuate => {}
+            Output::Sample => sample(session, plant),
+            Output::Actuate => actuate(session, plant),
+            Output::Safe => make_safe(plant),
             Output::Erase => session.erased(storage.erase().await),
         }
     }
 }
 
-async fn store(session: &mut Session, storage: &mut impl Storage) {
+/// The session is told either way, and counts what fails.
+fn sample<P: Plant>(session: &mut Session<P::Model>, plant: &mut P) {
+    match plant.measure() {
+        Ok(x) => session.measured(&x),
+        Err(failure) => {
+            defmt::warn!("sample: {}", failure);
+            session.sample_failed();
+        }
+    }
+}
+
+/// A node that cannot drive its plant stops: its neighbours must not rely on it.
+fn actuate<P: Plant>(session: &mut Session<P::Model>, plant: &mut P) {
+    if let Err(failure) = plant.actuate(session.inputs()) {
+        defmt::error!("input: {}", failure);
+        session.fail(FaultCode::PLANT, 0);
+    }
+}
+
+fn make_safe(plant: &mut impl Plant) {
+    if let Err(failure) = plant.safe() {
+        defmt::error!("safe output: {}", failure);
+    }
+}
+
+async fn store<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
     let outcome = match session.config() {
         Some(config) => storage.store(config).await,
         None => Err(StoreError::Blank),

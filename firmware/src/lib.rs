@@ -11,6 +11,7 @@
 
 pub mod app;
 pub mod executor;
+pub mod heater;
 pub mod link;
 #[cfg(feature = "mps2-an386")]
 pub mod mps2;

@@ -126,6 +126,22 @@ fn every_relative_link_leads_somewhere() {
     assert!(dead.is_empty(), "dead links:\n{}", dead.join("\n"));
 }
 
+/// Blocks of fenced code in `language`.
+fn code(text: &str, language: &str) -> Vec<String> {
+    let fenced = text.split("```").skip(1).step_by(2);
+    fenced.filter_map(|block| block.strip_prefix(&format!("{language}\n")).map(str::to_owned)).collect()
+}
+
+#[test]
+fn the_code_of_the_worked_example_is_what_is_built() {
+    let blocks = code(&read(&repository(BOOK).join("your-own-node.md")), "rust");
+    let built = read(&repository("firmware/src/heater.rs"));
+    assert!(blocks.len() >= 2);
+    for block in blocks {
+        assert!(built.contains(&block), "heater.rs does not have:\n{block}");
+    }
+}
+
 #[test]
 fn what_the_evidence_names_is_there() {
     let text = read(&repository(BOOK).join("evidence.md"));

@@ -56,8 +56,8 @@ impl Known {
     /// 30 % wrong about the losses and 20 % about the power.
     pub fn badly(heater: Heater) -> Self {
         let heater = Heater { loss: 1.3 * heater.loss, power: 0.8 * heater.power, ..heater };
-        let inputs = [InputRange::new(-100.0, 100.0).unwrap()].into_iter().collect();
-        Self { heater, plant: PlantSetup { inputs, coast_ticks: 3 } }
+        let input = InputRange::new(-100.0, 100.0).unwrap();
+        Self { heater, plant: PlantSetup::new([input], 3) }
     }
 }
 

@@ -11,6 +11,7 @@ use firmware::link::serial::Serial;
 use firmware::mps2::{time, uart::Uart0};
 use firmware::storage::Absent;
 use firmware::{app, panic};
+use funnel_plant::Virtual;
 use static_cell::StaticCell;
 
 /// What hardware would run at; the emulator doesn't wait for bits.
@@ -18,7 +19,7 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn node(link: Uart0) {
-    app::run(Serial::new(link), Absent, 0).await
+    app::run(Serial::new(link), Absent, Virtual, 0).await
 }
 
 #[entry]

@@ -14,6 +14,7 @@ use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{app, panic};
+use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
@@ -23,7 +24,7 @@ bind_interrupts!(struct Interrupts {
 #[embassy_executor::task]
 async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>) {
     let storage = InFlash::open(Blocking(flash), region(0)).await;
-    app::run(Serial::new(uart), storage, uid()).await
+    app::run(Serial::new(uart), storage, Virtual, uid()).await
 }
 
 /// The chip's number, from its factory information.

@@ -23,6 +23,7 @@ use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
 use firmware::stm32::uid;
 use firmware::storage::Absent;
 use firmware::{app, panic};
+use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
@@ -41,7 +42,7 @@ const TIMING: NominalBitTiming = timing(2, 15, 4);
 #[embassy_executor::task]
 async fn node(link: CanNode<BxCan, BufferedUart<'static>>) {
     // Its pages are of 128 KiB but for the first ones, where the program is.
-    app::run(link, Absent, uid()).await
+    app::run(link, Absent, Virtual, uid()).await
 }
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.

@@ -23,6 +23,7 @@ use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
 use firmware::stm32::uid;
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{app, panic};
+use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
@@ -42,7 +43,7 @@ const FD: Option<FdTiming> = if cfg!(feature = "can-fd") { Some(fd_timing(1, 29,
 async fn node(link: CanNode<FdCan, BufferedUart<'static>>, flash: Flash<'static, flash::Blocking>) {
     // In the second bank, while the program runs in the first.
     let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(link, storage, uid()).await
+    app::run(link, storage, Virtual, uid()).await
 }
 
 /// 160 MHz, and 80 MHz for FDCAN, both from the crystal (24 MHz): the RC oscillator is too inaccurate for CAN.

@@ -13,6 +13,7 @@ use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{app, panic};
+use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
@@ -28,7 +29,7 @@ const BIT_RATE: u32 = 1_000_000;
 #[embassy_executor::task]
 async fn node(uart: BufferedUart, flash: PicoFlash, uid: u64) {
     let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(Serial::new(uart), storage, uid).await
+    app::run(Serial::new(uart), storage, Virtual, uid).await
 }
 
 /// The flash's number, since the chip has none; 0 where it cannot be read.

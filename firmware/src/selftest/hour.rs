@@ -9,6 +9,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
+use funnel_plant::Virtual;
 use funnel_protocol::message::{Command, Message, Target};
 use funnel_protocol::serial::{self, Deframer, Frame};
 use funnel_protocol::service::Request;
@@ -94,7 +95,7 @@ impl Seen {
 /// Runs the test.
 pub async fn run<L: Read + Write>(link: &mut L, counts: impl Fn() -> u32) -> Result<(), L::Error> {
     let ports = [const { Port::new() }; NODES];
-    let [a, b, c, d, e] = ports.each_ref().map(|port| app::run(Serial::new(Line(port)), Absent, 0));
+    let [a, b, c, d, e] = ports.each_ref().map(|port| app::run(Serial::new(Line(port)), Absent, Virtual, 0));
     let nodes = join5(a, b, c, d, e);
     let conducted = async {
         let outcome = conduct(link, &ports, counts).await;

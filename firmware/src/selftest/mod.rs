@@ -8,6 +8,7 @@ mod hour;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
+use funnel_plant::Virtual;
 
 use crate::app;
 use crate::link::can::CanNode;
@@ -45,8 +46,8 @@ pub async fn run<L: Read + Write>(
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
-        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, 0).await,
-        b's' => app::run(Serial::new(link), storage, 0).await,
+        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, Virtual, 0).await,
+        b's' => app::run(Serial::new(link), storage, Virtual, 0).await,
         b'h' => hour::run(&mut link, counts).await,
         b'f' => cortex_m::asm::udf(),
         other => {
