@@ -29,6 +29,8 @@ const EVENT_CAPACITY: usize = 8;
 pub const CATCH_UP_LIMIT: u32 = 4;
 /// Ticks that a SYNC may skip before it is taken for a stray one.
 const SYNC_AHEAD: u32 = 1000;
+/// The same before the first tick of a node that joins late: half of what the 24 bits of a SYNC can tell.
+const JOIN_AHEAD: u32 = (1 << 23) - 1;
 
 /// What the app shall do next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -299,7 +301,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             return Err(Refusal::Phase);
         }
         let due = self.tick.wrapping_add(u32::from(self.schedule == Schedule::Now));
-        let last = previous.rebuild(due.wrapping_sub(1), 0, SYNC_AHEAD).ok_or(Refusal::TickWindow)?;
+        let ahead = if self.counters.ticks == 0 { JOIN_AHEAD } else { SYNC_AHEAD };
+        let last = previous.rebuild(due.wrapping_sub(1), 0, ahead).ok_or(Refusal::TickWindow)?;
         let marked = last.wrapping_add(1);
         if self.schedule == Schedule::Now || marked != self.tick {
             let missed = marked.wrapping_sub(self.tick);

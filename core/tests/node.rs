@@ -231,6 +231,23 @@ fn one_tick_per_sync_and_none_twice() {
 }
 
 #[test]
+fn a_node_that_joins_late_takes_the_tick_of_its_first_sync() {
+    let mut node = started(&NodeConfig { tick_source: TickSource::Sync, ..config() });
+    let sync = |previous: u32| Message::Sync {
+        source: None,
+        previous_tick: TickStamp::low(previous, 24),
+        phase_us: 0,
+    };
+    actions(&mut node, 0);
+    node.on_message(&sync(1_000_000), 0).unwrap();
+    actions(&mut node, 0);
+    assert_eq!((node.tick(), node.counters().ticks), (1_000_002, 1));
+    // From then on it may have missed a thousand, and no more.
+    assert_eq!(node.on_message(&sync(1_001_003), 0), Err(Refusal::TickWindow));
+    node.on_message(&sync(1_001_001), 0).unwrap();
+}
+
+#[test]
 fn an_escaping_state_stops_the_node_with_its_last_good_value() {
     let mut unstable = config();
     unstable.field = FieldConfig::scalar(1e5, 0.0, []);

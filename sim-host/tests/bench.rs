@@ -452,6 +452,90 @@ fn an_unplugged_board_is_named_and_the_others_stop() {
     assert_eq!([first, third], [Some(Phase::Stopped); 2]);
 }
 
+/// The scenario for so long that a board can be away and come back, with what the bench file says more.
+fn long_bench(entries: &[String]) -> Bench {
+    let bench = Bench::new(&SCENARIO.replace("200ms", "20s"), entries);
+    let path = bench.path("bench.toml");
+    let text = fs::read_to_string(&path).unwrap().replace("version = 1", "version = 1\non_loss = \"go-on\"");
+    fs::write(path, text).unwrap();
+    bench
+}
+
+#[test]
+fn a_board_that_is_plugged_in_again_joins_the_others_who_went_on() {
+    let folder = tempfile::tempdir().unwrap();
+    // What the bench file names leads to the board, and after it was unplugged to its successor.
+    let (name, again) = (folder.path().join("port"), folder.path().join("again"));
+    let (first, successor, third) = (Board::good(1), Board::good(2), Board::good(3));
+    std::os::unix::fs::symlink(&successor.path, &again).unwrap();
+    let link = name.clone();
+    let second = Board::start(
+        2,
+        Box::new(move |n| {
+            if n != 50 {
+                return Act::Send;
+            }
+            fs::rename(&again, &link).unwrap();
+            Act::Vanish
+        }),
+    );
+    std::os::unix::fs::symlink(&second.path, &name).unwrap();
+    let entries = [entry(&first.path), entry(name.to_str().unwrap()) + "\nuid = \"2\"\n", entry(&third.path)];
+    let bench = long_bench(&entries);
+    let ended = bench.run(&["--every", "1ms"]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    for word in ["node 2 is lost at tick 49, the others go on: the serial port", "node 2 is back at tick "] {
+        assert!(ended.err.contains(word), "no '{word}' in: {}", ended.err);
+    }
+    let absences = &bench.summary()["bench"]["absences"];
+    let back = absences[0]["to_tick"].as_u64().unwrap() as usize;
+    assert_eq!((&absences[0]["node"], &absences[0]["from_tick"]), (&2.into(), &49.into()));
+    assert!((50..20_000).contains(&back), "{absences}");
+    // It stands still while it is away, joins at the mean of the two others, and then moves with them.
+    let rows = every_tick(&bench);
+    assert_eq!(rows[back - 1][1], rows[50][1]);
+    let mean = (rows[back][0] + rows[back][2]) / 2.0;
+    assert!((rows[back][1] - mean).abs() < 1e-5, "{:?} at tick {back}", rows[back]);
+    let last = &rows[20_000];
+    assert!(last[1] != rows[back][1] && (last[1] - last[0]).abs() < 2.0, "{last:?}");
+}
+
+/// The states of every tick.
+fn every_tick(bench: &Bench) -> Vec<Vec<f64>> {
+    let text = fs::read_to_string(bench.path("out/trajectory.csv")).unwrap();
+    let row = |line: &str| line.split(',').skip(1).take(3).map(|x| x.parse().unwrap()).collect();
+    text.lines().skip(1).map(row).collect()
+}
+
+#[test]
+fn a_board_that_stays_away_is_no_end_for_the_others() {
+    let boards = second(|| Act::Hang);
+    let entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    let bench = long_bench(&entries);
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(
+        ended.err.contains("the others go on: node 2 did not answer: no state within 1 s"),
+        "{}",
+        ended.err
+    );
+    let absences = &bench.summary()["bench"]["absences"];
+    assert_eq!(absences[0]["to_tick"], serde_json::Value::Null);
+    let [first, _, third] = boards.map(Board::end);
+    assert_eq!([first, third], [Some(Phase::Stopped); 2]);
+}
+
+#[test]
+fn nobody_goes_on_once_the_last_node_is_lost() {
+    let boards =
+        [1, 2].map(|uid| Board::start(uid, Box::new(|n| if n == 50 { Act::Vanish } else { Act::Send })));
+    let entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    let bench = long_bench(&entries);
+    let scenario = SCENARIO.replace("nodes = 3", "nodes = 2").replace("[[node]]\nid = 3\nstate = -2.5\n", "");
+    fs::write(bench.path("scenario.toml"), scenario).unwrap();
+    bench.run(&[]).failed(3, &["of node 2 ended", "no node confirmed it"]);
+}
+
 #[test]
 fn a_board_that_hangs_is_named_within_its_time() {
     let boards = second(|| Act::Hang);

@@ -1,7 +1,7 @@
 //! `bench.toml`: which node is where (docs/bench.md).
 
-use crate::hub::Patience;
-use crate::scenario::reader::{Log, Section};
+use crate::hub::{OnLoss, Patience};
+use crate::scenario::reader::{Choice, Log, Section, ready};
 use crate::scenario::tree::{self, Item};
 use crate::scenario::{Diagnostic, Diagnostics, LARGEST_RUN, Problem, Scenario, read_text};
 use std::path::{Path, PathBuf};
@@ -16,6 +16,8 @@ const ANSWER_NS: u64 = 2_000_000_000;
 const ANSWER_LIMITS_NS: (u64, u64) = (100_000_000, 60_000_000_000);
 /// How long a node may take to boot and say who it is: boards restart when their port is opened.
 const BOOT: Duration = Duration::from_secs(10);
+
+const ON_LOSS: [Choice<OnLoss>; 2] = [ready("stop", OnLoss::Stop), ready("go-on", OnLoss::GoOn)];
 
 /// What a node is reached by.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,6 +50,8 @@ pub struct BenchFile {
     pub baud: u32,
     /// How long a node may take for an answer or for a tick.
     pub answer: Duration,
+    /// What happens when a node is lost during a run.
+    pub on_loss: OnLoss,
     /// The nodes, in the order of the file.
     pub nodes: Vec<BenchNode>,
 }
@@ -77,6 +81,7 @@ impl BenchFile {
             Some(_) => file.duration_within("answer_within", ANSWER_LIMITS_NS, "for one answer"),
             None => ANSWER_NS,
         };
+        let on_loss = file.choice("on_loss", &ON_LOSS, Some(OnLoss::Stop)).unwrap_or_default();
         let items = file.array("node");
         if items.is_empty() {
             file.missing("node", "must be at least one [[node]] with id and serial, usb_serial or emulator");
@@ -90,6 +95,7 @@ impl BenchFile {
             // Within `BAUDS`.
             baud: u32::try_from(baud).unwrap_or(DEFAULT_BAUD),
             answer: Duration::from_nanos(answer_ns),
+            on_loss,
             nodes: nodes.into_iter().map(|(_, node)| node).collect(),
         })
     }
@@ -215,9 +221,12 @@ mod tests {
             node(3, Where::Emulator, None),
         ];
         assert_eq!(file.nodes, expected);
-        let fast = FILE.replacen("version = 1", "version = 1\nbaud = 1000000\nanswer_within = \"500ms\"", 1);
+        assert_eq!(file.on_loss, OnLoss::Stop);
+        let more = "version = 1\nbaud = 1000000\nanswer_within = \"500ms\"\non_loss = \"go-on\"";
+        let fast = FILE.replacen("version = 1", more, 1);
         let fast = BenchFile::parse(&fast, Path::new("bench.toml")).unwrap();
         assert_eq!((fast.baud, fast.answer), (1_000_000, Duration::from_millis(500)));
+        assert_eq!(fast.on_loss, OnLoss::GoOn);
     }
 
     #[test]
@@ -251,6 +260,7 @@ mod tests {
                 ("version = 1", "version = 1\nanswer_within = \"1ms\""),
                 "must be from 100ms to 60s, for one answer",
             ),
+            (("version = 1", "version = 1\non_loss = \"go on\""), "must be one of stop, go-on"),
         ];
         for ((from, to), expected) in cases {
             assert!(FILE.contains(from), "{from}");

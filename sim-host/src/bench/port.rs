@@ -1,7 +1,7 @@
 //! Serial ports: found, opened, locked.
 
-use super::file::BenchNode;
-use crate::hub::{Attached, Device, HubError, Link, SLICE};
+use super::file::{BenchNode, Where};
+use crate::hub::{Attached, Device, HubError, Link, SLICE, Stream};
 use crate::interrupt::Interrupt;
 use serialport::{ClearBuffer, ErrorKind, SerialPort, SerialPortInfo, SerialPortType, TTYPort};
 use std::path::Path;
@@ -10,7 +10,10 @@ use std::path::Path;
 const LIST: &str = "/sys/class/tty";
 
 /// A board behind a serial port: it has no log that this program could read.
-struct Board;
+struct Board {
+    at: Where,
+    baud: u32,
+}
 
 impl Device for Board {
     fn last_words(&mut self, ended: bool) -> Vec<String> {
@@ -22,6 +25,17 @@ impl Device for Board {
              answers where"
                 .to_owned()
         }]
+    }
+
+    fn reopen(&mut self) -> Option<Box<dyn Stream>> {
+        // By its number, if it is known by that: its path may be another one now.
+        let path = match &self.at {
+            Where::Serial(path) => path.clone(),
+            Where::UsbSerial(number) => path_of(number)?,
+            Where::Emulator => return None,
+        };
+        // While the port is still open it cannot be opened again, and need not be.
+        Some(Box::new(open(&path, self.baud).ok()?))
     }
 
     fn into_log(self: Box<Self>) -> Option<String> {
@@ -42,7 +56,7 @@ pub fn attach(node: &BenchNode, path: &str, baud: u32, interrupt: &Interrupt) ->
     })?;
     let place = format!("the serial port {path}");
     let link = Link::new(node.id, place, Box::new(port), interrupt.clone());
-    Ok(Attached { link, device: Box::new(Board), uid: node.uid })
+    Ok(Attached { link, device: Box::new(Board { at: node.at.clone(), baud }), uid: node.uid })
 }
 
 /// Opens and locks a port; what came before is thrown away.
@@ -78,13 +92,17 @@ pub fn open(path: &str, baud: u32) -> Result<TTYPort, (String, &'static str)> {
 /// # Errors
 /// There is none.
 pub fn find(node: u8, number: &str) -> Result<String, HubError> {
-    let found = ports().into_iter().find(|port| usb_serial(port) == Some(number));
-    found.map(|port| port.port_name).ok_or_else(|| HubError::Port {
+    path_of(number).ok_or_else(|| HubError::Port {
         node,
         port: format!("with the USB serial number {number}"),
         problem: "is not there".to_owned(),
         advice: "Is the board plugged in? `sim-host bench --list` shows the numbers that there are",
     })
+}
+
+fn path_of(number: &str) -> Option<String> {
+    let found = ports().into_iter().find(|port| usb_serial(port) == Some(number));
+    found.map(|port| port.port_name)
 }
 
 /// All serial ports of this machine, by name.

@@ -85,6 +85,14 @@ impl Link {
         self.queued.clear();
     }
 
+    /// Goes on with another stream to the same node, and forgets what the old one has left.
+    pub fn replace(&mut self, stream: Box<dyn Stream>) {
+        self.stream = stream;
+        self.deframer = Deframer::new();
+        self.received.clear();
+        self.queued.clear();
+    }
+
     /// Keeps bytes for the next flush.
     pub fn queue(&mut self, bytes: &[u8]) {
         self.queued.extend_from_slice(bytes);

@@ -4,10 +4,12 @@
 //! the bus at the time of tick `k`, and what arrives before tick `k + 1` is written to the receivers before their next SYNC.
 //! So the same scenario gives the same bits (tests/tests/parity.rs), at the pace of the slowest node.
 
+mod absence;
 mod error;
 mod halt;
 mod link;
 
+pub use absence::{Absence, OnLoss};
 pub use error::HubError;
 pub use halt::Halted;
 pub use link::{Link, Received, SLICE, Stream};
@@ -15,6 +17,7 @@ pub use link::{Link, Received, SLICE, Stream};
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::engine::NodeEvent;
 use crate::noise::Noise;
+use absence::Away;
 use funnel_core::{Event, Observation};
 use funnel_protocol::config::NodeConfig;
 use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
@@ -33,6 +36,11 @@ pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
 pub trait Device {
     /// What there is to say about a failure of the node, a line each; `ended` where its line is gone.
     fn last_words(&mut self, ended: bool) -> Vec<String>;
+
+    /// Opens the line of a device anew that was gone, such as a board that has been plugged in again; `None` where there is nothing to open.
+    fn reopen(&mut self) -> Option<Box<dyn Stream>> {
+        None
+    }
 
     /// The node's log as text, where this program has it. Ends the device.
     fn into_log(self: Box<Self>) -> Option<String>;
@@ -75,6 +83,10 @@ struct HubNode {
     device: Box<dyn Device>,
     uid: Option<u64>,
     identity: Option<Identity>,
+    /// What it is told before the run.
+    config: NodeConfig,
+    /// Set while it is lost and the others go on.
+    away: Option<Away>,
     /// State at the tick that comes next, by component.
     next_state: Vec<f32>,
     /// It has said that it stopped, and is not waited for any more.
@@ -87,12 +99,41 @@ struct HubNode {
     telemetries: usize,
 }
 
+impl HubNode {
+    /// Takes note of who it is, if it is who it should be.
+    fn meet(&mut self, identity: Identity) -> Result<(), HubError> {
+        let id = self.link.id();
+        self.identity = Some(identity);
+        if identity.wire_version != WIRE_VERSION {
+            return Err(HubError::WireVersion { node: id, found: identity.wire_version });
+        }
+        match self.uid.filter(|&uid| uid != identity.uid) {
+            Some(expected) => {
+                let place = self.link.place().to_owned();
+                Err(HubError::Uid { node: id, place, expected, found: identity.uid })
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn configure(&mut self, config: &NodeConfig, patience: Duration) -> Result<(), HubError> {
+        self.link.request(&Request::Configure(config.clone()))?;
+        let answer = self.link.wait_for(patience, "configured", |received| match received {
+            Received::Reply(Reply::Configured(answer)) => Some(answer),
+            _ => None,
+        })?;
+        answer.map_err(|reason| HubError::Refused { node: config.id, reason })
+    }
+}
+
 /// A network of nodes with this program in its middle.
 pub struct Hub {
     nodes: Vec<HubNode>,
     bus: IdealBus<FrameBytes>,
     noise: Noise,
     patience: Patience,
+    on_loss: OnLoss,
+    absences: Vec<Absence>,
     tick_ns: u64,
     /// Tick that comes next.
     tick: u32,
@@ -122,6 +163,8 @@ impl Hub {
                 device,
                 uid,
                 identity: None,
+                config: config.clone(),
+                away: None,
                 next_state,
                 stopped: false,
                 ticked: false,
@@ -135,9 +178,22 @@ impl Hub {
         let observations = states.map(|x| Observation { x, ..Observation::default() }).collect();
         let stamps = vec![Stamps::default(); nodes.len()];
         let (noise, events, begin) = (Noise::default(), Vec::new(), Instant::now());
-        let mut hub =
-            Self { nodes, bus, noise, patience, tick_ns, tick: 0, begin, stamps, observations, events };
-        let ready = hub.identify().and_then(|()| hub.configure(configs));
+        let (on_loss, absences) = (OnLoss::default(), Vec::new());
+        let mut hub = Self {
+            nodes,
+            bus,
+            noise,
+            patience,
+            on_loss,
+            absences,
+            tick_ns,
+            tick: 0,
+            begin,
+            stamps,
+            observations,
+            events,
+        };
+        let ready = hub.identify().and_then(|()| hub.configure());
         ready.map_err(|error| hub.explain(error))?;
         Ok(hub)
     }
@@ -156,10 +212,9 @@ impl Hub {
     }
 
     fn announce(&mut self) -> Result<(), HubError> {
-        let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         self.begin = Instant::now();
         for node in &mut self.nodes {
-            node.link.write(&serial::encode(&start))?;
+            node.link.write(&serial::encode(&START))?;
         }
         for index in 0..self.nodes.len() {
             self.take_announcement(index)?;
@@ -179,33 +234,41 @@ impl Hub {
     fn run_tick(&mut self) -> Result<(), HubError> {
         // As in loopback, nothing is delivered any more once all nodes have stopped by themselves.
         if self.nodes.iter().any(|node| !node.stopped) {
+            self.look_for_lost()?;
             let now = (u64::from(self.tick) + 1) * self.tick_ns;
             self.deliver_before(now);
-            self.send_sync()?;
             for index in 0..self.nodes.len() {
-                self.take_tick(index, now)?;
+                let sent = self.send_sync(index);
+                sent.or_else(|error| self.lose(index, error))?;
+            }
+            for index in 0..self.nodes.len() {
+                let taken = self.take_tick(index, now);
+                taken.or_else(|error| self.lose(index, error))?;
             }
         }
         self.tick += 1;
         Ok(())
     }
 
-    /// Writes what is queued, and a SYNC to the nodes that run.
-    fn send_sync(&mut self) -> Result<(), HubError> {
+    /// Writes what is queued for a node, and a SYNC if it runs.
+    fn send_sync(&mut self, index: usize) -> Result<(), HubError> {
         let previous_tick = TickStamp::full(self.tick.wrapping_sub(1));
         let sync = serial::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
-        for (node, stamps) in self.nodes.iter_mut().zip(&mut self.stamps) {
-            *stamps = Stamps::default();
-            if !node.stopped {
-                node.link.queue(&sync);
-                stamps.sync = Some(self.begin.elapsed());
-            }
-            node.link.flush()?;
+        let (Some(node), Some(stamps)) = (self.nodes.get_mut(index), self.stamps.get_mut(index)) else {
+            return Ok(());
+        };
+        *stamps = Stamps::default();
+        if node.away.is_some() {
+            return Ok(());
         }
-        Ok(())
+        if !node.stopped {
+            node.link.queue(&sync);
+            stamps.sync = Some(self.begin.elapsed());
+        }
+        node.link.flush()
     }
 
-    /// Stops all nodes and takes their reports, by index.
+    /// Stops all nodes and takes their reports, by index; a node that is away has an empty one.
     ///
     /// # Errors
     /// A node that does not answer or dies.
@@ -215,14 +278,22 @@ impl Hub {
 
     fn stop(&mut self) -> Result<Vec<Report>, HubError> {
         let mut reports = Vec::new();
-        for node in &mut self.nodes {
-            if !node.stopped {
-                node.link.write(&serial::encode(&STOP))?;
-            }
-            node.link.request(&Request::Report)?;
-            reports.push(node.link.wait_for(self.patience.answer, "report", report)?);
+        for index in 0..self.nodes.len() {
+            let reported = self.stop_node(index);
+            reports.push(reported.or_else(|error| self.lose(index, error).map(|()| Report::default()))?);
         }
         Ok(reports)
+    }
+
+    fn stop_node(&mut self, index: usize) -> Result<Report, HubError> {
+        let Some(node) = self.nodes.get_mut(index).filter(|node| node.away.is_none()) else {
+            return Ok(Report::default());
+        };
+        if !node.stopped {
+            node.link.write(&serial::encode(&STOP))?;
+        }
+        node.link.request(&Request::Report)?;
+        node.link.wait_for(self.patience.answer, "report", report)
     }
 
     /// Faults that nodes reported so far.
@@ -274,32 +345,19 @@ impl Hub {
     fn identify(&mut self) -> Result<(), HubError> {
         for node in &mut self.nodes {
             let identity = identify(&mut node.link, self.patience.boot)?;
-            node.identity = Some(identity);
-            let id = node.link.id();
-            if identity.wire_version != WIRE_VERSION {
-                return Err(HubError::WireVersion { node: id, found: identity.wire_version });
-            }
-            if let Some(expected) = node.uid.filter(|&uid| uid != identity.uid) {
-                let place = node.link.place().to_owned();
-                return Err(HubError::Uid { node: id, place, expected, found: identity.uid });
-            }
+            node.meet(identity)?;
         }
         Ok(())
     }
 
-    fn configure(&mut self, configs: &[NodeConfig]) -> Result<(), HubError> {
-        for (node, config) in self.nodes.iter_mut().zip(configs) {
+    fn configure(&mut self) -> Result<(), HubError> {
+        for node in &mut self.nodes {
             if node.identity.is_some_and(|identity| identity.id != serial::HOST) {
                 // Left over from another run, perhaps running still; then it would refuse.
                 node.link.write(&serial::encode(&STOP))?;
             }
-            node.link.request(&Request::Configure(config.clone()))?;
-            let answer =
-                node.link.wait_for(self.patience.answer, "configured", |received| match received {
-                    Received::Reply(Reply::Configured(answer)) => Some(answer),
-                    _ => None,
-                })?;
-            answer.map_err(|reason| HubError::Refused { node: config.id, reason })?;
+            let config = node.config.clone();
+            node.configure(&config, self.patience.answer)?;
         }
         Ok(())
     }
@@ -308,7 +366,7 @@ impl Hub {
         while self.bus.next_arrival().is_some_and(|at| at < now) {
             let nodes = &mut self.nodes;
             self.bus.deliver(|receiver, frame| {
-                if let Some(node) = nodes.get_mut(receiver) {
+                if let Some(node) = nodes.get_mut(receiver).filter(|node| node.away.is_none()) {
                     node.link.queue(frame);
                 }
             });
@@ -333,7 +391,9 @@ impl Hub {
     /// Waits for everything that a node says about a tick: its state (of the tick after the one that ran) or a fault, perhaps an
     /// edge, and its telemetry, which ends it.
     fn take_tick(&mut self, index: usize, now: u64) -> Result<(), HubError> {
-        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { return Ok(()) };
+        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped && node.away.is_none()) else {
+            return Ok(());
+        };
         node.ticked = false;
         (node.states, node.telemetries) = (0, 0);
         let state = node.next_state.clone();
@@ -412,6 +472,8 @@ impl Hub {
     }
 }
 
+/// Begins the run on every node.
+const START: Message = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
 /// Ends the run on every node.
 const STOP: Message = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
 

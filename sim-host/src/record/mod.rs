@@ -13,8 +13,8 @@ pub use atomic::{AtomicFile, RecordError, write_atomic};
 pub use junit::junit;
 pub use number::{Precision, shortest};
 pub use summary::{
-    BenchNodeSummary, BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent,
-    ReferenceSummary, Summary, SyncSummary,
+    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary,
+    PerComponent, ReferenceSummary, Summary, SyncSummary,
 };
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

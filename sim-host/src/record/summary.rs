@@ -125,8 +125,23 @@ pub struct BusSummary {
 pub struct BenchSummary {
     /// Whether all nodes showed the bits of loopback at every tick: state, diffusive term, funnel and input.
     pub bit_for_bit: bool,
+    /// Nodes that were away for a time, in the order in which they were lost.
+    pub absences: Vec<AbsenceSummary>,
     /// By id.
     pub nodes: Vec<BenchNodeSummary>,
+}
+
+/// The time that a node was away.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct AbsenceSummary {
+    /// Its id.
+    pub node: u8,
+    /// First tick that it has missed.
+    pub from_tick: u32,
+    /// First tick that it took part in again; `null` if it did not come back.
+    pub to_tick: Option<u32>,
+    /// Why it was given up.
+    pub why: String,
 }
 
 /// One node of a bench.

@@ -2,15 +2,16 @@
 
 use super::error::RunError;
 use super::fidelity::{LOCKSTEP, bus, engine, lockstep};
-use super::options::RunOptions;
+use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use crate::bench::{Comparison, Difference, Stampings, attach};
 use crate::configure::node_configs;
-use crate::hub::{Hub, Link};
+use crate::hub::{Absence, Hub, Link};
 use crate::noise::Noise;
-use crate::record::{BenchNodeSummary, BenchSummary};
+use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary};
 use crate::scenario::Scenario;
 use funnel_protocol::service::Identity;
+use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
 pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
@@ -23,7 +24,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let attached = attach(file, &ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, bus(scenario), file.patience())?;
-    let mut hub = hub.with_noise(Noise::of(scenario));
+    let mut hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
     match compared(scenario, options, &mut hub, comparison, stampings) {
         Ok(outcome) => Ok(Outcome { logs: hub.into_logs(), ..outcome }),
         Err(error) => Err(error.and(hub.halt())),
@@ -37,13 +38,39 @@ fn compared(
     mut comparison: Comparison,
     mut stampings: Option<Stampings>,
 ) -> Result<Outcome, RunError> {
+    let mut told = Vec::new();
     let outcome = lockstep("bench", scenario, options, hub, |k, hub| {
+        if options.verbosity != Verbosity::Quiet {
+            tell(hub.absences(), &mut told);
+        }
         comparison.tick(k, hub.observations());
         let stamps = hub.members().map(|(link, _)| link.id()).zip(hub.stamps());
         stampings.as_mut().map_or(Ok(()), |file| file.tick(k, stamps)).map_err(RunError::from)
     })?;
     stampings.map_or(Ok(()), Stampings::finish)?;
     Ok(Outcome { bench: Some(summary(hub, &comparison)), ..outcome })
+}
+
+/// Says who was lost and who is back since the last call.
+fn tell(absences: &[Absence], told: &mut Vec<Absence>) {
+    if absences == told.as_slice() {
+        return;
+    }
+    for (n, absence) in absences.iter().enumerate().filter(|&(n, absence)| told.get(n) != Some(absence)) {
+        // One that has come to an end within a tick was not told yet.
+        if told.get(n).is_none() {
+            eprint_line(&Absence { to: None, ..absence.clone() });
+        }
+        if absence.to.is_some() {
+            eprint_line(absence);
+        }
+    }
+    *told = absences.to_vec();
+}
+
+fn eprint_line(absence: &Absence) {
+    // Nobody is left to tell where standard error is closed.
+    let _ = writeln!(std::io::stderr(), "{absence}");
 }
 
 fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
@@ -60,7 +87,14 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
         }
     };
     let differences = comparison.differences();
+    let absence = |absence: &Absence| AbsenceSummary {
+        node: absence.node,
+        from_tick: absence.from,
+        to_tick: absence.to,
+        why: absence.why.lines().next().unwrap_or_default().to_owned(),
+    };
     BenchSummary {
+        absences: hub.absences().iter().map(absence).collect(),
         bit_for_bit: differences.iter().all(|difference| difference.first.is_none()),
         nodes: hub.members().zip(differences).map(node).collect(),
     }
