@@ -58,6 +58,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     parts: Vec<Part<F>, MAX_COMPONENTS>,
     observations: Vec<Observation<F>, MAX_COMPONENTS>,
     schedule: Schedule,
+    /// Time of the last SYNC that was taken, or of the start, ns.
+    synced: u64,
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
@@ -136,6 +138,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             parts: collect(states.clone().map(|&x| Part { x, k, ..Part::default() })),
             observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             schedule: Schedule::Wait,
+            synced: 0,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
             step: Step::Idle,
@@ -201,11 +204,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         match self.step {
             Step::Idle => {}
-            Step::Await(_) => return None,
+            Step::Await(_) => return self.held_until(),
             Step::Ask(_) | Step::Tell | Step::Stop => return Some(0),
         }
         match self.schedule {
-            Schedule::Wait => None,
+            Schedule::Wait => self.held_until(),
             Schedule::Now => Some(0),
             Schedule::At(time) => Some(time),
         }
@@ -221,7 +224,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             Message::State { source, component, tick, x } => {
                 self.on_state(source, component, tick, F::from_f32(x))
             }
-            Message::Sync { previous_tick, .. } => self.on_sync(previous_tick),
+            Message::Sync { previous_tick, .. } => self.on_sync(previous_tick, now),
             Message::Ctrl { target, command, at_tick, .. } if target.includes(self.params.id) => {
                 self.on_command(command, at_tick, now)
             }
@@ -242,6 +245,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// states only the latest is worth sending. What concerns the actuator comes first.
     pub fn poll(&mut self, now: u64) -> Option<Action> {
         self.run_due_ticks(now);
+        self.check_holdover(now);
         if let Some(action) = self.demand() {
             return Some(action);
         }
@@ -263,6 +267,20 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 Some(_) => self.step = Step::Ask(Purpose::Tick),
                 None => self.run_tick(),
             }
+        }
+    }
+
+    /// When a running node that ticks by SYNC stops unless another one comes, ns.
+    fn held_until(&self) -> Option<u64> {
+        let holdover = self.params.holdover_ns.filter(|_| self.phase == Phase::Running)?;
+        Some(self.synced.saturating_add(holdover))
+    }
+
+    /// Stops a node whose time master is gone.
+    fn check_holdover(&mut self, now: u64) {
+        if self.held_until().is_some_and(|until| now >= until) {
+            let silent_ms = now.saturating_sub(self.synced) / 1_000_000;
+            self.fail(FaultCode::HOLDOVER, u16::try_from(silent_ms).unwrap_or(u16::MAX));
         }
     }
 
@@ -293,7 +311,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// In sync mode each SYNC marks one tick: the one after `previous`. A repeated SYNC is a duplicate; a later one means
     /// that ticks were missed: the node follows the master's count and says how many.
-    fn on_sync(&mut self, previous: TickStamp) -> Result<(), Refusal> {
+    fn on_sync(&mut self, previous: TickStamp, now: u64) -> Result<(), Refusal> {
         if self.params.tick_source != TickSource::Sync {
             return Ok(());
         }
@@ -311,6 +329,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             self.tick = marked;
         }
         self.schedule = Schedule::Now;
+        self.synced = now;
         Ok(())
     }
 
@@ -318,6 +337,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
+                self.synced = now;
                 self.announce();
                 self.schedule = match self.params.tick_source {
                     TickSource::Sync => Schedule::Wait,
@@ -391,9 +411,12 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let breach = self.judge(k, ratio);
         // What is seen is the funnel that was left, and what the law uses the one that a breach has made of it.
         let left = psi.now;
+        if let Some(lost) = self.too_many_lost() {
+            return self.stop_at(k, left, FaultCode::NEIGHBOURS_LOST, lost);
+        }
         if breach {
             if self.params.on_breach == OnBreach::Stop {
-                return self.stop_at_breach(k, left);
+                return self.stop_at(k, left, FaultCode::FUNNEL_LEFT, self.id().get().into());
             }
             psi = self.reopen(k, ratio, psi);
         }
@@ -403,13 +426,23 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.advance(k);
     }
 
-    /// The policy `stop`: no input, the state stays.
-    fn stop_at_breach(&mut self, k: u32, psi: F) {
+    /// How many neighbours are lost, where that stops the node.
+    fn too_many_lost(&self) -> Option<u16> {
+        let limit = usize::from(self.params.lost_neighbours);
+        if limit == 0 {
+            return None;
+        }
+        let lost = self.params.neighbours.lost();
+        (lost >= limit).then_some(lost as u16)
+    }
+
+    /// Stops at tick `k` by `code`: no input, the state stays.
+    fn stop_at(&mut self, k: u32, psi: F, code: FaultCode, arg: u16) {
         self.parts.iter_mut().for_each(|part| part.u = F::ZERO);
         self.observe(k, psi);
         self.tick = k.wrapping_add(1);
         count(&mut self.counters.ticks);
-        self.fault(FaultCode::FUNNEL_LEFT);
+        self.fail(code, arg);
     }
 
     /// Diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself.

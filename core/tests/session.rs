@@ -28,6 +28,8 @@ fn config() -> NodeConfig {
         neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
         extrapolate_ticks: 3,
         telemetry_every: 2,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 

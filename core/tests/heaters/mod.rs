@@ -115,6 +115,8 @@ pub fn config(own: u8, others: &[u8]) -> NodeConfig {
         neighbours: others.iter().map(edge).collect(),
         extrapolate_ticks: 3,
         telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 

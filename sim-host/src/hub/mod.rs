@@ -461,7 +461,10 @@ impl Hub {
             Message::Fault { code, severity, .. } => {
                 node.stopped = severity == Severity::Stopped;
                 // Only these faults are the outcome of a tick, which the node has seen as any other.
-                node.ticked = matches!(code, FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT);
+                node.ticked = matches!(
+                    code,
+                    FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT | FaultCode::NEIGHBOURS_LOST
+                );
                 self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
             }
             Message::Edge { .. } => {}

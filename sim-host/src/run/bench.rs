@@ -4,12 +4,13 @@ use super::error::RunError;
 use super::fidelity::{LOCKSTEP, bus, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
-use crate::bench::{Comparison, Difference, Stampings, attach};
+use crate::bench::{BenchFile, Comparison, Difference, Stampings, attach};
 use crate::configure::node_configs;
 use crate::hub::{Absence, Hub, Link};
 use crate::noise::Noise;
 use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary};
 use crate::scenario::Scenario;
+use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Identity;
 use std::io::Write;
 
@@ -17,7 +18,7 @@ use std::io::Write;
 pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     file.covers(scenario).map_err(RunError::bad_input)?;
-    let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
+    let configs = configs(scenario, file)?;
     let comparison = Comparison::new(engine(scenario)?);
     let stampings =
         options.out.as_ref().map(|folder| Stampings::create(folder.join("bench.csv"))).transpose()?;
@@ -29,6 +30,16 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
         Ok(outcome) => Ok(Outcome { logs: hub.into_logs(), ..outcome }),
         Err(error) => Err(error.and(hub.halt())),
     }
+}
+
+/// What the nodes are told. This program may die, and a node without it must not go on for ever.
+fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, RunError> {
+    let mut configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
+    if scenario.safety.holdover_ns.is_none() {
+        let holdover_ns = file.holdover_ns(configs.len());
+        configs.iter_mut().for_each(|config| config.holdover_ns = holdover_ns.max(config.tick_ns.into()));
+    }
+    Ok(configs)
 }
 
 fn compared(
