@@ -6,6 +6,7 @@
 mod plant;
 
 use crate::collect::collect;
+use crate::feeding::Progress;
 use crate::field::{AffineSines, State, VectorField, compensated_add, midpoint_step};
 use crate::funnel::Widths;
 use crate::gain::{BuiltinGain, Gain};
@@ -268,6 +269,16 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 None => self.run_tick(),
             }
         }
+    }
+
+    /// What it has done and waits for, for its watchdog.
+    pub fn progress(&self) -> Progress {
+        let next = match self.schedule {
+            Schedule::At(next) => Some(next),
+            Schedule::Wait | Schedule::Now => None,
+        };
+        let samples = matches!(self.step, Step::Ask(_) | Step::Await(_));
+        Progress { tick: self.tick, is_due: samples || self.schedule == Schedule::Now, next }
     }
 
     /// When a running node that ticks by SYNC stops unless another one comes, ns.
@@ -638,19 +649,22 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.fail(code, u16::from(self.params.id.get()));
     }
 
+    /// Tells the link something that does not stop the node; `arg` is the detail of the FAULT.
+    pub fn warn(&mut self, code: FaultCode, arg: u16) {
+        self.outgoing.fault = Some(self.fault_message(code, Severity::Warning, arg));
+    }
+
+    fn fault_message(&self, code: FaultCode, severity: Severity, arg: u16) -> Message {
+        Message::Fault { source: self.params.id, code, severity, arg, tick: TickStamp::full(self.tick) }
+    }
+
     /// Stops, says so once on the link, and stays silent until it is configured anew. `arg` is the detail of the FAULT.
     pub fn fail(&mut self, code: FaultCode, arg: u16) {
         if matches!(self.phase, Phase::Faulted(_)) {
             return;
         }
         self.halt(Phase::Faulted(code));
-        self.outgoing.fault = Some(Message::Fault {
-            source: self.params.id,
-            code,
-            severity: Severity::Stopped,
-            arg,
-            tick: TickStamp::full(self.tick),
-        });
+        self.outgoing.fault = Some(self.fault_message(code, Severity::Stopped, arg));
         self.report_event(Event::Fault(code));
     }
 

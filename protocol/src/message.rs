@@ -140,7 +140,7 @@ impl FaultCode {
     pub const DUPLICATE_ID: Self = Self(1);
     /// The node's own state is no longer a finite number within its limit.
     pub const STATE_LIMIT: Self = Self(2);
-    /// The firmware panicked.
+    /// The node has restarted after a panic (argument 1) or a hard fault (2); said as a warning once it has its id.
     pub const PANIC: Self = Self(3);
     /// The diffusive term has left the funnel, and the node is configured to stop then.
     pub const FUNNEL_LEFT: Self = Self(4);

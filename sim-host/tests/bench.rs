@@ -5,7 +5,7 @@ use funnel_core::{Output, Phase, Session};
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Identity, Reply};
+use funnel_protocol::service::{Identity, Reply, ResetCause};
 use rustix::fs::OFlags;
 use rustix::pty::{self, OpenptFlags};
 use sim_host::emulator::decode_log;
@@ -82,6 +82,12 @@ struct Board {
 
 impl Board {
     fn start(uid: u64, script: Script) -> Self {
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
+        Self::start_as(identity, script)
+    }
+
+    fn start_as(identity: Identity, script: Script) -> Self {
         // Closed in programs that other tests start meanwhile: they would keep an unplugged board's line open.
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let port = pty::openpt(flags).unwrap();
@@ -91,7 +97,6 @@ impl Board {
         let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
         let port = File::from(port);
         let (quit, states) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
-        let identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid };
         let session = Session::new(identity);
         let mut played = Played {
             port,
@@ -487,6 +492,28 @@ fn the_holdover_of_the_scenario_is_the_one_that_counts() {
     let faults = orphaned(&bench, &boards[1].path, running, &["--set", "safety.holdover=500ms"]);
     let [(FaultCode::HOLDOVER, after)] = faults[..] else { panic!("{faults:?}") };
     assert!(after > Duration::from_millis(400) && after < Duration::from_millis(1_800), "{after:?}");
+}
+
+#[test]
+fn a_node_that_has_panicked_is_named_and_runs_when_it_is_told_to() {
+    let panicked = Identity {
+        wire_version: WIRE_VERSION,
+        uid: 2,
+        reset: ResetCause::Panic,
+        starts: 5,
+        ..Identity::default()
+    };
+    let boards = [Board::good(1), Board::start_as(panicked, Box::new(|_| Act::Send)), Board::good(3)];
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let warning = "node 2: last reset: panic (starts since power-on: 5)";
+    assert_eq!(ended.err.lines().filter(|line| line.contains("last reset")).collect::<Vec<_>>(), [warning]);
+    let summary = bench.summary();
+    assert_eq!(
+        (&summary["bench"]["bit_for_bit"], &summary["stopped"]),
+        (&true.into(), &serde_json::json!([]))
+    );
 }
 
 #[test]

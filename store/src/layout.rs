@@ -26,9 +26,9 @@ fn missing(layout: u8) -> Option<u8> {
 pub fn read(layout: u8, bytes: &[u8]) -> Result<Option<NodeConfig>> {
     let missing = missing(layout).ok_or(Error::DeserializeBadEncoding)?;
     let mut reader = Deserializer::from_flavor(Lengthened { bytes, missing });
-    let config = serde::Deserialize::deserialize(&mut reader)?;
+    let config: Option<NodeConfig> = serde::Deserialize::deserialize(&mut reader)?;
     let Lengthened { bytes, missing } = reader.finalize()?;
-    let whole = bytes.is_empty() && (missing == 0 || matches!(config, None::<NodeConfig>));
+    let whole = bytes.is_empty() && (missing == 0 || config.is_none());
     if whole { Ok(config) } else { Err(Error::DeserializeBadEncoding) }
 }
 

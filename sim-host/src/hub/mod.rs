@@ -382,8 +382,9 @@ impl Hub {
                 Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
                 _ => None,
             })?;
+            // A warning says nothing about the state.
+            left -= usize::from(matches!(message, Message::State { .. }));
             self.take_message(index, message, 0);
-            left -= 1;
         }
         Ok(())
     }
@@ -465,7 +466,9 @@ impl Hub {
                     code,
                     FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT | FaultCode::NEIGHBOURS_LOST
                 );
-                self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+                if node.stopped {
+                    self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+                }
             }
             Message::Edge { .. } => {}
             Message::Ctrl { .. } | Message::Sync { .. } => return,

@@ -12,6 +12,7 @@ use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary};
 use crate::scenario::Scenario;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Identity;
+use std::fmt::Display;
 use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
@@ -26,6 +27,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let attached = attach(file, &ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, bus(scenario), file.patience())?;
     let mut hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
+    hub.members().for_each(|(link, identity)| warn_of_reset(link.id(), identity));
     match compared(scenario, options, &mut hub, comparison, stampings) {
         Ok(outcome) => Ok(Outcome { logs: hub.into_logs(), ..outcome }),
         Err(error) => Err(error.and(hub.halt())),
@@ -79,7 +81,15 @@ fn tell(absences: &[Absence], told: &mut Vec<Absence>) {
     *told = absences.to_vec();
 }
 
-fn eprint_line(absence: &Absence) {
+/// Says when something went wrong before a node's last start.
+fn warn_of_reset(node: u8, identity: Identity) {
+    let Identity { reset, starts, .. } = identity;
+    if reset.is_alarming() {
+        eprint_line(&format_args!("node {node}: last reset: {reset} (starts since power-on: {starts})"));
+    }
+}
+
+fn eprint_line(absence: &impl Display) {
     // Nobody is left to tell where standard error is closed.
     let _ = writeln!(std::io::stderr(), "{absence}");
 }
