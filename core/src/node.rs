@@ -67,6 +67,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     step: Step,
     events: Deque<Event, EVENT_CAPACITY>,
     in_breach: bool,
+    /// The last tick of the timer came a whole period late or more.
+    late: bool,
     /// What a breach has added to the funnel, state units, at the tick that is computed next.
     reopened: F,
     floored: bool,
@@ -145,6 +147,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             step: Step::Idle,
             events: Deque::new(),
             in_breach: false,
+            late: false,
             reopened: F::ZERO,
             floored: false,
             max_ratio: F::ZERO,
@@ -401,9 +404,14 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             }
             Schedule::At(due) if now >= due => {
                 let next = due + self.params.tick_ns;
-                if now >= next {
+                let late = now >= next;
+                if late {
                     count(&mut self.counters.overruns);
                 }
+                if late && !self.late {
+                    self.report_event(Event::Overrun { tick: self.tick });
+                }
+                self.late = late;
                 self.schedule = Schedule::At(next);
                 true
             }

@@ -109,6 +109,14 @@ fn late_ticks_are_made_up_for_one_by_one_and_counted() {
     assert_eq!(node.tick(), 4);
     assert_eq!(node.counters().overruns, 3);
     assert_eq!(sent(&all).len(), 1, "only the latest state is worth sending: {all:?}");
+    // Said once, until one has been in time.
+    let overruns = |actions: &[Action]| {
+        let late = |action: &&Action| matches!(action, Action::Report(Event::Overrun { .. }));
+        actions.iter().filter(late).copied().collect::<Vec<_>>()
+    };
+    assert_eq!(overruns(&all), [Action::Report(Event::Overrun { tick: 0 })]);
+    assert_eq!(overruns(&actions(&mut node, 5 * MS)), []);
+    assert_eq!(overruns(&actions(&mut node, 7 * MS)), [Action::Report(Event::Overrun { tick: 5 })]);
 }
 
 #[test]
