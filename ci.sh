@@ -13,8 +13,8 @@ readonly IMAGES=$ROOT/firmware/target/$TARGET/release
 # they are; budgets of flash and static RAM in bytes; where the storage begins and how large it is, if there is one: outside
 # the program's flash. Storage costs 20 KiB of flash and 3 KiB of RAM, which the budgets of these boards have on top. The memory maps in firmware/boards are checked against this.
 readonly BOARDS="
-mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304 49152 16384
-nucleo_g474re $TARGET       0x08000000  516096 0x20000000   98304 94208 22528 0x0807e000  8192
+mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304 53248 16384
+nucleo_g474re $TARGET       0x08000000  516096 0x20000000   98304 98304 22528 0x0807e000  8192
 nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 73728 20480
 nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 94208 22528 0x000fc000 16384
 rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 94208 22528 0x101fc000 16384

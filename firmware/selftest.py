@@ -11,7 +11,7 @@ QEMU, DECODER, IMAGE = sys.argv[1:4]
 TIMEOUT = 60.0
 # Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10.
 NODE_CONFIG = bytes.fromhex("03c0843d00010000803f0024744901000080bf01000000000000000000803f0000803f0100002041"
-                            "0001020000803f010300")
+                            "0001020000803f0103000000")
 
 
 class Node:
@@ -191,7 +191,9 @@ def bus_off():
 
 def commissioning():
     """A blank node is configured and stores; after a reset it has its id and starts; erased, it is blank after the next."""
-    identity = lambda id: frame(0x41, id, bytes([1, 0, 1, 0, id, 0]))
+    starts = iter((1, 2, 3, 5))  # those that are asked
+    # What the chip does not tell it can guess for the first start only, by its RAM.
+    identity = lambda id: frame(0x41, id, identity_body(id, POWER_ON if (n := next(starts)) == 1 else UNKNOWN, n))
     with Node() as node:
         node.link.sendall(b"s")
         node.ask(0x40, b"", identity(0))
@@ -215,21 +217,93 @@ def commissioning():
         return f"stored, restarted, joined; erased, restarted, blank; {used} bytes of stack of at most {most}"
 
 
-def restart(node):
+# service::ResetCause
+UNKNOWN, POWER_ON, WATCHDOG, PANIC, HARD_FAULT = 0, 1, 4, 6, 7
+
+
+def identity_body(id, reset, starts):
+    return bytes([1, 0, 1, 0, id, 0, reset, starts])
+
+
+def restart_after_defect(command, cause, arg, logged):
+    """A commissioned node makes its output safe, restarts, is ready, says FAULT 3 as a warning, and does not run."""
+    with Node() as node:
+        node.link.sendall(b"s")
+        node.ask(0x42, NODE_CONFIG, frame(0x43, 3, b"\0"))
+        node.ask(0x47, b"", frame(0x48, 3, b"\0\1"))
+        restart(node, b"")
+        node.link.sendall(command)
+        await_ready(node, 3)
+        node.link.sendall(b"s")
+        fault = frame(0x12, 3, bytes([3, 1, arg, 0, 0, 0]))
+        said = node.receive(len(fault))
+        assert said == fault, said.hex()
+        node.ask(0x40, b"", frame(0x41, 3, identity_body(3, cause, 3)))
+        # A SYNC or time alone does not make it run: all it says is what it is asked for.
+        time.sleep(0.3)
+        node.ask(0x40, b"", frame(0x41, 3, identity_body(3, cause, 3)))
+        restart(node)
+        node.ask(0x40, b"", frame(0x41, 3, identity_body(3, UNKNOWN, 4)))  # told once
+        log = node.log()
+        order = ["the output is safe", logged, "start 3, last reset: ", "configured from storage: node 3"]
+        places = [log.find(text) for text in order]
+        assert -1 not in places and places == sorted(places), log
+        return log[places[2]:].splitlines()[0]
+
+
+def stuck_tick():
+    """The plant's fifth tick does not come back: the watchdog resets the node, which says why."""
+    with Node() as node:
+        node.link.sendall(b"x")
+        node.ask(0x42, NODE_CONFIG, frame(0x43, 3, b"\0"))
+        node.ask(0x40, b"", frame(0x41, 3, identity_body(3, POWER_ON, 1)))
+        node.link.sendall(frame(0x10, 0, b"\x00\x01\x00\x00\x00"))
+        await_ready(node, 2)
+        drain(node)
+        node.link.sendall(b"s")
+        node.ask(0x40, b"", frame(0x41, 0, identity_body(0, WATCHDOG, 2)))
+        return "reset, cause watchdog"
+
+
+def fed_watchdog():
+    """A node with its watchdog waits for ten periods, configured and not, and runs for as long by its timer."""
+    with Node(*ICOUNT) as node:
+        node.link.sendall(b"s")
+        node.ask(0x40, b"", frame(0x41, 0, identity_body(0, POWER_ON, 1)))
+        time.sleep(2.0)
+        node.ask(0x42, NODE_CONFIG, frame(0x43, 3, b"\0"))
+        time.sleep(2.0)
+        node.link.sendall(frame(0x10, 0, b"\x00\x01\x00\x00\x00"))
+        state = frame(0x13, 3, struct.pack("<Hf", 0, 1.0))
+        node.receive(20 * len(state) * 1000)
+        assert node.log().count("selftest ready") == 1, node.log()
+        return "no reset in 20 s of a running node, nor while it waits"
+
+
+def await_ready(node, times):
+    end = time.monotonic() + TIMEOUT
+    while node.log().count("selftest ready") < times:
+        assert time.monotonic() < end, node.log()
+        time.sleep(0.1)
+
+
+def restart(node, then=b"s"):
     seen = node.log().count("selftest ready")
     node.restart()
-    end = time.monotonic() + TIMEOUT
-    while node.log().count("selftest ready") == seen:
-        assert time.monotonic() < end, "no restart"
-        time.sleep(0.1)
+    await_ready(node, seen + 1)
+    drain(node)
+    node.link.sendall(then)
+
+
+def drain(node):
+    """Drops what it had sent before."""
     node.link.setblocking(False)
     try:
-        while node.link.recv(4096):  # what it had sent before
+        while node.link.recv(4096):
             pass
     except BlockingIOError:
         pass
     node.link.settimeout(TIMEOUT)
-    node.link.sendall(b"s")
 
 
 def wait_for(node, text):
@@ -266,6 +340,10 @@ TESTS = {
     "overflow": overflow,
     "panic": lambda: defect(b"p", 101, "deliberate, as asked for"),
     "hard fault": lambda: defect(b"f", 102, "hard fault at pc"),
+    "restart after panic": lambda: restart_after_defect(b"P", PANIC, 1, "deliberate, as asked for"),
+    "restart after fault": lambda: restart_after_defect(b"F", HARD_FAULT, 2, "hard fault at pc"),
+    "stuck tick": stuck_tick,
+    "fed watchdog": fed_watchdog,
     "bus-off": bus_off,
     "commissioning": commissioning,
     "idle": idle,

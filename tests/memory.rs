@@ -23,7 +23,8 @@ pub struct Board {
 impl Board {
     /// A blank node.
     pub fn new() -> Self {
-        let identity = Identity { wire_version: WIRE_VERSION, firmware: [0; 3], id: 0, uid: 0 };
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0; 3], id: 0, uid: 0, ..Identity::default() };
         Self { session: Session::new(identity), deframer: Deframer::new() }
     }
 

@@ -10,6 +10,7 @@
 
 mod collect;
 pub mod emergent;
+pub mod feeding;
 pub mod field;
 pub mod funnel;
 pub mod gain;

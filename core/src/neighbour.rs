@@ -31,13 +31,28 @@ struct Edge<F> {
     /// Change of the value per tick, state units.
     increment: F,
     tick: u32,
-    /// Whether `value` means anything: heard, and not expired since.
-    known: bool,
+    presence: Presence,
     /// The last input of this edge (edge-wise coupling), state units / s.
     last: Option<F>,
 }
 
+/// Whether the value of an edge means anything.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Presence {
+    /// Never heard.
+    Unheard,
+    /// Heard, and not expired since.
+    Known,
+    /// Silent for too long.
+    Lost,
+}
+
 impl<F: Real> Edge<F> {
+    #[inline]
+    fn is_known(&self) -> bool {
+        self.presence == Presence::Known
+    }
+
     /// Ticks since `value`; below zero where it came early.
     #[inline]
     fn age(&self, k: u32) -> i32 {
@@ -154,7 +169,7 @@ impl<F: Real> Neighbours<F> {
                 value: F::ZERO,
                 increment: F::ZERO,
                 tick: 0,
-                known: false,
+                presence: Presence::Unheard,
                 last: None,
             };
             self.edges.push(edge).is_ok()
@@ -164,6 +179,12 @@ impl<F: Real> Neighbours<F> {
     /// Number of neighbours.
     pub fn count(&self) -> usize {
         self.edges.len() / usize::from(self.components.max(1))
+    }
+
+    /// Number of neighbours that were heard once and are silent now.
+    pub fn lost(&self) -> usize {
+        let lost = |edge: &&Edge<F>| edge.component == 0 && edge.presence == Presence::Lost;
+        self.edges.iter().filter(lost).count()
     }
 
     /// The edge to the `index`-th neighbour: its id and weight.
@@ -199,13 +220,13 @@ impl<F: Real> Neighbours<F> {
         let index = usize::from(slot) + usize::from(component.get());
         let edge = self.edges.get_mut(index).ok_or(Refusal::UnknownSource)?;
         let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
-        if !edge.known {
+        if !edge.is_known() {
             // Older than what is extrapolated, it would be dropped again at the next tick.
             let age = own.wrapping_sub(tick) as i32;
             if age > self.extrapolate_ticks as i32 {
                 return Err(Refusal::Stale);
             }
-            (edge.value, edge.increment, edge.tick, edge.known) = (x, F::ZERO, tick, true);
+            (edge.value, edge.increment, edge.tick, edge.presence) = (x, F::ZERO, tick, Presence::Known);
             return Ok(Heard::First);
         }
         let gap = tick.wrapping_sub(edge.tick) as i32;
@@ -226,12 +247,12 @@ impl<F: Real> Neighbours<F> {
         let extrapolate_ticks = self.extrapolate_ticks as i32;
         let mut sums = Sums { largest: x.abs(), ..Sums::default() };
         for edge in &mut self.edges {
-            if !edge.known || edge.component != component {
+            if !edge.is_known() || edge.component != component {
                 continue;
             }
             let age = edge.age(k);
             if age > extrapolate_ticks {
-                (edge.known, edge.last) = (false, None);
+                (edge.presence, edge.last) = (Presence::Lost, None);
                 sums.lost = NodeId::new(edge.id);
                 sums.lost_count += 1;
                 continue;
@@ -264,7 +285,7 @@ impl<F: Real> Neighbours<F> {
         psi: EdgeFunnel<F>,
     ) -> EdgeInputs<F> {
         let mut inputs: EdgeInputs<F> = EdgeInputs::default();
-        for edge in self.edges.iter_mut().filter(|edge| edge.known && edge.component == component) {
+        for edge in self.edges.iter_mut().filter(|edge| edge.is_known() && edge.component == component) {
             let value = edge.value_at(k);
             let nu = edge.weight * (value - own.x);
             let dnu = edge.weight * (edge.increment - own.dx);

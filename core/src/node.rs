@@ -6,6 +6,7 @@
 mod plant;
 
 use crate::collect::collect;
+use crate::feeding::Progress;
 use crate::field::{AffineSines, State, VectorField, compensated_add, midpoint_step};
 use crate::funnel::Widths;
 use crate::gain::{BuiltinGain, Gain};
@@ -58,12 +59,16 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     parts: Vec<Part<F>, MAX_COMPONENTS>,
     observations: Vec<Observation<F>, MAX_COMPONENTS>,
     schedule: Schedule,
+    /// Time of the last SYNC that was taken, or of the start, ns.
+    synced: u64,
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
     step: Step,
     events: Deque<Event, EVENT_CAPACITY>,
     in_breach: bool,
+    /// The last tick of the timer came a whole period late or more.
+    late: bool,
     /// What a breach has added to the funnel, state units, at the tick that is computed next.
     reopened: F,
     floored: bool,
@@ -136,11 +141,13 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             parts: collect(states.clone().map(|&x| Part { x, k, ..Part::default() })),
             observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             schedule: Schedule::Wait,
+            synced: 0,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
             step: Step::Idle,
             events: Deque::new(),
             in_breach: false,
+            late: false,
             reopened: F::ZERO,
             floored: false,
             max_ratio: F::ZERO,
@@ -201,11 +208,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         match self.step {
             Step::Idle => {}
-            Step::Await(_) => return None,
+            Step::Await(_) => return self.held_until(),
             Step::Ask(_) | Step::Tell | Step::Stop => return Some(0),
         }
         match self.schedule {
-            Schedule::Wait => None,
+            Schedule::Wait => self.held_until(),
             Schedule::Now => Some(0),
             Schedule::At(time) => Some(time),
         }
@@ -221,7 +228,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             Message::State { source, component, tick, x } => {
                 self.on_state(source, component, tick, F::from_f32(x))
             }
-            Message::Sync { previous_tick, .. } => self.on_sync(previous_tick),
+            Message::Sync { previous_tick, .. } => self.on_sync(previous_tick, now),
             Message::Ctrl { target, command, at_tick, .. } if target.includes(self.params.id) => {
                 self.on_command(command, at_tick, now)
             }
@@ -242,6 +249,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// states only the latest is worth sending. What concerns the actuator comes first.
     pub fn poll(&mut self, now: u64) -> Option<Action> {
         self.run_due_ticks(now);
+        self.check_holdover(now);
         if let Some(action) = self.demand() {
             return Some(action);
         }
@@ -263,6 +271,30 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 Some(_) => self.step = Step::Ask(Purpose::Tick),
                 None => self.run_tick(),
             }
+        }
+    }
+
+    /// What it has done and waits for, for its watchdog.
+    pub fn progress(&self) -> Progress {
+        let next = match self.schedule {
+            Schedule::At(next) => Some(next),
+            Schedule::Wait | Schedule::Now => None,
+        };
+        let samples = matches!(self.step, Step::Ask(_) | Step::Await(_));
+        Progress { tick: self.tick, is_due: samples || self.schedule == Schedule::Now, next }
+    }
+
+    /// When a running node that ticks by SYNC stops unless another one comes, ns.
+    fn held_until(&self) -> Option<u64> {
+        let holdover = self.params.holdover_ns.filter(|_| self.phase == Phase::Running)?;
+        Some(self.synced.saturating_add(holdover))
+    }
+
+    /// Stops a node whose time master is gone.
+    fn check_holdover(&mut self, now: u64) {
+        if self.held_until().is_some_and(|until| now >= until) {
+            let silent_ms = now.saturating_sub(self.synced) / 1_000_000;
+            self.fail(FaultCode::HOLDOVER, u16::try_from(silent_ms).unwrap_or(u16::MAX));
         }
     }
 
@@ -293,7 +325,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// In sync mode each SYNC marks one tick: the one after `previous`. A repeated SYNC is a duplicate; a later one means
     /// that ticks were missed: the node follows the master's count and says how many.
-    fn on_sync(&mut self, previous: TickStamp) -> Result<(), Refusal> {
+    fn on_sync(&mut self, previous: TickStamp, now: u64) -> Result<(), Refusal> {
         if self.params.tick_source != TickSource::Sync {
             return Ok(());
         }
@@ -316,6 +348,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if !waits {
             self.schedule = Schedule::Now;
         }
+        self.synced = now;
         Ok(())
     }
 
@@ -323,6 +356,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
+                self.synced = now;
                 self.announce();
                 self.schedule = match self.params.tick_source {
                     TickSource::Sync => Schedule::Wait,
@@ -375,9 +409,14 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             }
             Schedule::At(due) if now >= due => {
                 let next = due + self.params.tick_ns;
-                if now >= next {
+                let late = now >= next;
+                if late {
                     count(&mut self.counters.overruns);
                 }
+                if late && !self.late {
+                    self.report_event(Event::Overrun { tick: self.tick });
+                }
+                self.late = late;
                 self.schedule = Schedule::At(next);
                 true
             }
@@ -396,9 +435,12 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let breach = self.judge(k, ratio);
         // What is seen is the funnel that was left, and what the law uses the one that a breach has made of it.
         let left = psi.now;
+        if let Some(lost) = self.too_many_lost() {
+            return self.stop_at(k, left, FaultCode::NEIGHBOURS_LOST, lost);
+        }
         if breach {
             if self.params.on_breach == OnBreach::Stop {
-                return self.stop_at_breach(k, left);
+                return self.stop_at(k, left, FaultCode::FUNNEL_LEFT, self.id().get().into());
             }
             psi = self.reopen(k, ratio, psi);
         }
@@ -408,13 +450,23 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.advance(k);
     }
 
-    /// The policy `stop`: no input, the state stays.
-    fn stop_at_breach(&mut self, k: u32, psi: F) {
+    /// How many neighbours are lost, where that stops the node.
+    fn too_many_lost(&self) -> Option<u16> {
+        let limit = usize::from(self.params.lost_neighbours);
+        if limit == 0 {
+            return None;
+        }
+        let lost = self.params.neighbours.lost();
+        (lost >= limit).then_some(lost as u16)
+    }
+
+    /// Stops at tick `k` by `code`: no input, the state stays.
+    fn stop_at(&mut self, k: u32, psi: F, code: FaultCode, arg: u16) {
         self.parts.iter_mut().for_each(|part| part.u = F::ZERO);
         self.observe(k, psi);
         self.tick = k.wrapping_add(1);
         count(&mut self.counters.ticks);
-        self.fault(FaultCode::FUNNEL_LEFT);
+        self.fail(code, arg);
     }
 
     /// Diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself.
@@ -610,19 +662,22 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.fail(code, u16::from(self.params.id.get()));
     }
 
+    /// Tells the link something that does not stop the node; `arg` is the detail of the FAULT.
+    pub fn warn(&mut self, code: FaultCode, arg: u16) {
+        self.outgoing.fault = Some(self.fault_message(code, Severity::Warning, arg));
+    }
+
+    fn fault_message(&self, code: FaultCode, severity: Severity, arg: u16) -> Message {
+        Message::Fault { source: self.params.id, code, severity, arg, tick: TickStamp::full(self.tick) }
+    }
+
     /// Stops, says so once on the link, and stays silent until it is configured anew. `arg` is the detail of the FAULT.
     pub fn fail(&mut self, code: FaultCode, arg: u16) {
         if matches!(self.phase, Phase::Faulted(_)) {
             return;
         }
         self.halt(Phase::Faulted(code));
-        self.outgoing.fault = Some(Message::Fault {
-            source: self.params.id,
-            code,
-            severity: Severity::Stopped,
-            arg,
-            tick: TickStamp::full(self.tick),
-        });
+        self.outgoing.fault = Some(self.fault_message(code, Severity::Stopped, arg));
         self.report_event(Event::Fault(code));
     }
 

@@ -68,6 +68,11 @@ pub enum Event {
         /// How many.
         missed: u32,
     },
+    /// Ticks of the timer come a whole period late or more, from this one on.
+    Overrun {
+        /// Tick number.
+        tick: u32,
+    },
     /// The node has stopped by itself.
     Fault(FaultCode),
 }
@@ -99,6 +104,9 @@ macro_rules! say {
                 theirs
             ),
             Event::SyncGap { missed } => $($write)::+!($f, "skips {} ticks that SYNC has skipped", missed),
+            Event::Overrun { tick } => {
+                $($write)::+!($f, "is late by a whole period or more from tick {} on", tick)
+            }
             Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
         }
     };

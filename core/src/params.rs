@@ -66,6 +66,10 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     pub neighbours: Neighbours<F>,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
+    /// So many neighbours lost at the same time stop the node; 0 never does.
+    pub lost_neighbours: u8,
+    /// How long a running node goes on without a SYNC that it waits for, ns; `None`: for ever.
+    pub holdover_ns: Option<u64>,
 }
 
 /// A breach policy, prepared.
@@ -160,6 +164,8 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
             neighbours,
             plant: None,
+            lost_neighbours: config.lost_neighbours,
+            holdover_ns: check_holdover(config)?,
         })
     }
 
@@ -192,6 +198,16 @@ fn check_id(field: ConfigField, index: usize, id: u8) -> Result<NodeId, ConfigEr
         low,
         high,
     })
+}
+
+/// A tick has to fit in. Only a node that ticks by SYNC can miss one.
+fn check_holdover(config: &NodeConfig) -> Result<Option<u64>, ConfigError> {
+    let holdover_ns = config.holdover_ns;
+    if holdover_ns == 0 {
+        return Ok(None);
+    }
+    check(ConfigField::Holdover, 0, holdover_ns as f64, f64::from(config.tick_ns), 1e18)?;
+    Ok((config.tick_source == TickSource::Sync).then_some(holdover_ns))
 }
 
 /// The number of components, and what has to fit it.

@@ -2,6 +2,7 @@
 //!
 //! Firmware wraps a link around it; tests drive it in memory.
 
+use crate::feeding::Progress;
 use crate::model::{Configured, Model};
 use crate::node::{Action, Node};
 use crate::observe::{Event, Phase};
@@ -12,7 +13,7 @@ use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, Telemetry};
 use funnel_protocol::serial::{Frame, HOST};
-use funnel_protocol::service::{Body, Identity, Reply, Request, StoreError, kind};
+use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StoreError, kind};
 
 /// What the firmware shall do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,6 +51,8 @@ pub struct Session<M: Model = Configured> {
     reported: (u32, u8),
     reply: Option<Reply>,
     keep: Option<Keep>,
+    /// Argument of the FAULT that says why the node was gone, until it has an id to say it with.
+    confession: Option<u16>,
     /// The app is to be told that the actuator belongs in its safe position.
     safe: bool,
 }
@@ -82,6 +85,7 @@ impl<M: Model> Session<M> {
             reported: (0, 0),
             reply: None,
             keep: None,
+            confession: confession(identity.reset),
             safe: true,
         }
     }
@@ -136,6 +140,11 @@ impl<M: Model> Session<M> {
     /// Own id, 0 while blank: the source of its frames.
     pub fn id(&self) -> u8 {
         self.node.as_ref().map_or(HOST, |node| node.id().get())
+    }
+
+    /// What its node has done and waits for, for the watchdog; a blank one waits.
+    pub fn progress(&self) -> Progress {
+        self.node.as_ref().map_or_else(Progress::default, Node::progress)
     }
 
     /// When [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
@@ -245,7 +254,10 @@ impl<M: Model> Session<M> {
         if self.is_running() {
             return Err(ConfigError::Running);
         }
-        let node = Node::new(Params::of_model(&config, &self.model)?);
+        let mut node = Node::new(Params::of_model(&config, &self.model)?);
+        if let Some(arg) = self.confession.take() {
+            node.warn(FaultCode::PANIC, arg);
+        }
         // The old one may have stopped just now.
         self.safe = self.take_safe();
         self.node = Some(node);
@@ -282,5 +294,14 @@ impl<M: Model> Session<M> {
             Some(node) => node.refuse(reason),
             None => self.counters.refuse(reason),
         }
+    }
+}
+
+/// What the other nodes are to know of the last restart (protocol/README.md, fault code 3).
+fn confession(reset: ResetCause) -> Option<u16> {
+    match reset {
+        ResetCause::Panic => Some(1),
+        ResetCause::HardFault => Some(2),
+        _ => None,
     }
 }

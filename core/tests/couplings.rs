@@ -40,6 +40,8 @@ fn config(id: usize, n: usize, state: &[f32]) -> NodeConfig {
         neighbours: neighbours.collect(),
         extrapolate_ticks: 3,
         telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 

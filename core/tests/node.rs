@@ -26,6 +26,8 @@ fn config() -> NodeConfig {
         neighbours: [edge(2)].into_iter().collect(),
         extrapolate_ticks: 3,
         telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 
@@ -48,6 +50,14 @@ fn state(source: u8, tick: u32, x: f32) -> Message {
 
 fn start() -> Message {
     Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 }
+}
+
+fn stop() -> Message {
+    Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 }
+}
+
+fn sync(previous: u32) -> Message {
+    Message::Sync { source: None, previous_tick: TickStamp::low(previous, 24), phase_us: 0 }
 }
 
 fn actions(node: &mut Node, now: u64) -> Vec<Action> {
@@ -99,6 +109,14 @@ fn late_ticks_are_made_up_for_one_by_one_and_counted() {
     assert_eq!(node.tick(), 4);
     assert_eq!(node.counters().overruns, 3);
     assert_eq!(sent(&all).len(), 1, "only the latest state is worth sending: {all:?}");
+    // Said once, until one has been in time.
+    let overruns = |actions: &[Action]| {
+        let late = |action: &&Action| matches!(action, Action::Report(Event::Overrun { .. }));
+        actions.iter().filter(late).copied().collect::<Vec<_>>()
+    };
+    assert_eq!(overruns(&all), [Action::Report(Event::Overrun { tick: 0 })]);
+    assert_eq!(overruns(&actions(&mut node, 5 * MS)), []);
+    assert_eq!(overruns(&actions(&mut node, 7 * MS)), [Action::Report(Event::Overrun { tick: 5 })]);
 }
 
 #[test]
@@ -296,4 +314,83 @@ fn configurations_out_of_range_are_refused_by_name() {
     assert_eq!(Params::<f32>::new(&bad).unwrap_err(), ConfigError::DuplicateNeighbour { id: 2 });
     let text = refused(|c| c.neighbours[0].weight = -1.0).to_string();
     assert_eq!(text, "graph weight = -1: allowed are 0.000000001 to 1000000");
+}
+
+#[test]
+fn so_many_neighbours_lost_at_once_stop_it_and_one_that_comes_back_does_not_count() {
+    let limited = |lost_neighbours| {
+        let neighbours = [edge(2), edge(3), edge(4)].into_iter().collect();
+        started(&NodeConfig { lost_neighbours, neighbours, extrapolate_ticks: 1, ..config() })
+    };
+    // 4 is never heard: it is not lost. 2 falls silent after tick 0, and 3 after tick 2; each is dropped two ticks later.
+    let play = |node: &mut Node, back: bool| {
+        for k in 0..=4 {
+            let speak = |id: u8| match id {
+                2 => k == 0 || (back && k == 3),
+                _ => k <= 2,
+            };
+            for id in [2, 3].into_iter().filter(|&id| speak(id)) {
+                node.on_message(&state(id, k, 1.0), u64::from(k) * MS).unwrap();
+            }
+            if k == 4 {
+                return actions(node, 5 * MS);
+            }
+            let before = actions(node, u64::from(k + 1) * MS);
+            assert_eq!(node.phase(), Phase::Running, "tick {k}: {before:?}");
+        }
+        unreachable!()
+    };
+    let mut node = limited(2);
+    let stopped = play(&mut node, false);
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::NEIGHBOURS_LOST));
+    let [Message::Fault { code: FaultCode::NEIGHBOURS_LOST, arg: 2, .. }] = sent(&stopped)[..] else {
+        panic!("{stopped:?}")
+    };
+    assert_eq!(stopped[0], Action::Safe);
+    assert_eq!((seen(&node).u, seen(&node).tick, node.poll_at()), (0.0, 4, None));
+
+    for (lost_neighbours, back) in [(2, true), (3, false), (0, false)] {
+        let mut node = limited(lost_neighbours);
+        play(&mut node, back);
+        assert_eq!(node.phase(), Phase::Running, "{lost_neighbours} {back}");
+    }
+}
+
+#[test]
+fn without_sync_for_longer_than_its_holdover_it_stops() {
+    let held = NodeConfig { tick_source: TickSource::Sync, holdover_ns: 20 * MS, ..config() };
+    let mut node = started(&held);
+    // From the start on, and then from each SYNC that is taken: a repeated one is none.
+    assert_eq!(node.poll_at(), Some(20 * MS));
+    node.on_message(&sync(u32::MAX), 15 * MS).unwrap();
+    actions(&mut node, 15 * MS);
+    assert_eq!(node.poll_at(), Some(35 * MS));
+    assert_eq!(node.on_message(&sync(u32::MAX), 30 * MS), Err(Refusal::TickWindow));
+    assert_eq!(actions(&mut node, 35 * MS - 1), []);
+    let stopped = actions(&mut node, 37 * MS);
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::HOLDOVER));
+    let [Message::Fault { code: FaultCode::HOLDOVER, arg: 22, .. }] = sent(&stopped)[..] else {
+        panic!("{stopped:?}")
+    };
+    assert_eq!((stopped[0], node.poll_at()), (Action::Safe, None));
+}
+
+#[test]
+fn only_a_running_node_that_ticks_by_sync_can_miss_one() {
+    let held = NodeConfig { tick_source: TickSource::Sync, holdover_ns: 20 * MS, ..config() };
+    let mut ready = node(&held);
+    assert_eq!((ready.poll_at(), actions(&mut ready, 100 * MS)), (None, vec![]));
+    let mut endless = started(&NodeConfig { holdover_ns: 0, ..held.clone() });
+    assert_eq!((endless.poll_at(), actions(&mut endless, u64::MAX)), (None, vec![]));
+    let mut stopped = started(&held);
+    stopped.on_message(&stop(), MS).unwrap();
+    actions(&mut stopped, MS);
+    assert_eq!((stopped.poll_at(), actions(&mut stopped, 100 * MS)), (None, vec![]));
+    let mut timed = started(&NodeConfig { tick_source: TickSource::Timer, ..held.clone() });
+    actions(&mut timed, MS);
+    assert_eq!(timed.poll_at(), Some(2 * MS));
+
+    let short = Params::<f32>::new(&NodeConfig { holdover_ns: MS - 1, ..held }).unwrap_err();
+    let ConfigError::OutOfRange { field: ConfigField::Holdover, low, .. } = short else { panic!("{short}") };
+    assert_eq!(low, MS as f64);
 }

@@ -412,7 +412,7 @@ fn a_plant_that_its_model_sees_beyond_its_limit_is_not_driven_further() {
 fn a_plant_with_another_number_of_components_is_refused_by_name() {
     let mut known = Known::badly(Heater::default());
     known.plant.inputs = [InputRange::new(-1.0, 1.0).unwrap(); 2].into_iter().collect();
-    let identity = funnel_protocol::service::Identity { wire_version: 1, firmware: [0; 3], id: 0, uid: 0 };
+    let identity = funnel_protocol::service::Identity { wire_version: 1, ..Default::default() };
     let refused = Session::with_model(identity, known).restore(config(1, &[2]));
     let expected =
         ConfigError::OutOfRange { field: ConfigField::Components, index: 0, found: 1.0, low: 2.0, high: 2.0 };

@@ -1,17 +1,24 @@
 //! A session in memory: identity, configuration and its refusals, telemetry, report.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnel_core::{Output, Session};
+use funnel_core::{Output, Phase, Session};
 use funnel_protocol::config::{
     BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
     GainConfig, NodeConfig, TickSource, scalar,
 };
-use funnel_protocol::message::{Command, Message, Target, TickStamp};
+use funnel_protocol::message::{Command, Message, Severity, Target, TickStamp};
 use funnel_protocol::serial::Frame;
-use funnel_protocol::service::{Body, Identity, Reply, Request, StoreError, kind};
+use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StoreError, kind};
 use funnel_protocol::{FaultCode, Refusal, WIRE_VERSION};
 
-const IDENTITY: Identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid: 42 };
+const IDENTITY: Identity = Identity {
+    wire_version: WIRE_VERSION,
+    firmware: [0, 1, 0],
+    id: 0,
+    uid: 42,
+    reset: ResetCause::Pin,
+    starts: 7,
+};
 
 fn config() -> NodeConfig {
     NodeConfig {
@@ -28,6 +35,8 @@ fn config() -> NodeConfig {
         neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
         extrapolate_ticks: 3,
         telemetry_every: 2,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 
@@ -179,4 +188,34 @@ fn a_restored_node_is_ready_with_its_id() {
     assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(identity))]);
     let started = tell(&mut session, start());
     assert!(started.iter().any(|o| matches!(o, Output::Send(Message::State { x: 1.0, .. }))), "{started:?}");
+}
+
+#[test]
+fn after_a_panic_it_says_so_once_it_has_its_id_and_does_not_run_by_itself() {
+    for (reset, said) in [
+        (ResetCause::Panic, Some(1)),
+        (ResetCause::HardFault, Some(2)),
+        (ResetCause::Watchdog, None),
+        (ResetCause::PowerOn, None),
+    ] {
+        let mut session = Session::new(Identity { reset, ..IDENTITY });
+        assert_eq!(outputs(&mut session), [Output::Safe]);
+        session.restore(config()).unwrap();
+        let restored = outputs(&mut session);
+        let fault = |output: &Output| match output {
+            Output::Send(Message::Fault { source, code: FaultCode::PANIC, severity, arg, .. }) => {
+                Some((source.get(), *severity, *arg))
+            }
+            _ => None,
+        };
+        let faults: Vec<_> = restored.iter().filter_map(fault).collect();
+        let expected: Vec<_> = said.map(|arg| (3, Severity::Warning, arg)).into_iter().collect();
+        assert_eq!(faults, expected, "{reset}: {restored:?}");
+        assert_eq!(session.node().unwrap().phase(), Phase::Ready);
+        // Once is enough, and it can be started.
+        let again = ask(&mut session, &Request::Configure(config()));
+        assert_eq!(again, [Output::Reply(Reply::Configured(Ok(())))]);
+        tell(&mut session, start());
+        assert_eq!(session.node().unwrap().phase(), Phase::Running);
+    }
 }

@@ -2,26 +2,53 @@
 
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
+use funnel_core::feeding::FEED_EVERY_NS;
 use funnel_core::{Model, Output, Session};
 use funnel_link::Change;
 use funnel_plant::Plant;
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::FaultCode;
-use funnel_protocol::service::{Identity, StoreError};
+use funnel_protocol::service::{Identity, ResetCause, StoreError};
 
 use crate::link::{Input, Link};
+use crate::reset::Start;
 use crate::storage::Storage;
+use crate::watchdog::{Absent, Guard, Watchdog};
 
-/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it. `uid` is the chip's unique number, 0 where it has none.
-pub async fn run(mut link: impl Link, mut storage: impl Storage, mut plant: impl Plant, uid: u64) -> ! {
-    let identity = Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid };
+/// What a node's chip gives it.
+pub struct Chip<W> {
+    /// Its unique number, 0 where it has none.
+    pub uid: u64,
+    /// What is known of its start.
+    pub start: Start,
+    /// Its watchdog.
+    pub watchdog: W,
+}
+
+impl Chip<Absent> {
+    /// Nothing is known of it.
+    pub const UNKNOWN: Self =
+        Self { uid: 0, start: Start { reset: ResetCause::Unknown, starts: 0, place: 0 }, watchdog: Absent };
+}
+
+/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it.
+pub async fn run(
+    mut link: impl Link,
+    mut storage: impl Storage,
+    mut plant: impl Plant,
+    chip: Chip<impl Watchdog>,
+) -> ! {
+    let Chip { uid, start: Start { reset, starts, place }, watchdog } = chip;
+    let identity = Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid, reset, starts };
     let mut session = Session::with_model(identity, plant.model());
     // Before anything else: the session asks for a safe output.
     drain(&mut session, &mut link, &mut storage, &mut plant).await;
     defmt::info!("ready, wire version {=u8}", WIRE_VERSION);
+    defmt::info!("start {=u32}, last reset: {} at {=u32:#x}", starts, reset, place);
     restore(&mut session, &mut storage).await;
+    let mut guard = Guard::start(watchdog);
     loop {
-        step(&mut session, &mut link, &mut storage, &mut plant).await;
+        step(&mut session, &mut link, &mut storage, &mut plant, &mut guard).await;
     }
 }
 
@@ -40,21 +67,23 @@ async fn step<L: Link, S: Storage, P: Plant>(
     link: &mut L,
     storage: &mut S,
     plant: &mut P,
+    guard: &mut Guard<impl Watchdog>,
 ) {
-    match session.poll_at() {
-        None => link.wait().await,
-        Some(at) => {
-            select(link.wait(), Timer::at(instant(at))).await;
-        }
-    }
+    // The watchdog wants to see the loop come round.
+    let latest = now() + FEED_EVERY_NS;
+    let at = session.poll_at().map_or(latest, |at| at.min(latest));
+    select(link.wait(), Timer::at(instant(at))).await;
     while let Some(input) = link.next() {
         match input {
             Input::Frame(frame) => session.on_frame(frame, now()),
             Input::Change(change) => on_change(session, link, change),
         }
         drain(session, link, storage, plant).await;
+        // Here, too: a line that never falls silent keeps the loop in here, and the ticks run.
+        guard.look(session.progress(), now());
     }
     drain(session, link, storage, plant).await;
+    guard.look(session.progress(), now());
 }
 
 /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is configured anew.

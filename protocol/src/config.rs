@@ -245,6 +245,10 @@ pub struct NodeConfig {
     pub extrapolate_ticks: u8,
     /// Ticks between telemetry frames; 0 is none.
     pub telemetry_every: u32,
+    /// So many neighbours that were heard and are silent at the same time stop the node; 0 never does.
+    pub lost_neighbours: u8,
+    /// With SYNC as tick source, a running node that has heard none for so long stops, ns; 0 never does.
+    pub holdover_ns: u64,
 }
 
 macro_rules! fields {
@@ -299,6 +303,7 @@ fields! {
     BreachMargin = "coupling.on_breach.margin",
     BreachRate = "coupling.on_breach.rate",
     NeighbourEdges = "edges of a neighbour",
+    Holdover = "safety.holdover (ns)",
 }
 
 /// Why a node refuses a configuration.

@@ -140,12 +140,16 @@ impl FaultCode {
     pub const DUPLICATE_ID: Self = Self(1);
     /// The node's own state is no longer a finite number within its limit.
     pub const STATE_LIMIT: Self = Self(2);
-    /// The firmware panicked.
+    /// The node has restarted after a panic (argument 1) or a hard fault (2); said as a warning once it has its id.
     pub const PANIC: Self = Self(3);
     /// The diffusive term has left the funnel, and the node is configured to stop then.
     pub const FUNNEL_LEFT: Self = Self(4);
     /// The node's CAN controller went off the bus; the argument is how often so far.
     pub const BUS_OFF: Self = Self(5);
+    /// The node has lost as many neighbours at once as stop it; the argument is how many.
+    pub const NEIGHBOURS_LOST: Self = Self(6);
+    /// No SYNC for longer than the node goes on without; the argument is for how long, ms.
+    pub const HOLDOVER: Self = Self(7);
     /// The node's sensor has failed for longer than it may: the argument is for how many samples. 0: its actuator has failed.
     pub const PLANT: Self = Self(8);
 }
@@ -159,6 +163,8 @@ macro_rules! say {
             FaultCode::PANIC => $($write)::+!($f, "its firmware panicked"),
             FaultCode::FUNNEL_LEFT => $($write)::+!($f, "its diffusive term has left the funnel"),
             FaultCode::BUS_OFF => $($write)::+!($f, "its CAN controller went off the bus"),
+            FaultCode::NEIGHBOURS_LOST => $($write)::+!($f, "it has lost too many neighbours"),
+            FaultCode::HOLDOVER => $($write)::+!($f, "it has heard no SYNC for too long"),
             FaultCode::PLANT => $($write)::+!($f, "its sensor or actuator has failed"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }

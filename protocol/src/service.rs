@@ -37,7 +37,7 @@ pub mod kind {
 }
 
 /// Who a node is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// [`crate::WIRE_VERSION`] of the node.
     pub wire_version: u8,
@@ -47,6 +47,55 @@ pub struct Identity {
     pub id: u8,
     /// The chip's unique number, 0 where it has none.
     pub uid: u64,
+    /// Why it started last.
+    pub reset: ResetCause,
+    /// How often it has started since power-on, this one included; 0 where it does not know.
+    pub starts: u32,
+}
+
+/// What made a node start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ResetCause {
+    /// The node cannot tell.
+    #[default]
+    Unknown,
+    /// Its supply came.
+    PowerOn,
+    /// Its supply was too low for a moment.
+    BrownOut,
+    /// Its reset button or line.
+    Pin,
+    /// Its loop did not come round.
+    Watchdog,
+    /// A debugger, or its own wish.
+    Software,
+    /// Its firmware panicked.
+    Panic,
+    /// Its core took a hard fault.
+    HardFault,
+}
+
+impl ResetCause {
+    /// Whether something went wrong before this start.
+    pub fn is_alarming(self) -> bool {
+        matches!(self, Self::BrownOut | Self::Watchdog | Self::Panic | Self::HardFault)
+    }
+}
+
+impl fmt::Display for ResetCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unknown => "unknown",
+            Self::PowerOn => "power-on",
+            Self::BrownOut => "brown-out",
+            Self::Pin => "pin",
+            Self::Watchdog => "watchdog",
+            Self::Software => "software",
+            Self::Panic => "panic",
+            Self::HardFault => "hard fault",
+        })
+    }
 }
 
 /// Why a node has not stored its configuration, or erased the stored one.

@@ -37,6 +37,8 @@ fn largest_config() -> NodeConfig {
         neighbours: (0..MAX_NEIGHBOURS).map(|_| EdgeConfig { id: 127, weight: 1.0, edges: 126 }).collect(),
         extrapolate_ticks: 255,
         telemetry_every: u32::MAX,
+        lost_neighbours: u8::MAX,
+        holdover_ns: u64::MAX,
     }
 }
 

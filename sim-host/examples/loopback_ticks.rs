@@ -36,6 +36,8 @@ fn config(index: usize) -> NodeConfig {
         neighbours: neighbours.into_iter().collect(),
         extrapolate_ticks: 10,
         telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 

@@ -85,6 +85,8 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             neighbours: collect(neighbours).ok_or(too_much("neighbours", MAX_NEIGHBOURS))?,
             extrapolate_ticks: EXTRAPOLATE_TICKS,
             telemetry_every: drive.telemetry_every,
+            lost_neighbours: scenario.safety.lost_neighbours,
+            holdover_ns: scenario.safety.holdover_ns.unwrap_or(0),
         })
     };
     scenario.nodes.iter().enumerate().map(config).collect()

@@ -12,7 +12,7 @@ use funnel_protocol::can;
 use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Identity, Reply, StoreError};
+use funnel_protocol::service::{Identity, Reply, ResetCause, StoreError};
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -67,7 +67,14 @@ pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
     }
     std::thread::spawn(move || read(from_host, &sender));
     let [major, minor, patch] = [0, 1, 2].map(version);
-    let identity = Identity { wire_version: WIRE_VERSION, firmware: [major, minor, patch], id: 0, uid };
+    let identity = Identity {
+        wire_version: WIRE_VERSION,
+        firmware: [major, minor, patch],
+        id: 0,
+        uid,
+        reset: ResetCause::PowerOn,
+        starts: 1,
+    };
     HostNode {
         session: Session::new(identity),
         deframer: Deframer::new(),

@@ -3,14 +3,15 @@
 
 use funnel_core::{Output, Phase, Session};
 use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::message::Message;
-use funnel_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Identity, Reply};
+use funnel_protocol::message::{FaultCode, Message};
+use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
+use funnel_protocol::service::{Identity, Reply, ResetCause};
 use rustix::fs::OFlags;
 use rustix::pty::{self, OpenptFlags};
 use sim_host::emulator::decode_log;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -81,6 +82,12 @@ struct Board {
 
 impl Board {
     fn start(uid: u64, script: Script) -> Self {
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
+        Self::start_as(identity, script)
+    }
+
+    fn start_as(identity: Identity, script: Script) -> Self {
         // Closed in programs that other tests start meanwhile: they would keep an unplugged board's line open.
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let port = pty::openpt(flags).unwrap();
@@ -90,7 +97,6 @@ impl Board {
         let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
         let port = File::from(port);
         let (quit, states) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
-        let identity = Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], id: 0, uid };
         let session = Session::new(identity);
         let mut played = Played {
             port,
@@ -147,8 +153,12 @@ impl Played {
                     0
                 }
             };
+            let now = || u64::try_from(begin.elapsed().as_nanos()).unwrap();
+            if self.session.poll_at().is_some_and(|at| at <= now()) {
+                self.drain(now());
+            }
             for &byte in &bytes[..length] {
-                let now = u64::try_from(begin.elapsed().as_nanos()).unwrap();
+                let now = now();
                 if let Some(frame) = self.deframer.push(byte) {
                     self.session.on_frame(frame, now);
                     self.drain(now);
@@ -436,6 +446,76 @@ fn a_node_that_was_left_running_is_stopped_and_configured() {
     let ended = bench.run(&[]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
+}
+
+/// Kills a bench (SIGKILL) whose nodes run, and gives what the node at `port` says within five seconds.
+fn orphaned(bench: &Bench, port: &str, running: impl FnOnce(), sets: &[&str]) -> Vec<(FaultCode, Duration)> {
+    let mut child = bench.spawn(&[&["--set", "time.duration=10min"], sets].concat());
+    running();
+    // Open at once: what a node says when nobody listens is lost.
+    let mut line = fs::OpenOptions::new()
+        .read(true)
+        .custom_flags((OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32)
+        .open(port)
+        .unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let (begin, mut deframer, mut faults) = (Instant::now(), Deframer::<MAX_RAW>::new(), Vec::new());
+    while begin.elapsed() < Duration::from_secs(5) {
+        let mut bytes = [0; 256];
+        let length = line.read(&mut bytes).unwrap_or(0);
+        for &byte in &bytes[..length] {
+            if let Some(Ok(Frame::RealTime(Message::Fault { code, .. }))) = deframer.push(byte) {
+                faults.push((code, begin.elapsed()));
+            }
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    faults
+}
+
+#[test]
+fn nodes_whose_host_program_dies_stop_by_themselves() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    let running = || boards.iter().for_each(Board::wait_until_running);
+    // Twice answer_within.
+    let faults = orphaned(&bench, &boards[1].path, running, &[]);
+    let [(FaultCode::HOLDOVER, after)] = faults[..] else { panic!("{faults:?}") };
+    assert!(after > Duration::from_millis(1_900) && after < Duration::from_secs(4), "{after:?}");
+    assert_eq!(boards.map(Board::end), [Some(Phase::Faulted(FaultCode::HOLDOVER)); 3]);
+}
+
+#[test]
+fn the_holdover_of_the_scenario_is_the_one_that_counts() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    let running = || boards.iter().for_each(Board::wait_until_running);
+    let faults = orphaned(&bench, &boards[1].path, running, &["--set", "safety.holdover=500ms"]);
+    let [(FaultCode::HOLDOVER, after)] = faults[..] else { panic!("{faults:?}") };
+    assert!(after > Duration::from_millis(400) && after < Duration::from_millis(1_800), "{after:?}");
+}
+
+#[test]
+fn a_node_that_has_panicked_is_named_and_runs_when_it_is_told_to() {
+    let panicked = Identity {
+        wire_version: WIRE_VERSION,
+        uid: 2,
+        reset: ResetCause::Panic,
+        starts: 5,
+        ..Identity::default()
+    };
+    let boards = [Board::good(1), Board::start_as(panicked, Box::new(|_| Act::Send)), Board::good(3)];
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let warning = "node 2: last reset: panic (starts since power-on: 5)";
+    assert_eq!(ended.err.lines().filter(|line| line.contains("last reset")).collect::<Vec<_>>(), [warning]);
+    let summary = bench.summary();
+    assert_eq!(
+        (&summary["bench"]["bit_for_bit"], &summary["stopped"]),
+        (&true.into(), &serde_json::json!([]))
+    );
 }
 
 #[test]
@@ -775,4 +855,16 @@ fn an_emulated_node_that_is_killed_is_named_and_the_others_stop() {
     let place = format!("the serial port {} of node 2 ended", nodes[1].path);
     ended.failed(3, &[&place, "stopped: 1, 3; told to stop, but did not confirm it: 2"]);
     assert!(ended.took < AT_ONCE, "{:?}", ended.took);
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn an_emulated_node_whose_host_program_dies_stops_by_itself() {
+    let nodes: Vec<_> = (0..3).map(|_| Emulated::start()).collect();
+    let entries: Vec<_> = nodes.iter().map(|node| entry(&node.path)).collect();
+    let bench = Bench::new(SCENARIO, &entries);
+    let running = || nodes.iter().for_each(Emulated::wait_until_running);
+    let faults = orphaned(&bench, &nodes[1].path, running, &[]);
+    let [(FaultCode::HOLDOVER, after)] = faults[..] else { panic!("{faults:?}") };
+    assert!(after > Duration::from_secs(1), "{after:?}");
 }

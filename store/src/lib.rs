@@ -20,6 +20,7 @@
 
 pub mod error;
 mod guard;
+pub mod layout;
 pub mod record;
 
 use core::ops::Range;
@@ -32,8 +33,9 @@ use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
 pub use error::Error;
 use guard::{Guard, GuardError};
+use layout::LAYOUT;
 use postcard::ser_flavors::Flavor;
-use record::{Commit, LAYOUT, checksum};
+use record::{Commit, checksum};
 
 /// Keys of the records.
 const CONFIG: u8 = 0;
@@ -105,7 +107,6 @@ impl<S: NorFlash> Store<S> {
     /// them prevents a new one from being staged and committed.
     pub async fn load(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
         let Some((half, commit)) = self.current else { return Ok(None) };
-        // Layout 1 is the first. Its successors add arms here, and a golden record each in tests/layout.rs.
         if commit.layout > LAYOUT {
             return Err(Error::Newer { layout: commit.layout });
         }
@@ -113,8 +114,7 @@ impl<S: NorFlash> Store<S> {
         if checksum(commit.layout, commit.epoch, bytes) != commit.crc {
             return Err(Error::Corrupt);
         }
-        let (config, rest) = postcard::take_from_bytes(bytes).map_err(|_| Error::Corrupt)?;
-        if rest.is_empty() { Ok(config) } else { Err(Error::Corrupt) }
+        layout::read(commit.layout, bytes).map_err(|_| Error::Corrupt)
     }
 
     /// Writes a configuration, or `None` for a blank node, beside the current one, which stays.

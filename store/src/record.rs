@@ -2,10 +2,6 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
-/// How the configuration beside a commit record is written: 1 is postcard's `Option<NodeConfig>` of wire version 1. A change of
-/// `NodeConfig` changes these bytes, and needs a new number and a reader for this one.
-pub const LAYOUT: u8 = 1;
-
 /// Bytes of a commit record.
 pub const LENGTH: usize = 9;
 
@@ -15,7 +11,7 @@ const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 /// `layout u8, epoch u32, crc u32`, little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Commit {
-    /// Layout of the configuration.
+    /// [Layout](crate::layout) of the configuration.
     pub layout: u8,
     /// How new the configuration is: the larger one counts.
     pub epoch: u32,

@@ -6,7 +6,9 @@ mod flash;
 
 use configs::{longest, small};
 use flash::{Flash, now};
-use funnel_store::record::{Commit, LAYOUT, checksum};
+use funnel_protocol::NodeConfig;
+use funnel_store::layout::LAYOUT;
+use funnel_store::record::{Commit, checksum};
 use funnel_store::{Error, MAX_CONFIG, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
@@ -20,6 +22,17 @@ const CONFIG_1: &str = concat!(
     "410002040000803f02050000803f020302",
 );
 const COMMIT_1: &str = "01050000009adb1478";
+
+/// [`guarded`] of layout 2, epoch 5, written down on the same day and never to be changed.
+const CONFIG_2: &str = concat!(
+    "0103c0843d0001000040400024744901000080bf010000003f0000000000803f0000803f01000020",
+    "410002040000803f02050000803f0203020280cab5ee01",
+);
+const COMMIT_2: &str = "02050000007c467448";
+
+fn guarded() -> NodeConfig {
+    NodeConfig { lost_neighbours: 2, holdover_ns: 500_000_000, ..small(3) }
+}
 
 fn bytes(hex: &str) -> Vec<u8> {
     (0..hex.len()).step_by(2).map(|i| u8::from_str_radix(&hex[i..i + 2], 16).unwrap()).collect()
@@ -45,12 +58,34 @@ fn a_configuration_of_layout_1_is_read_for_ever() {
 }
 
 #[test]
+fn a_configuration_of_layout_2_is_read_for_ever() {
+    assert_eq!(load(written(&bytes(CONFIG_2), &bytes(COMMIT_2))), Ok(Some(guarded())));
+}
+
+#[test]
 fn what_is_stored_now_has_the_golden_bytes() {
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Some(&small(3)))).unwrap();
+    now(store.stage(Some(&guarded()))).unwrap();
     now(store.commit(5)).unwrap();
-    assert_eq!(LAYOUT, 1, "a new layout needs its own golden bytes");
-    assert!(store.release().bytes == written(&bytes(CONFIG_1), &bytes(COMMIT_1)).bytes);
+    assert_eq!(LAYOUT, 2, "a new layout needs its own golden bytes");
+    assert!(store.release().bytes == written(&bytes(CONFIG_2), &bytes(COMMIT_2)).bytes);
+}
+
+/// Layout 1 lacks two fields: neither a record that has one of them nor one that lacks three is of that layout. A blank node lacks none.
+#[test]
+fn an_older_layout_is_read_as_it_was_written_and_not_otherwise() {
+    let good = bytes(CONFIG_1);
+    let loaded = |config: &[u8]| {
+        let commit = Commit { layout: 1, epoch: 5, crc: checksum(1, 5, config) };
+        load(written(config, &commit.encode()))
+    };
+    assert_eq!(loaded(&good), Ok(Some(small(3))));
+    assert_eq!(loaded(&[0]), Ok(None));
+    for config in
+        [&good[..good.len() - 1], &[&good[..], &[0]].concat(), &[&good[..], &[0, 0]].concat(), &[0, 0]]
+    {
+        assert_eq!(loaded(config), Err(Error::Corrupt), "{} bytes", config.len());
+    }
 }
 
 #[test]

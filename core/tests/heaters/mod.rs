@@ -115,6 +115,8 @@ pub fn config(own: u8, others: &[u8]) -> NodeConfig {
         neighbours: others.iter().map(edge).collect(),
         extrapolate_ticks: 3,
         telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 
@@ -124,8 +126,10 @@ pub fn constant(width: f32) -> FunnelConfig {
 
 /// A configured session whose program has started.
 pub fn session<M: Model>(model: M, config: NodeConfig) -> Session<M> {
-    let mut session =
-        Session::with_model(Identity { wire_version: 1, firmware: [0; 3], id: 0, uid: 0 }, model);
+    let mut session = Session::with_model(
+        Identity { wire_version: 1, firmware: [0; 3], id: 0, uid: 0, ..Identity::default() },
+        model,
+    );
     assert_eq!(session.poll(0), Some(Output::Safe), "at the start of the program");
     session.restore(config).unwrap();
     session

@@ -12,10 +12,12 @@ use embassy_rp::gpio::Pull;
 use embassy_rp::pwm::{self, Pwm};
 use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
+use firmware::rp::{self, Timer};
 use firmware::storage::Absent;
-use firmware::{app, heater, panic};
+use firmware::{heater, panic, reset};
 use funnel_plant::Source;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -25,6 +27,8 @@ bind_interrupts!(struct Interrupts {
 
 /// Bit/s.
 const BIT_RATE: u32 = 1_000_000;
+/// The heater's pin, GP20.
+const HEATER: usize = 20;
 /// The heater's 1 kHz: 125 MHz / 5 / 25,000.
 const PWM: (u8, u16) = (5, 24_999);
 
@@ -43,9 +47,19 @@ impl Source for Converter {
 }
 
 #[embassy_executor::task]
-async fn node(uart: BufferedUart, converter: Converter, pwm: Pwm<'static>) {
+async fn node(uart: BufferedUart, converter: Converter, pwm: Pwm<'static>, chip: Chip<Timer>) {
     let plant = heater::plant(converter, pwm, heater::MODEL);
-    app::run(Serial::new(uart), Absent, plant, 0).await
+    app::run(Serial::new(uart), Absent, plant, chip).await
+}
+
+/// The pin low, whatever the PWM does: its function back to a disabled one, its pull-down as after a reset.
+fn heater_off() {
+    use embassy_rp::pac::{IO_BANK0, PADS_BANK0};
+    PADS_BANK0.gpio(HEATER).modify(|pad| {
+        pad.set_od(true);
+        pad.set_pde(true);
+    });
+    IO_BANK0.gpio(HEATER).ctrl().modify(|control| control.set_funcsel(0x1F));
 }
 
 #[entry]
@@ -55,6 +69,9 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_rp::init(Default::default());
+    let start = reset::begin(rp::cause());
+    panic::on_defect(heater_off);
+    let of_node = Chip { uid: 0, start, watchdog: Timer::new(chip.WATCHDOG) };
     let mut config = uart::Config::default();
     config.baudrate = BIT_RATE;
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
@@ -64,7 +81,7 @@ fn main() -> ! {
     let mut config = pwm::Config::default();
     (config.divider, config.top) = (PWM.0.into(), PWM.1);
     let pwm = Pwm::new_output_a(chip.PWM_SLICE2, chip.PIN_20, config);
-    let node = node(uart, converter, pwm).expect("the task is spawned once");
+    let node = node(uart, converter, pwm, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

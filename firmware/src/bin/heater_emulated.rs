@@ -13,12 +13,13 @@ use cortex_m_rt::entry;
 use critical_section::Mutex;
 use defmt_semihosting as _;
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::heater::{self, Block, FULL, SENSOR};
 use firmware::link::serial::Serial;
 use firmware::mps2::{time, uart::Uart0};
+use firmware::panic;
 use firmware::storage::Absent;
-use firmware::{app, panic};
 use funnel_core::Model;
 use funnel_plant::Source;
 use funnel_protocol::NodeConfig;
@@ -128,7 +129,7 @@ impl SetDutyCycle for Pin {
 #[embassy_executor::task]
 async fn node(link: Uart0) {
     let plant = heater::plant(Converter, Pin, Placed);
-    app::run(Serial::new(link), Absent, plant, 0).await
+    app::run(Serial::new(link), Absent, plant, Chip::UNKNOWN).await
 }
 
 #[entry]

@@ -6,29 +6,36 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::mps2::{time, uart::Uart0};
+use firmware::reset::{self, Start};
 use firmware::storage::Absent;
-use firmware::{app, panic};
+use firmware::{panic, watchdog};
 use funnel_plant::Virtual;
+use funnel_protocol::service::ResetCause;
 use static_cell::StaticCell;
 
 /// What hardware would run at; the emulator doesn't wait for bits.
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn node(link: Uart0) {
-    app::run(Serial::new(link), Absent, Virtual, 0).await
+async fn node(link: Uart0, start: Start) {
+    // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
+    let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
+    app::run(Serial::new(link), Absent, Virtual, chip).await
 }
 
 #[entry]
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    // The board's hardware does not tell.
+    let start = reset::begin(ResetCause::Unknown);
     time::start();
     let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
-    let node = node(link).expect("the task is spawned once");
+    let node = node(link, start).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

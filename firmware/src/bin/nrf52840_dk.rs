@@ -10,10 +10,12 @@ use embassy_nrf::buffered_uarte::{self, BufferedUarte};
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, pac, peripherals, uarte};
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
+use firmware::nrf::{self, Wdt};
 use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{app, panic};
+use firmware::{panic, reset};
 use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -22,9 +24,9 @@ bind_interrupts!(struct Interrupts {
 });
 
 #[embassy_executor::task]
-async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>) {
+async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>, chip: Chip<Wdt>) {
     let storage = InFlash::open(Blocking(flash), region(0)).await;
-    app::run(Serial::new(uart), storage, Virtual, uid()).await
+    app::run(Serial::new(uart), storage, Virtual, chip).await
 }
 
 /// The chip's number, from its factory information.
@@ -48,6 +50,8 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_nrf::init(clocks());
+    let start = reset::begin(nrf::cause());
+    let of_node = Chip { uid: uid(), start, watchdog: Wdt::Idle(chip.WDT) };
     let mut config = uarte::Config::default();
     config.baudrate = uarte::Baudrate::Baud1m;
     let (receive, transmit) = (RECEIVE.take(), TRANSMIT.take());
@@ -64,7 +68,7 @@ fn main() -> ! {
         receive,
         transmit,
     );
-    let node = node(uart, Nvmc::new(chip.NVMC)).expect("the task is spawned once");
+    let node = node(uart, Nvmc::new(chip.NVMC), of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

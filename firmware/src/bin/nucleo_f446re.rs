@@ -16,13 +16,15 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Config, bind_interrupts, peripherals};
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
 use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
+use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::uid;
 use firmware::storage::Absent;
-use firmware::{app, panic};
+use firmware::{panic, reset};
 use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -40,9 +42,9 @@ const BIT_RATE: u32 = 115_200;
 const TIMING: NominalBitTiming = timing(2, 15, 4);
 
 #[embassy_executor::task]
-async fn node(link: CanNode<BxCan, BufferedUart<'static>>) {
+async fn node(link: CanNode<BxCan, BufferedUart<'static>>, chip: Chip<Iwdg>) {
     // Its pages are of 128 KiB but for the first ones, where the program is.
-    app::run(link, Absent, Virtual, uid()).await
+    app::run(link, Absent, Virtual, chip).await
 }
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.
@@ -71,6 +73,8 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_stm32::init(clocks());
+    let start = reset::begin(safety::cause());
+    let of_node = Chip { uid: uid(), start, watchdog: Iwdg::new(chip.IWDG) };
     let mut config = usart::Config::default();
     config.baudrate = BIT_RATE;
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
@@ -78,7 +82,7 @@ fn main() -> ! {
         .expect("the bit rate is possible");
     let can = Can::new(chip.CAN1, chip.PA11, chip.PA12, Interrupts);
     let can = BxCan::start(can, TIMING, BUFFER.take());
-    let node = node(CanNode::new(can, Serial::new(uart))).expect("the task is spawned once");
+    let node = node(CanNode::new(can, Serial::new(uart)), of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -16,13 +16,15 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Config, bind_interrupts, peripherals};
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
 use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
+use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::uid;
 use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{app, panic};
+use firmware::{panic, reset};
 use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -40,10 +42,14 @@ const NOMINAL: NominalBitTiming = timing(1, 63, 16);
 const FD: Option<FdTiming> = if cfg!(feature = "can-fd") { Some(fd_timing(1, 29, 10)) } else { None };
 
 #[embassy_executor::task]
-async fn node(link: CanNode<FdCan, BufferedUart<'static>>, flash: Flash<'static, flash::Blocking>) {
+async fn node(
+    link: CanNode<FdCan, BufferedUart<'static>>,
+    flash: Flash<'static, flash::Blocking>,
+    chip: Chip<Iwdg>,
+) {
     // In the second bank, while the program runs in the first.
     let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(link, storage, Virtual, uid()).await
+    app::run(link, storage, Virtual, chip).await
 }
 
 /// 160 MHz, and 80 MHz for FDCAN, both from the crystal (24 MHz): the RC oscillator is too inaccurate for CAN.
@@ -74,6 +80,8 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_stm32::init(clocks());
+    let start = reset::begin(safety::cause());
+    let of_node = Chip { uid: uid(), start, watchdog: Iwdg::new(chip.IWDG) };
     let mut config = usart::Config::default();
     config.baudrate = BIT_RATE;
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
@@ -83,7 +91,7 @@ fn main() -> ! {
     let can = CanConfigurator::new(chip.FDCAN1, chip.PA11, chip.PA12, Interrupts);
     let can = FdCan::start(can, NOMINAL, FD, BUFFERS.take());
     let flash = Flash::new_blocking(chip.FLASH);
-    let node = node(CanNode::new(can, Serial::new(uart)), flash).expect("the task is spawned once");
+    let node = node(CanNode::new(can, Serial::new(uart)), flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -9,10 +9,12 @@ use defmt_rtt as _;
 use embassy_rp::flash::{self, Flash};
 use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
+use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
+use firmware::rp::{self, Timer};
 use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{app, panic};
+use firmware::{panic, reset};
 use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -27,9 +29,9 @@ type PicoFlash = Flash<'static, peripherals::FLASH, flash::Blocking, FLASH_SIZE>
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn node(uart: BufferedUart, flash: PicoFlash, uid: u64) {
+async fn node(uart: BufferedUart, flash: PicoFlash, chip: Chip<Timer>) {
     let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(Serial::new(uart), storage, Virtual, uid).await
+    app::run(Serial::new(uart), storage, Virtual, chip).await
 }
 
 /// The flash's number, since the chip has none; 0 where it cannot be read.
@@ -45,14 +47,15 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_rp::init(Default::default());
+    let start = reset::begin(rp::cause());
     // Before anything else runs: the flash cannot be executed from while it is asked.
     let mut flash = PicoFlash::new_blocking(chip.FLASH);
-    let uid = uid(&mut flash);
+    let of_node = Chip { uid: uid(&mut flash), start, watchdog: Timer::new(chip.WATCHDOG) };
     let mut config = uart::Config::default();
     config.baudrate = BIT_RATE;
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
     let uart = BufferedUart::new(chip.UART0, chip.PIN_0, chip.PIN_1, Interrupts, transmit, receive, config);
-    let node = node(uart, flash, uid).expect("the task is spawned once");
+    let node = node(uart, flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -11,27 +11,31 @@ use firmware::mps2::{
     flash::{self, Flash},
     time,
     uart::{self, Uart0},
+    watchdog::Apb,
 };
 use firmware::storage::flash::{Blocking, InFlash};
-use firmware::{panic, selftest};
+use firmware::{app::Chip, panic, reset, selftest};
+use funnel_protocol::service::ResetCause;
 use static_cell::StaticCell;
 
 /// What hardware would run at; the emulator doesn't wait for bits.
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn test(link: Uart0) {
+async fn test(link: Uart0, chip: Chip<Apb>) {
     let storage = InFlash::open(Blocking(Flash), 0..flash::SIZE as u32).await;
-    let Ok(()) = selftest::run(link, storage, || uart::lost().in_buffer, time::counts).await;
+    let Ok(()) = selftest::run(link, storage, chip, || uart::lost().in_buffer, time::counts).await;
 }
 
 #[entry]
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    // The board's hardware does not tell.
+    let start = reset::begin(ResetCause::Unknown);
     time::start();
     let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
-    let test = test(link).expect("the task is spawned once");
+    let test = test(link, Chip { uid: 0, start, watchdog: Apb }).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(test))
 }
 

@@ -6,6 +6,7 @@ pub mod interrupt;
 mod register;
 pub mod time;
 pub mod uart;
+pub mod watchdog;
 
 /// Clock of the core and of its peripherals in Hz.
 pub const CLOCK_HZ: u32 = 25_000_000;

@@ -71,3 +71,10 @@ pub fn uart0() -> &'static Uart {
     // SAFETY: AN386 has a CMSDK UART at this address, word aligned, always powered.
     unsafe { &*(0x4000_4000 as *const Uart) }
 }
+
+/// The watchdog of the AN386.
+#[inline(always)]
+pub(super) fn watchdog() -> &'static super::watchdog::Registers {
+    // SAFETY: AN386 has a CMSDK watchdog at this address, word aligned, always powered.
+    unsafe { &*(0x4000_8000 as *const super::watchdog::Registers) }
+}

@@ -14,7 +14,7 @@ use funnel_protocol::message::{Command, Message, Target};
 use funnel_protocol::serial::{self, Deframer, Frame};
 use funnel_protocol::service::Request;
 
-use crate::app;
+use crate::app::{self, Chip};
 use crate::link::serial::Serial;
 use crate::storage::Absent;
 
@@ -95,7 +95,8 @@ impl Seen {
 /// Runs the test.
 pub async fn run<L: Read + Write>(link: &mut L, counts: impl Fn() -> u32) -> Result<(), L::Error> {
     let ports = [const { Port::new() }; NODES];
-    let [a, b, c, d, e] = ports.each_ref().map(|port| app::run(Serial::new(Line(port)), Absent, Virtual, 0));
+    let [a, b, c, d, e] =
+        ports.each_ref().map(|port| app::run(Serial::new(Line(port)), Absent, Virtual, Chip::UNKNOWN));
     let nodes = join5(a, b, c, d, e);
     let conducted = async {
         let outcome = conduct(link, &ports, counts).await;

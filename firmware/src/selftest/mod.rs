@@ -5,15 +5,18 @@
 
 mod can;
 mod hour;
+mod stuck;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 use funnel_plant::Virtual;
 
-use crate::app;
+use crate::app::{self, Chip};
 use crate::link::can::CanNode;
 use crate::link::serial::Serial;
+use crate::panic;
 use crate::storage::{Absent, Storage};
+use crate::watchdog::Watchdog;
 
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
@@ -26,11 +29,13 @@ pub const BULK: u32 = 1_000_000;
 
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
 /// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `s` a node with
-/// storage, `h` a network for an hour. `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
+/// storage, `h` a network for an hour; `P`, `F` a panic and a hard fault that restart the board as hardware does, `x` a node whose watchdog runs and
+/// whose plant gets stuck at its fifth tick. `chip` is the board's, `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
 /// embassy-time is made from.
 pub async fn run<L: Read + Write>(
     mut link: L,
     storage: impl Storage,
+    chip: Chip<impl Watchdog>,
     lost: impl Fn() -> u32,
     counts: impl Fn() -> u32,
 ) -> Result<(), L::Error> {
@@ -46,8 +51,25 @@ pub async fn run<L: Read + Write>(
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
-        b'c' => app::run(CanNode::new(can::Scripted::default(), Serial::new(link)), Absent, Virtual, 0).await,
-        b's' => app::run(Serial::new(link), storage, Virtual, 0).await,
+        b'c' => {
+            app::run(
+                CanNode::new(can::Scripted::default(), Serial::new(link)),
+                Absent,
+                Virtual,
+                Chip::UNKNOWN,
+            )
+            .await
+        }
+        b's' => app::run(Serial::new(link), storage, Virtual, chip).await,
+        b'x' => app::run(Serial::new(link), storage, stuck::Plant::default(), chip).await,
+        b'P' => {
+            restart_with_safe_output();
+            deliberate_panic()
+        }
+        b'F' => {
+            restart_with_safe_output();
+            cortex_m::asm::udf()
+        }
         b'h' => hour::run(&mut link, counts).await,
         b'f' => cortex_m::asm::udf(),
         other => {
@@ -55,6 +77,12 @@ pub async fn run<L: Read + Write>(
             Ok(())
         }
     }
+}
+
+fn restart_with_safe_output() {
+    panic::on_defect(|| defmt::info!("the output is safe"));
+    #[cfg(feature = "mps2-an386")]
+    panic::restart_after_defects();
 }
 
 #[allow(clippy::panic)] // That is the test.

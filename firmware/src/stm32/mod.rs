@@ -6,6 +6,7 @@ pub mod bxcan;
 mod ecc;
 #[cfg(feature = "nucleo-g474re")]
 pub mod fdcan;
+pub mod safety;
 
 use core::num::NonZeroU8;
 

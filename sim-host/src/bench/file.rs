@@ -127,6 +127,16 @@ impl BenchFile {
         Patience { boot: BOOT, answer: self.answer }
     }
 
+    /// How long `nodes` nodes go on without SYNC where the scenario does not say, ns: twice as long as this program waits for one of them, or for
+    /// as many as may be lost at once.
+    pub fn holdover_ns(&self, nodes: usize) -> u64 {
+        let waits = match self.on_loss {
+            OnLoss::Stop => 1,
+            OnLoss::GoOn => nodes.max(1) as u128,
+        };
+        u64::try_from(self.answer.as_nanos() * (waits + 1)).unwrap_or(u64::MAX)
+    }
+
     /// Checks that every node of `scenario` has an entry. Entries of other nodes are allowed: one file per bench will do.
     ///
     /// # Errors

@@ -59,12 +59,17 @@ impl fmt::Display for Listed {
             write!(f, "  usb_serial = \"{number}\"")?;
         }
         match answer {
-            Ok(Identity { wire_version, firmware: [major, minor, patch], id, uid }) => {
+            Ok(Identity { wire_version, firmware: [major, minor, patch], id, uid, reset, starts }) => {
                 write!(
                     f,
                     "  uid = \"{uid:016x}\"  firmware {major}.{minor}.{patch}, wire version {wire_version}, "
                 )?;
-                if *id == 0 { f.write_str("blank") } else { write!(f, "id {id}") }
+                if *id == 0 {
+                    f.write_str("blank")?
+                } else {
+                    write!(f, "id {id}")?
+                }
+                write!(f, ", last reset: {reset}, starts: {starts}")
             }
             Err(why) => write!(f, "  {why}"),
         }

@@ -406,8 +406,9 @@ impl Hub {
                 true => self.wait_on_can(index)?.0,
                 false => node.link.wait_for(self.patience.answer, "state", announcement)?,
             };
+            // A warning says nothing about the state.
+            left -= usize::from(matches!(message, Message::State { .. }));
             self.take_message(index, message, 0);
-            left -= 1;
         }
         Ok(())
     }
@@ -506,8 +507,13 @@ impl Hub {
             Message::Fault { code, severity, .. } => {
                 node.stopped = severity == Severity::Stopped;
                 // Only these faults are the outcome of a tick, which the node has seen as any other.
-                node.ticked = matches!(code, FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT);
-                self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+                node.ticked = matches!(
+                    code,
+                    FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT | FaultCode::NEIGHBOURS_LOST
+                );
+                if node.stopped {
+                    self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+                }
             }
             Message::Edge { .. } => {}
             Message::Ctrl { .. } | Message::Sync { .. } => return,

@@ -42,6 +42,8 @@ pub struct Summary {
     pub expect: Vec<Expectation>,
     /// Ids of the nodes that stopped by themselves, ascending; what they ended with is what they stopped at.
     pub stopped: Vec<u16>,
+    /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have any.
+    pub overruns: u64,
     /// Wall time of the run, in seconds.
     pub wall_s: f64,
 }
@@ -272,7 +274,7 @@ pub(super) mod tests {
             "bus":{"utilisation":0.0,"sent":7,"lost":0,"refused":{"crc":3}},
             "expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
             {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},
-            {"name":"reference_error","limit":0.001,"value":null,"pass":false}],"stopped":[],"wall_s":0.0}"#;
+            {"name":"reference_error","limit":0.001,"value":null,"pass":false}],"stopped":[],"overruns":0,"wall_s":0.0}"#;
         let expected = expected.replace("\n            ", "");
         assert_eq!(serde_json::to_string(&example()).unwrap(), expected);
         assert!(!example().passed());

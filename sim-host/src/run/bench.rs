@@ -4,20 +4,22 @@ use super::error::RunError;
 use super::fidelity::{LOCKSTEP, bus, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
-use crate::bench::{CanLog, Comparison, Difference, Stampings, attach, can_side};
+use crate::bench::{BenchFile, CanLog, Comparison, Difference, Stampings, attach, can_side};
 use crate::configure::node_configs;
 use crate::hub::{Absence, Hub, Link};
 use crate::noise::Noise;
 use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary};
 use crate::scenario::Scenario;
+use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Identity;
+use std::fmt::Display;
 use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
 pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     file.covers(scenario).map_err(RunError::bad_input)?;
-    let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
+    let configs = configs(scenario, file)?;
     let comparison = Comparison::new(engine(scenario)?);
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let on_can = |index: usize| ids.get(index).and_then(|&id| file.node(id)).is_some_and(|node| node.can);
@@ -33,6 +35,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
         Some(side) => hub.with_can(side, on_can),
         None => hub,
     };
+    hub.members().for_each(|(link, identity)| warn_of_reset(link.id(), identity));
     match compared(scenario, options, &mut hub, comparison, files) {
         Ok(outcome) => {
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, ..bench });
@@ -95,6 +98,16 @@ impl Files {
     }
 }
 
+/// What the nodes are told. This program may die, and a node without it must not go on for ever.
+fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, RunError> {
+    let mut configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
+    if scenario.safety.holdover_ns.is_none() {
+        let holdover_ns = file.holdover_ns(configs.len());
+        configs.iter_mut().for_each(|config| config.holdover_ns = holdover_ns.max(config.tick_ns.into()));
+    }
+    Ok(configs)
+}
+
 fn compared(
     scenario: &Scenario,
     options: &RunOptions,
@@ -131,7 +144,15 @@ fn tell(absences: &[Absence], told: &mut Vec<Absence>) {
     *told = absences.to_vec();
 }
 
-fn eprint_line(absence: &Absence) {
+/// Says when something went wrong before a node's last start.
+fn warn_of_reset(node: u8, identity: Identity) {
+    let Identity { reset, starts, .. } = identity;
+    if reset.is_alarming() {
+        eprint_line(&format_args!("node {node}: last reset: {reset} (starts since power-on: {starts})"));
+    }
+}
+
+fn eprint_line(absence: &impl Display) {
     // Nobody is left to tell where standard error is closed.
     let _ = writeln!(std::io::stderr(), "{absence}");
 }

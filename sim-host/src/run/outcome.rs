@@ -68,6 +68,7 @@ impl Outcome {
             bus: self.bus.clone(),
             bench: self.bench.clone(),
             stopped: self.stopped(scenario),
+            overruns: self.counters.iter().map(|counters| u64::from(counters.overruns)).sum(),
             wall_s: 0.0,
         }
     }

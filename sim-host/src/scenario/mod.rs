@@ -15,6 +15,7 @@ mod model;
 mod network;
 mod overrides;
 pub(crate) mod reader;
+mod safety;
 mod topology;
 pub(crate) mod tree;
 
@@ -29,7 +30,7 @@ pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use model::{
     BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FunnelSpec, GainSpec, NodeSpec,
-    NormalisedSpec, Scenario, TimeSpec,
+    NormalisedSpec, SafetySpec, Scenario, TimeSpec,
 };
 pub use overrides::Override;
 
@@ -104,6 +105,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     if let Some(event) = file.take("event") {
         log.report(unsupported(event, "this version runs scenarios without events"));
     }
+    let safety = safety::read(&mut file, time.as_ref().map_or(1, |time| time.tick_ns));
     let expect = read_expect(&mut file);
     file.finish();
     log.checkpoint()?;
@@ -119,7 +121,8 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     log.checkpoint()?;
     let path = path.to_owned();
     let Coupling { kind: coupling, on_breach, .. } = coupling;
-    let scenario = Scenario { title, seed, time, graph, coupling, on_breach, nodes, bus, expect, path };
+    let scenario =
+        Scenario { title, seed, time, graph, coupling, on_breach, nodes, bus, safety, expect, path };
     initial::check(&scenario, &places)?;
     Ok(scenario)
 }

@@ -25,6 +25,8 @@ pub struct Scenario {
     pub nodes: Vec<NodeSpec>,
     /// The bus between the nodes.
     pub bus: BusSpec,
+    /// What stops a node, beside its own state and funnel.
+    pub safety: SafetySpec,
     /// What must hold at the end.
     pub expect: Expect,
     /// The file that it came from, as named by the user.
@@ -147,6 +149,15 @@ pub enum BreachSpec {
         /// 1/s, above zero.
         rate: f64,
     },
+}
+
+/// What stops a node, beside its own state and funnel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SafetySpec {
+    /// So many neighbours lost at the same time; 0 never does.
+    pub lost_neighbours: u8,
+    /// So long without SYNC, ns, where the nodes tick by it.
+    pub holdover_ns: Option<u64>,
 }
 
 /// One node.

@@ -125,7 +125,7 @@ fn unknown_keys_come_with_the_known_ones() {
         errors("[expect]", "[expcet]"),
         "dir/a.toml:28:2: unknown key 'expcet' in the file; known: version, title, seed, time, \
          graph, coupling, \
-         agent, node, bus, event, expect; did you mean 'expect'?"
+         agent, node, bus, event, safety, expect; did you mean 'expect'?"
     );
     assert_eq!(
         errors("kind = \"path\"", "kind = \"pat\""),
@@ -699,6 +699,35 @@ fn what_the_reader_takes_a_node_takes() {
             let params = Params::<f32>::new(&config);
             assert!(params.is_ok(), "{sets:?}: {}", params.unwrap_err());
         }
+    }
+}
+
+#[test]
+fn safety_is_read_and_refused_by_name() {
+    let safety = |sets: &[&str]| read(FILE, sets).unwrap().safety;
+    assert_eq!(safety(&[]), SafetySpec { lost_neighbours: 0, holdover_ns: None });
+    let set = safety(&["safety.lost_neighbours=2", "safety.holdover=500ms"]);
+    assert_eq!(set, SafetySpec { lost_neighbours: 2, holdover_ns: Some(500_000_000) });
+    for (key, value, text) in [
+        (
+            "lost_neighbours",
+            "127",
+            "must be an integer from 0 to 126 (neighbours lost at once; 0 never stops)",
+        ),
+        ("lost_neighbours", "-1", "must be an integer from 0 to 126"),
+        ("holdover", "0.5", "must be a duration with a unit"),
+        ("holdover", "100us", "must be from 1ms to 3600s, from a tick to an hour without SYNC"),
+        ("holdover", "2h", "must be from 1ms to 3600s"),
+        ("holdovr", "1s", "did you mean 'holdover'?"),
+    ] {
+        let error = set_error(&format!("safety.{key}={value}"));
+        assert!(error.contains(text), "{error}");
+    }
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+    let scenario = read(FILE, &["safety.lost_neighbours=2", "safety.holdover=1ms"]).unwrap();
+    for config in node_configs(&scenario, drive).unwrap() {
+        assert_eq!((config.lost_neighbours, config.holdover_ns), (2, 1_000_000));
+        assert!(Params::<f32>::new(&config).is_ok());
     }
 }
 

@@ -23,6 +23,8 @@ pub fn small(id: u8) -> NodeConfig {
         neighbours: (1..=2).map(|i| EdgeConfig { id: id + i, weight: 1.0, edges: 2 }).collect(),
         extrapolate_ticks: 3,
         telemetry_every: 2,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 
@@ -56,5 +58,7 @@ pub fn longest(id: u8) -> NodeConfig {
         neighbours: [edge; MAX_NEIGHBOURS].into_iter().collect(),
         extrapolate_ticks: 255,
         telemetry_every: u32::MAX,
+        lost_neighbours: u8::MAX,
+        holdover_ns: u64::MAX,
     }
 }

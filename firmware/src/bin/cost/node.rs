@@ -133,6 +133,8 @@ fn config(sines: usize) -> NodeConfig {
         neighbours: NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }).collect(),
         extrapolate_ticks: 10,
         telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
     }
 }
 

@@ -1,0 +1,55 @@
+//! A plant whose sensor does not come back.
+
+use funnel_core::field::State;
+use funnel_core::{AffineSines, Configured, InputRange, Model, PlantSetup};
+use funnel_plant::Failure;
+use funnel_protocol::NodeConfig;
+use funnel_protocol::config::ConfigError;
+
+/// Samples that it gives before.
+const SAMPLES: u32 = 5;
+
+/// The field of the configuration, and an actuator.
+pub struct Driven;
+
+impl Model for Driven {
+    type Field = AffineSines<f32>;
+
+    fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError> {
+        Configured.field(config, tick)
+    }
+
+    fn plant(&self) -> Option<PlantSetup> {
+        Some(PlantSetup::new(InputRange::new(-1.0, 1.0), 0))
+    }
+}
+
+/// It is at 1.0, until its sensor gets stuck.
+#[derive(Default)]
+pub struct Plant {
+    samples: u32,
+}
+
+impl funnel_plant::Plant for Plant {
+    type Model = Driven;
+
+    fn model(&self) -> Driven {
+        Driven
+    }
+
+    fn measure(&mut self) -> Result<State<f32>, Failure> {
+        self.samples += 1;
+        while self.samples > SAMPLES {
+            cortex_m::asm::nop();
+        }
+        Ok([1.0].into_iter().collect())
+    }
+
+    fn actuate(&mut self, _: &[f32]) -> Result<(), Failure> {
+        Ok(())
+    }
+
+    fn safe(&mut self) -> Result<(), Failure> {
+        Ok(())
+    }
+}

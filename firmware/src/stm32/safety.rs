@@ -1,0 +1,49 @@
+//! Reset cause and independent watchdog (IWDG, on its own RC oscillator) of an STM32.
+
+use embassy_stm32::Peri;
+use embassy_stm32::pac::RCC;
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::wdg::IndependentWatchdog;
+use funnel_protocol::service::ResetCause;
+
+use crate::watchdog::{PERIOD, Watchdog};
+
+/// What the chip says of the last reset; asked once, since the answer is cleared. Reference manuals, RCC_CSR.
+pub fn cause() -> ResetCause {
+    let flags = RCC.csr().read();
+    RCC.csr().modify(|csr| csr.set_rmvf(true));
+    // Every reset pulls the reset line, so that the flag of the pin comes last.
+    #[cfg(feature = "nucleo-g474re")]
+    let (watchdog, power_on, pin) = (flags.iwdgrstf() || flags.wwdgrstf(), false, flags.pinrstf());
+    #[cfg(feature = "nucleo-f446re")]
+    let (watchdog, power_on, pin) = (flags.wdgrstf() || flags.wwdgrstf(), flags.porrstf(), flags.padrstf());
+    match () {
+        () if watchdog => ResetCause::Watchdog,
+        () if flags.sftrstf() => ResetCause::Software,
+        () if power_on => ResetCause::PowerOn,
+        // On the G4 also after power-on; the record in RAM tells the two apart.
+        () if flags.borrstf() => ResetCause::BrownOut,
+        () if pin => ResetCause::Pin,
+        () => ResetCause::Unknown,
+    }
+}
+
+/// The chip's watchdog. Once started it cannot be stopped.
+pub struct Iwdg(IndependentWatchdog<'static, IWDG>);
+
+impl Iwdg {
+    /// Not started yet.
+    pub fn new(iwdg: Peri<'static, IWDG>) -> Self {
+        Self(IndependentWatchdog::new(iwdg, PERIOD.as_micros() as u32))
+    }
+}
+
+impl Watchdog for Iwdg {
+    fn start(&mut self) {
+        self.0.unleash();
+    }
+
+    fn feed(&mut self) {
+        self.0.pet();
+    }
+}
