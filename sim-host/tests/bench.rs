@@ -754,8 +754,10 @@ fn the_list_shows_who_answers_and_who_does_not() {
     let output = command.output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success());
-    let answer =
-        format!("{}  uid = \"0000000000000abc\"  firmware 0.1.0, wire version 1, blank\n", first.path);
+    let answer = format!(
+        "{}  uid = \"0000000000000abc\"  firmware 0.1.0, wire version 1, blank, last reset: unknown, starts: 0\n",
+        first.path
+    );
     assert!(text.contains(&answer), "{text}");
     assert!(text.contains("/dev/no-such-port  does not exist\n"), "{text}");
     first.end();
