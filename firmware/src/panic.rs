@@ -20,8 +20,11 @@ pub const FAULT_EXIT_CODE: i32 = 102;
 
 /// Set by the first defect: one that happens while it is being reported must not be reported in turn.
 static STOPPING: AtomicBool = AtomicBool::new(false);
+/// A function that may be registered later.
+type Hook = Cell<Option<fn()>>;
+
 /// Puts the output in its safe position.
-static SAFE_OUTPUT: Mutex<Cell<Option<fn()>>> = Mutex::new(Cell::new(None));
+static SAFE_OUTPUT: Mutex<Hook> = Mutex::new(Cell::new(None));
 /// Restarts the emulated board after a defect, as hardware does.
 #[cfg(feature = "mps2-an386")]
 static RESTART: AtomicBool = AtomicBool::new(false);
