@@ -4,8 +4,8 @@ usage: stack.py IMAGE=BYTES...      BYTES: budget of the board
 
 Every function's frame is read off its disassembly: all that it ever pushes or subtracts from the stack pointer, added up. The deepest path is
 that through the call graph. A call through a pointer may be of any function whose address is somewhere in the image, which
-makes groups of functions that could call each other in a circle. No function of ours is recursive, so each function of such a group counts
-once on a path; those of core::fmt, which formats arguments while it formats, count twice. So the bound is safe, and larger than what happens.
+makes groups of functions that could call each other in a circle. A circle of direct calls is refused, so each function of such a group counts once on
+a path; those of core::fmt, which formats arguments while it formats, and those of a panic, which may happen in its own report, count twice.
 
 On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority here, so no
 handler interrupts another. The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
@@ -29,7 +29,13 @@ EXECUTOR = re.compile(r"8executor8Executor3run")
 # How the stack pointer goes down, as (mnemonic, operands); the group is the number or the list of registers.
 PUSH = re.compile(r"^(?:push|stmdb)(?:\.w)?$")
 IMMEDIATE = re.compile(r"^sp,(?: sp,)? #(\d+)")
-DOWN = re.compile(r"^\[sp, #-(\d+)\]!")
+DOWN = re.compile(r"\[sp, #-(\d+)\]!")
+# Instructions that change no register that is looked at here, or restore it.
+READS = ("str", "cmp", "cmn", "tst", "b", "cb", "ldm", "stm", "pop", "vldm", "vstm", "vpop", "vstr", "vldr", "vcmp", "udf", "nop", "it", ".")
+# A register holds a place on the stack.
+SP = "sp"
+UNWIND = "rust_begin_unwind"
+THUNK = re.compile(r"^__Thumb\w*Thunk_(.+)$")
 HANDLERS = 256
 
 
@@ -74,11 +80,8 @@ class Stacks(Image):
 
     def frame_of(self, start):
         """Bytes that a function takes of the stack at most."""
-        total = 0
-        literals = {}
-        for address, function, mnemonic, operands in self.code_of(start):
-            total += self.taken_by(address, mnemonic, operands, literals)
-        return total
+        known = {}
+        return sum(self.taken_by(address, mnemonic, operands, known) for address, _, mnemonic, operands in self.code_of(start))
 
     def code_of(self, start):
         if not hasattr(self, "by_function"):
@@ -87,32 +90,52 @@ class Stacks(Image):
                 self.by_function[each[1]].append(each)
         return self.by_function[start]
 
-    def taken_by(self, address, mnemonic, operands, literals):
-        """Bytes by which an instruction moves the stack pointer down."""
+    def taken_by(self, address, mnemonic, operands, known):
+        """Bytes by which an instruction moves the stack pointer down. `known` is what registers hold: numbers, or SP for a place on the stack."""
         if PUSH.match(mnemonic) and (mnemonic.startswith("push") or operands.startswith("sp!")):
             return 4 * registers(operands)
         if mnemonic.startswith("vpush"):
             return (8 if "d" in operands else 4) * registers(operands)
-        if match := re.search(DOWN.pattern[1:], operands):
+        if match := DOWN.search(operands):
             return int(match[1]) if mnemonic.startswith("str") else 0
-        if literal := re.match(r"^(\w+), \[pc, .*\(([0-9a-f]+) ", operands):
-            literals[literal[1]] = self.words.get(int(literal[2], 16))
-        if immediate := re.match(r"^(\w+), #(\d+)", operands):
-            if mnemonic.startswith("mov"):
-                literals[immediate[1]] = int(immediate[2])
-        if not re.match(r"^sp(,|$)", operands) or mnemonic.startswith(("ldm", "cmp", "vldm", "ldr", "str")):
+        if mnemonic.startswith(READS):
+            return 0
+        if not re.match(r"^sp(,|$)", operands):
+            self.note(mnemonic, operands, known)
             return 0
         if match := IMMEDIATE.match(operands):
             return int(match[1]) if mnemonic.startswith("sub") else 0
-        register = re.match(r"^sp,(?: sp,)? (\w+)", operands)
-        if mnemonic.startswith("mov") or not register:
-            return 0  # back to a frame pointer
-        number = literals.get(register[1])
-        if number is None:
+        register = re.match(r"^sp,(?: sp,)? (\w+)$", operands)
+        held = known.get(register[1]) if register else None
+        if mnemonic.startswith("mov") and held == SP:
+            return 0  # back to what it was
+        if held is None or held == SP or not mnemonic.startswith(("add", "sub")):
             sys.exit(f"{self.path}: {address:#x}: {mnemonic} {operands}: how much is that?")
-        if mnemonic.startswith("add"):
-            number = -number & 0xFFFFFFFF
+        number = -held & 0xFFFFFFFF if mnemonic.startswith("add") else held
         return number if number < 1 << 31 else 0
+
+    def note(self, mnemonic, operands, known):
+        """What an instruction leaves in the register that it writes."""
+        target, _, rest = operands.partition(", ")
+        old = known.pop(target, None)
+        if literal := re.match(r"^\[pc, .*\(([0-9a-f]+) ", rest):
+            known[target] = self.words.get(int(literal[1], 16))
+        elif match := re.match(r"^#(\d+)", rest):
+            number = int(match[1])
+            if re.match(r"^mov[ws]?(\.w)?$", mnemonic):
+                known[target] = number
+            elif mnemonic.startswith("movt") and isinstance(old, int):
+                known[target] = number << 16 | old & 0xFFFF
+            elif mnemonic.startswith("subs") and old == SP:
+                known[target] = SP
+        elif match := re.match(r"^(\w+), #(\d+)", rest):
+            source = old if match[1] == target else known.get(match[1])
+            if mnemonic.startswith("lsl") and isinstance(source, int):
+                known[target] = source << int(match[2]) & 0xFFFFFFFF
+            elif mnemonic.startswith("add") and match[1] == "sp" or mnemonic.startswith("sub") and source == SP:
+                known[target] = SP
+        elif rest == "sp" and mnemonic.startswith("mov"):
+            known[target] = SP
 
     def addresses_taken(self):
         """Functions whose address is a word of the image, or is put together by movw and movt; the vector table does not count."""
@@ -134,7 +157,15 @@ class Stacks(Image):
     def callees(self):
         """For each function those that it may call. Tasks are polled by the executor and by nobody else, and it calls nothing else by a pointer."""
         calls = {start: set() for start in self.starts}
+        by_name = {name: start for start, name in self.names.items()}
+        for start, name in self.names.items():
+            # A veneer of the linker goes on by a `pop` into the program counter.
+            if (thunk := THUNK.match(name)) and thunk[1] in by_name:
+                calls[start].add(by_name[thunk[1]])
         tasks = {start for start in self.taken if POLL.search(self.names[start])}
+        executors = [name for name in self.names.values() if EXECUTOR.search(name)]
+        if len(executors) != 1 or not tasks:
+            sys.exit(f"{self.path}: {len(executors)} executors, {len(tasks)} tasks: have they other names now?")
         for site in self.sites:
             if site.target is not None:
                 calls[site.function].add(site.target)
@@ -187,12 +218,29 @@ def groups(calls):
 def depths(image):
     """Deepest stack of each function with all that it calls."""
     calls, depth = image.callees(), {}
+    refuse_recursion(image)
     for group in groups(calls):
         circle = len(group) > 1 or any(each in calls[each] for each in group)
-        own = sum(image.frame[each] * (2 if circle and TWICE.search(image.names[each]) else 1) for each in group)
+        panics = any(UNWIND in image.names[each] for each in group)
+        times = lambda name: 2 if circle and (panics or TWICE.search(name)) else 1
+        own = sum(image.frame[each] * times(image.names[each]) for each in group)
         below = max((depth[callee] for each in group for callee in calls[each] if callee not in group), default=0)
         depth.update(dict.fromkeys(group, own + below))
     return depth
+
+
+def refuse_recursion(image):
+    """Functions that call each other in a circle, without any pointer, could do so for ever."""
+    calls = {start: set() for start in image.starts}
+    for site in image.sites:
+        if site.target is not None:
+            calls[site.function].add(site.target)
+    for group in groups(calls):
+        names = sorted(image.names[each] for each in group)
+        circle = len(group) > 1 or group & calls[min(group)]
+        # The panic handler may panic, once: then it stops without a word (firmware/src/panic.rs).
+        if circle and not any(UNWIND in name for name in names) and not all(TWICE.search(name) for name in names):
+            sys.exit(f"{image.path}: these functions call each other in a circle: {', '.join(names)}")
 
 
 def symbol(path, name):
@@ -208,8 +256,9 @@ def bound(path):
     table = min(address for address in image.words if image.is_vector(address))
     handlers = {image.words.get(table + 4 * n, 0) - 1 for n in range(2, HANDLERS)} & set(image.starts)
     handlers.discard(by_name["Reset"])
-    core = "v6" if "thumbv6m" in path else "v7e"
-    thread = depth[by_name["Reset"]] + (ROM_BYTES if "rp2040" in path else 0)
+    core = "v6" if "v6S-M" in tool("readelf", "-A", path, text=True) else "v7e"
+    has_rom = any("10embassy_rp" in name for name in by_name)
+    thread = depth[by_name["Reset"]] + (ROM_BYTES if has_rom else 0)
     return thread, EXCEPTION[core] + max(depth[each] for each in handlers)
 
 
@@ -228,13 +277,24 @@ def self_check():
     assert [registers(each) for each in ("{r4, r7, lr}", "{d8-d11}", "sp!, {r4-r8, lr}")] == [3, 4, 6]
     image = Stacks.__new__(Stacks)
     image.words, image.path = {0x100: -1000 & 0xFFFFFFFF}, "self-check"
-    literals = {}
     code = [("push", "{r4, lr}", 8), ("sub", "sp, #24", 24), ("sub.w", "sp, sp, #1000", 1000), ("vpush", "{d8-d9}", 16),
             ("str.w", "r4, [sp, #-4]!", 4), ("add", "sp, #24", 0), ("add", "r7, sp, #8", 0), ("ldmia.w", "sp!, {r4, pc}", 0),
-            ("ldr", "r6, [pc, #8]\t@ (100 <f+0x8>)", 0), ("add", "sp, r6", 1000), ("mov", "sp, r7", 0)]
+            ("ldr", "r6, [pc, #8]\t@ (100 <f+0x8>)", 0), ("add", "sp, r6", 1000), ("mov", "sp, r7", 0),
+            ("movw", "ip, #34464", 0), ("movt", "ip, #1", 0), ("sub.w", "sp, sp, ip", 100000),
+            ("movs", "r6, #128", 0), ("lsls", "r6, r6, #5", 0), ("sub", "sp, r6", 4096)]
+    known = {}
     for mnemonic, operands, expected in code:
-        taken = image.taken_by(0, mnemonic, operands, literals)
+        taken = image.taken_by(0, mnemonic, operands, known)
         assert taken == expected, (mnemonic, operands, taken)
+    for dynamic in ([("movs", "r0, #4"), ("add", "r0, r1"), ("sub.w", "sp, sp, r0")],
+                    [("sub.w", "r4, sp, #64"), ("bfc", "r4, #0, #4"), ("mov", "sp, r4")]):
+        known = {}
+        try:
+            for mnemonic, operands in dynamic:
+                image.taken_by(0, mnemonic, operands, known)
+        except SystemExit:
+            continue
+        raise AssertionError(f"not refused: {dynamic}")
 
 
 if __name__ == "__main__":

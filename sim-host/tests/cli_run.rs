@@ -124,7 +124,7 @@ fn the_summary_has_the_keys_of_the_contract() {
     let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>().join(" ");
     assert_eq!(
         keys(&summary),
-        "bus emergent expect funnel nodes on reference scenario seed stopped sync tick_s ticks trace_hash wall_s"
+        "bus emergent expect funnel nodes on overruns reference scenario seed stopped sync tick_s ticks trace_hash wall_s"
     );
     assert_eq!(keys(&summary["funnel"]), "breaches max_ratio");
     assert_eq!(keys(&summary["sync"]), "bound final_spread lambda2");
