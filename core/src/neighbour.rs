@@ -262,7 +262,11 @@ impl<F: Real> Neighbours<F> {
             sums.extrapolated += u32::from(age > 0);
             sums.nu += edge.weight * (value - x);
             sums.dnu += edge.weight * (edge.increment - dx);
-            sums.largest = sums.largest.max(value.abs());
+            // `max` would look for NaN as well, at each edge; there is none.
+            let size = value.abs();
+            if size > sums.largest {
+                sums.largest = size;
+            }
         }
         sums
     }

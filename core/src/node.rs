@@ -223,6 +223,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// # Errors
     /// The reason for refusing it, counted; a refused message changes nothing else. A state that carries the node's own
     /// id is refused and stops the node: two nodes with one id would each falsify the other's edges.
+    // Into its one caller, so that a decoded message never goes through memory: 136 of 1,508 instructions per node-tick (`./ci.sh cost`).
+    #[inline(always)]
     pub fn on_message(&mut self, message: &Message, now: u64) -> Result<(), Refusal> {
         let outcome = match *message {
             Message::State { source, component, tick, x } => {

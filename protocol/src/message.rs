@@ -49,18 +49,20 @@ impl Component {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TickStamp {
     value: u32,
-    bits: u8,
+    /// Ones where `value` is known.
+    mask: u32,
 }
 
 impl TickStamp {
     /// A whole tick number; an encoder takes the bits that it sends.
     pub const fn full(tick: u32) -> Self {
-        Self { value: tick, bits: 32 }
+        Self { value: tick, mask: u32::MAX }
     }
 
     /// The low `bits` (1 to 32) of `tick`, as a decoder gets them.
     pub const fn low(tick: u32, bits: u8) -> Self {
-        Self { value: tick & mask(bits), bits }
+        let mask = mask(bits);
+        Self { value: tick & mask, mask }
     }
 
     /// The known low bits.
@@ -72,9 +74,8 @@ impl TickStamp {
     ///
     /// Both bounds must be below half the range of the stamp for the answer to be unambiguous; ticks wrap at 2^32.
     pub const fn rebuild(self, own: u32, back: u32, ahead: u32) -> Option<u32> {
-        let mask = mask(self.bits);
-        let forward = self.value.wrapping_sub(own) & mask;
-        let backward = own.wrapping_sub(self.value) & mask;
+        let forward = self.value.wrapping_sub(own) & self.mask;
+        let backward = own.wrapping_sub(self.value) & self.mask;
         if forward <= ahead {
             Some(own.wrapping_add(forward))
         } else if backward <= back {
