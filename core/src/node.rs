@@ -61,6 +61,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     schedule: Schedule,
     /// Time of the last SYNC that was taken, or of the start, ns.
     synced: u64,
+    /// Ticks that SYNC has moved this node over without its running them, modulo 2^32.
+    skipped: u32,
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
@@ -142,6 +144,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             schedule: Schedule::Wait,
             synced: 0,
+            skipped: 0,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
             step: Step::Idle,
@@ -281,7 +284,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             Schedule::Wait | Schedule::Now => None,
         };
         let samples = matches!(self.step, Step::Ask(_) | Step::Await(_));
-        Progress { tick: self.tick, is_due: samples || self.schedule == Schedule::Now, next }
+        Progress {
+            completed: self.tick.wrapping_sub(self.skipped),
+            is_due: samples || self.schedule == Schedule::Now,
+            next,
+        }
     }
 
     /// When a running node that ticks by SYNC stops unless another one comes, ns.
@@ -343,6 +350,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             let missed = marked.wrapping_sub(self.tick);
             count(&mut self.counters.sync_gaps);
             self.report_event(Event::SyncGap { missed });
+            self.skipped = self.skipped.wrapping_add(missed);
             self.tick = marked;
         }
         if !waits {

@@ -3,6 +3,7 @@
 
 mod heaters;
 
+use funnel_core::feeding::Feeding;
 use funnel_core::gain::Reciprocal;
 use funnel_core::law::node_wise::{Memory, NodeWise};
 use funnel_core::{Event, InputRange, Output, Params, Phase, PlantSetup, Session};
@@ -351,6 +352,20 @@ fn a_sync_that_comes_before_the_sample_takes_it_over() {
     tell(&mut node, sync(2));
     answer(&mut node, Some(20.0));
     assert_eq!((node.node().unwrap().tick(), node.node().unwrap().counters().sync_gaps), (3, 1));
+}
+
+#[test]
+fn a_tick_that_never_gets_its_sample_is_not_fed_over_by_the_syncs_that_follow() {
+    let mut node = started();
+    let mut feeding = Feeding::default();
+    for k in 0..20 {
+        tell(&mut node, sync(k));
+        while node.poll(0).is_some() {}
+        assert!(!feeding.may_feed(node.progress(), 0), "fed at SYNC {k}, and no tick has run");
+    }
+    node.measured(&[20.0]);
+    assert!(feeding.may_feed(node.progress(), 0), "the one that has run");
+    assert_eq!(node.node().unwrap().counters().ticks, 1);
 }
 
 #[test]
