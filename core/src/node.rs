@@ -662,7 +662,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn halt(&mut self, phase: Phase) {
         self.phase = phase;
         self.schedule = Schedule::Wait;
-        self.outgoing = Outgoing::default();
+        // A warning that waits is still true: why the node was restarted, for example.
+        self.outgoing = Outgoing { fault: self.outgoing.fault, ..Outgoing::default() };
         self.step = Step::Stop;
     }
 
