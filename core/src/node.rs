@@ -687,6 +687,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         self.halt(Phase::Faulted(code));
         self.outgoing.fault = Some(self.fault_message(code, Severity::Stopped, arg));
+        if self.events.is_full() {
+            // Unlike the others, this one happens once and must not be missing.
+            let _ = self.events.pop_back();
+        }
         self.report_event(Event::Fault(code));
     }
 
