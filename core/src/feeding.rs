@@ -9,8 +9,8 @@ pub const FEED_EVERY_NS: u64 = 500_000_000;
 /// What a node has done, and what it waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Tick that is computed next.
-    pub tick: u32,
+    /// Ticks that it has completed, modulo 2^32: not the tick number, which SYNC moves on over ticks that never ran.
+    pub completed: u32,
     /// A tick has to run now, or waits for its sample.
     pub is_due: bool,
     /// When the node's own timer makes it tick next, ns; `None` where that is up to others.
@@ -20,14 +20,14 @@ pub struct Progress {
 /// Decides when to feed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Feeding {
-    tick: u32,
+    completed: u32,
 }
 
 impl Feeding {
     /// Whether the watchdog is to be fed at `now` (ns).
     pub fn may_feed(&mut self, progress: Progress, now: u64) -> bool {
-        let has_ticked = progress.tick != self.tick;
-        self.tick = progress.tick;
+        let has_ticked = progress.completed != self.completed;
+        self.completed = progress.completed;
         if has_ticked {
             return true;
         }
@@ -43,8 +43,8 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    fn progress(tick: u32, is_due: bool, next: Option<u64>) -> Progress {
-        Progress { tick, is_due, next }
+    fn progress(completed: u32, is_due: bool, next: Option<u64>) -> Progress {
+        Progress { completed, is_due, next }
     }
 
     #[test]

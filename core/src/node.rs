@@ -61,6 +61,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     schedule: Schedule,
     /// Time of the last SYNC that was taken, or of the start, ns.
     synced: u64,
+    /// Ticks that SYNC has moved this node over without its running them, modulo 2^32.
+    skipped: u32,
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
@@ -142,6 +144,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             schedule: Schedule::Wait,
             synced: 0,
+            skipped: 0,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
             step: Step::Idle,
@@ -283,7 +286,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             Schedule::Wait | Schedule::Now => None,
         };
         let samples = matches!(self.step, Step::Ask(_) | Step::Await(_));
-        Progress { tick: self.tick, is_due: samples || self.schedule == Schedule::Now, next }
+        Progress {
+            completed: self.tick.wrapping_sub(self.skipped),
+            is_due: samples || self.schedule == Schedule::Now,
+            next,
+        }
     }
 
     /// When a running node that ticks by SYNC stops unless another one comes, ns.
@@ -345,6 +352,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             let missed = marked.wrapping_sub(self.tick);
             count(&mut self.counters.sync_gaps);
             self.report_event(Event::SyncGap { missed });
+            self.skipped = self.skipped.wrapping_add(missed);
             self.tick = marked;
         }
         if !waits {
@@ -656,7 +664,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn halt(&mut self, phase: Phase) {
         self.phase = phase;
         self.schedule = Schedule::Wait;
-        self.outgoing = Outgoing::default();
+        // A warning that waits is still true: why the node was restarted, for example.
+        self.outgoing = Outgoing { fault: self.outgoing.fault, ..Outgoing::default() };
         self.step = Step::Stop;
     }
 
@@ -680,6 +689,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         self.halt(Phase::Faulted(code));
         self.outgoing.fault = Some(self.fault_message(code, Severity::Stopped, arg));
+        if self.events.is_full() {
+            // Unlike the others, this one happens once and must not be missing.
+            let _ = self.events.pop_back();
+        }
         self.report_event(Event::Fault(code));
     }
 

@@ -394,3 +394,16 @@ fn only_a_running_node_that_ticks_by_sync_can_miss_one() {
     let ConfigError::OutOfRange { field: ConfigField::Holdover, low, .. } = short else { panic!("{short}") };
     assert_eq!(low, MS as f64);
 }
+
+#[test]
+fn a_fault_is_reported_however_many_events_wait() {
+    let others: Vec<u8> = (2..12).collect();
+    let neighbours = others.iter().map(|&id| edge(id)).collect();
+    let mut node = node(&NodeConfig { neighbours, on_breach: BreachPolicy::Stop, ..config() });
+    node.on_message(&start(), 0).unwrap();
+    others.iter().for_each(|&id| node.on_message(&state(id, 0, 100.0), 0).unwrap());
+    let actions = actions(&mut node, MS);
+    let fault = Action::Report(Event::Fault(FaultCode::FUNNEL_LEFT));
+    assert_eq!(actions.iter().filter(|action| **action == fault).count(), 1, "{actions:?}");
+    assert!(actions.contains(&Action::Report(Event::Started)), "the oldest ones stay: {actions:?}");
+}

@@ -3,6 +3,7 @@
 
 mod heaters;
 
+use funnel_core::feeding::Feeding;
 use funnel_core::gain::Reciprocal;
 use funnel_core::law::node_wise::{Memory, NodeWise};
 use funnel_core::{Event, InputRange, Output, Params, Phase, PlantSetup, Session};
@@ -354,6 +355,20 @@ fn a_sync_that_comes_before_the_sample_takes_it_over() {
 }
 
 #[test]
+fn a_tick_that_never_gets_its_sample_is_not_fed_over_by_the_syncs_that_follow() {
+    let mut node = started();
+    let mut feeding = Feeding::default();
+    for k in 0..20 {
+        tell(&mut node, sync(k));
+        while node.poll(0).is_some() {}
+        assert!(!feeding.may_feed(node.progress(), 0), "fed at SYNC {k}, and no tick has run");
+    }
+    node.measured(&[20.0]);
+    assert!(feeding.may_feed(node.progress(), 0), "the one that has run");
+    assert_eq!(node.node().unwrap().counters().ticks, 1);
+}
+
+#[test]
 fn ticks_that_came_late_are_each_measured() {
     let timer = NodeConfig { tick_source: TickSource::Timer, ..config(1, &[2]) };
     let mut node = session(Known::badly(Heater::default()), timer);
@@ -426,4 +441,42 @@ fn a_range_without_the_zero_input_is_refused_with_its_limits() {
         assert!(refused.contains(&low.to_string()) && refused.contains(&high.to_string()), "{refused}");
     }
     assert_eq!(InputRange::new(0.0, 2.0).unwrap().clamp(-1.0), 0.0);
+}
+
+/// Drains a session whose samples and replies each take `cost` ns. Gives the states sent, and whether the drain has come to its end.
+fn drain_slowly<M: funnel_core::Model>(node: &mut Session<M>, cost: u64) -> (usize, bool) {
+    let (mut now, mut states) = (node.poll_at().unwrap(), 0);
+    for _ in 0..10_000 {
+        match node.poll(now) {
+            None => return (states, true),
+            Some(Output::Sample) => {
+                now += cost;
+                node.measured(&[20.0]);
+            }
+            Some(Output::Reply(_)) => now += cost,
+            Some(Output::Send(Message::State { .. })) => states += 1,
+            Some(_) => {}
+        }
+    }
+    (states, false)
+}
+
+#[test]
+#[ignore = "known defect: a drain without end keeps the app from its link and its watchdog"]
+fn telemetry_slower_than_the_ticks_does_not_keep_the_app_from_its_link() {
+    let timer = NodeConfig { tick_source: TickSource::Timer, telemetry_every: 1, ..config(1, &[2]) };
+    let mut node = session(funnel_core::Configured, timer);
+    tell(&mut node, command(Command::Start));
+    while node.poll(0).is_some() {}
+    assert!(drain_slowly(&mut node, 350_000_000).1, "10,000 outputs, and a stop could not have been heard");
+}
+
+#[test]
+#[ignore = "known defect: states wait behind samples for ever"]
+fn a_plant_slower_than_its_ticks_still_tells_its_neighbours() {
+    let timer = NodeConfig { tick_source: TickSource::Timer, ..config(1, &[2]) };
+    let mut node = session(Known::badly(Heater::default()), timer);
+    tell(&mut node, command(Command::Start));
+    answer(&mut node, Some(20.0));
+    assert!(drain_slowly(&mut node, 110_000_000).0 > 0, "thousands of inputs, and not one state");
 }

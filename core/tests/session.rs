@@ -191,6 +191,18 @@ fn a_restored_node_is_ready_with_its_id() {
 }
 
 #[test]
+fn why_it_was_restarted_is_said_even_if_it_is_stopped_first() {
+    let mut session = Session::new(Identity { reset: ResetCause::Panic, ..IDENTITY });
+    session.restore(config()).unwrap();
+    let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
+    let outputs = tell(&mut session, stop);
+    let said =
+        |output: &&Output| matches!(output, Output::Send(Message::Fault { code: FaultCode::PANIC, .. }));
+    assert_eq!(outputs.iter().filter(said).count(), 1, "{outputs:?}");
+    assert_eq!(outputs[0], Output::Safe);
+}
+
+#[test]
 fn after_a_panic_it_says_so_once_it_has_its_id_and_does_not_run_by_itself() {
     for (reset, said) in [
         (ResetCause::Panic, Some(1)),
