@@ -48,6 +48,31 @@ pub fn ticks_until_apart() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::BenchFile;
+    use std::path::Path;
+
+    fn parse(lines: &str) -> Result<BenchFile, String> {
+        let text = format!("version = 1\n{lines}\n[[node]]\nid = 1\nhost = true\n");
+        BenchFile::parse(&text, Path::new("bench.toml")).map_err(|errors| errors.to_string())
+    }
+
+    #[test]
+    fn the_clock_is_the_hosts_unless_the_file_says_otherwise() {
+        assert_eq!(parse("").unwrap().clock, Clock::Host);
+        assert_eq!(parse("clock = \"host\"").unwrap().clock, Clock::Host);
+        assert_eq!(parse("clock = \"own\"").unwrap().clock, Clock::Own);
+        let error = parse("clock = \"onw\"").unwrap_err();
+        let expected = "bench.toml:2:9: clock = \"onw\": must be one of host, own; did you mean 'own'?";
+        assert!(error.contains(expected), "{error}");
+        assert!(parse("clok = \"own\"").unwrap_err().contains("did you mean 'clock'?"));
+    }
+
+    #[test]
+    fn what_does_not_go_together_with_clocks_of_their_own_is_refused() {
+        let error = parse("clock = \"own\"\non_loss = \"go-on\"").unwrap_err();
+        assert!(error.contains("bench.toml:2:9: clock = \"own\": must be \"host\" with on_loss"), "{error}");
+        assert!(parse("clock = \"host\"\non_loss = \"go-on\"").is_ok());
+    }
 
     #[test]
     fn crystals_of_50_ppm_are_two_ticks_apart_after_twenty_thousand() {

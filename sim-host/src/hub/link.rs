@@ -214,7 +214,7 @@ impl Link {
     }
 
     /// The oldest thing that the node has said and nobody has taken.
-    pub fn next(&mut self) -> Option<Received> {
+    pub fn next_received(&mut self) -> Option<Received> {
         self.received.pop_front()
     }
 

@@ -134,7 +134,7 @@ impl Hub {
         let at = at.saturating_duration_since(self.begin);
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         node.link.take(bytes.as_deref().map_err(|error| error.kind().into()))?;
-        while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.link.next()) {
+        while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.link.next_received()) {
             match received {
                 Received::Message(message) => self.take_own(index, message, at)?,
                 Received::Reply(Reply::Telemetry(told)) => self.record(index, &told, at)?,
@@ -210,7 +210,9 @@ impl Hub {
     /// A node that hears it and ticks itself has had to refuse so many in a row that it has dropped the edge.
     fn compare_clocks(&mut self, index: usize, tick: u32) -> Result<(), HubError> {
         let Some(refuses) = self.who_refuses(index, tick) else {
-            self.watch_of(index).map(|node| (node.newest, node.outside) = (tick, 0));
+            if let Some(node) = self.watch_of(index) {
+                (node.newest, node.outside) = (tick, 0);
+            }
             return Ok(());
         };
         let patience = self.nodes.get(index).map_or(0, |node| node.config.extrapolate_ticks);

@@ -227,7 +227,7 @@ mod tests {
         assert!(rows.close() && !rows.close());
         assert_eq!((rows.last(0), rows.last(1)), ((0, 0.0, 0.0), (0, 0.0, 0.0)));
         // The state of tick 1 was read after tick 0 had run.
-        assert_eq!((rows.stamps[0].state, rows.stamps[0].telemetry), (Some(AT), Some(AT * 0)));
+        assert_eq!((rows.stamps[0].state, rows.stamps[0].telemetry), (Some(AT), Some(Duration::ZERO)));
         assert_eq!((rows.recording.missed(0), rows.recording.missed(1)), (0, 0));
     }
 
