@@ -224,6 +224,18 @@ fn ctrl_c_stops_every_node() {
 }
 
 #[test]
+fn ctrl_c_is_heard_between_two_ticks() {
+    let boards = three();
+    let bench = bench_of(&boards);
+    let child = bench.spawn(&["--set", "time.tick=4s", "--set", "time.duration=400s"]);
+    wait("announcements", || boards.iter().all(Board::has_started));
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let ended = end(child);
+    ended.failed(130, &["all nodes confirmed that they stopped"]);
+    assert!(ended.took < AT_ONCE, "{:?}", ended.took);
+}
+
+#[test]
 fn boards_whose_host_program_dies_stop_for_want_of_neighbours() {
     let boards = three();
     let bench = bench_of(&boards);
@@ -239,6 +251,10 @@ fn boards_whose_host_program_dies_stop_for_want_of_neighbours() {
 fn nodes_that_stop_by_themselves_are_told_of_and_the_run_ends() {
     let boards = three();
     let bench = bench_of(&boards);
+    // Nobody is waited for who has told all he had to tell.
+    let path = bench.path("bench.toml");
+    let patient = fs::read_to_string(&path).unwrap().replace("\"1s\"", "\"10s\"");
+    fs::write(path, patient).unwrap();
     // What neighbours see of a state is off by more than the funnel is wide.
     let breach = ["--set", "coupling.on_breach=stop", "--set", "agent.noise=200"];
     let ended = bench.run(&[&TICKS[..], &breach].concat());
@@ -247,4 +263,5 @@ fn nodes_that_stop_by_themselves_are_told_of_and_the_run_ends() {
     assert_eq!(summary["stopped"], serde_json::json!([1, 2, 3]), "{}", ended.err);
     assert!(number(&summary["funnel"]["max_ratio"]) > 1.0, "{summary}");
     assert_eq!(sum(&summary["bench"], "missed"), 0, "{summary}");
+    assert!(ended.took < AT_ONCE, "{:?}", ended.took);
 }

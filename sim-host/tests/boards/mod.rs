@@ -105,6 +105,11 @@ impl Board {
         wait("ticks", || self.states.load(Ordering::Relaxed) > 10);
     }
 
+    /// Whether it has announced its state.
+    pub fn has_started(&self) -> bool {
+        self.states.load(Ordering::Relaxed) > 0
+    }
+
     /// Unplugs it; the phase that its node ended in.
     pub fn end(self) -> Option<Phase> {
         self.quit.store(true, Ordering::Relaxed);
