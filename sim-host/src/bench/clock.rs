@@ -71,6 +71,9 @@ mod tests {
     fn what_does_not_go_together_with_clocks_of_their_own_is_refused() {
         let error = parse("clock = \"own\"\non_loss = \"go-on\"").unwrap_err();
         assert!(error.contains("bench.toml:2:9: clock = \"own\": must be \"host\" with on_loss"), "{error}");
+        let node = "[[node]]\nid = 2\nhost = true\ncan = true";
+        let error = parse(&format!("clock = \"own\"\ncan = \"can0\"\n{node}")).unwrap_err();
+        assert!(error.contains("must be \"host\" with nodes on CAN"), "{error}");
         assert!(parse("clock = \"host\"\non_loss = \"go-on\"").is_ok());
     }
 
