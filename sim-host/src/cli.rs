@@ -14,7 +14,7 @@ use crate::exit::Exit;
 use crate::figure::figure;
 use crate::host_node::{self, End};
 use crate::interrupt::Interrupt;
-use crate::record::{BenchNodeSummary, BenchSummary, Expectation, PerComponent, Summary};
+use crate::record::{BenchNodeSummary, BenchSummary, Expectation, OwnClockSummary, PerComponent, Summary};
 use crate::run::{self, Fidelity, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
@@ -399,6 +399,9 @@ fn text(summary: &Summary) -> String {
     }
     if let Some(bench) = &summary.bench {
         line("bench", beside_loopback(bench));
+        if let Some(clocks) = &bench.own_clock {
+            line("clocks", own_clocks(clocks));
+        }
     }
     if let Some(hash) = &summary.trace_hash {
         line("trace", hash.clone());
@@ -428,6 +431,16 @@ fn beside_loopback(bench: &BenchSummary) -> String {
         [] => format!("bit for bit as loopback{unreadable}"),
         some => format!("differs from loopback: {}{unreadable}", some.join("; ")),
     }
+}
+
+/// What nodes did with clocks of their own.
+fn own_clocks(clocks: &OwnClockSummary) -> String {
+    let late: u64 = clocks.nodes.iter().map(|node| u64::from(node.extrapolated)).sum();
+    format!(
+        "largest skew {} s, {late} values came too late for their tick, {} node-ticks not recorded",
+        figure(clocks.largest_skew_s, 3),
+        clocks.missed
+    )
 }
 
 /// A number, or the numbers of a vector in brackets.

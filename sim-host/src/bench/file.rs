@@ -1,5 +1,6 @@
 //! `bench.toml`: which node is where (docs/bench.md).
 
+use super::clock::{self, CLOCKS, Clock};
 use crate::hub::{OnLoss, Patience};
 use crate::scenario::reader::{Choice, Log, Section, ready};
 use crate::scenario::tree::{self, Item};
@@ -56,6 +57,8 @@ pub struct BenchFile {
     pub answer: Duration,
     /// What happens when a node is lost during a run.
     pub on_loss: OnLoss,
+    /// Whose clock the nodes tick by.
+    pub clock: Clock,
     /// The CAN interface of this computer, for the nodes that are on CAN.
     pub can: Option<String>,
     /// The nodes, in the order of the file.
@@ -88,6 +91,7 @@ impl BenchFile {
             None => ANSWER_NS,
         };
         let on_loss = file.choice("on_loss", &ON_LOSS, Some(OnLoss::Stop)).unwrap_or_default();
+        let clock = file.choice("clock", &CLOCKS, Some(Clock::Host)).unwrap_or_default();
         let can = file.text("can");
         let items = file.array("node");
         if items.is_empty() {
@@ -100,6 +104,10 @@ impl BenchFile {
             items.iter().filter_map(|item| Some((item, read_node(item, can.is_some(), &log)?))).collect();
         file.finish();
         distinct(&nodes, &log);
+        let nodes: Vec<_> = nodes.into_iter().map(|(_, node)| node).collect();
+        if let Some(key) = root.get("clock").filter(|_| clock == Clock::Own) {
+            clock::check(key, on_loss, &nodes, &log);
+        }
         log.checkpoint()?;
         Ok(Self {
             path: path.to_owned(),
@@ -107,8 +115,9 @@ impl BenchFile {
             baud: u32::try_from(baud).unwrap_or(DEFAULT_BAUD),
             answer: Duration::from_nanos(answer_ns),
             on_loss,
+            clock,
             can,
-            nodes: nodes.into_iter().map(|(_, node)| node).collect(),
+            nodes,
         })
     }
 

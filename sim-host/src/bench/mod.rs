@@ -1,17 +1,21 @@
 //! Nodes behind serial ports, on CAN or in processes: which they are, how they are opened, and what is kept of a run on them.
 
+mod clock;
 mod compare;
 mod file;
 mod host;
 mod list;
 mod port;
 mod record;
+mod skew;
 
+pub use clock::{Clock, ticks_until_apart};
 pub use compare::{Comparison, Difference};
 pub use file::{BenchFile, BenchNode, DEFAULT_BAUD, Where};
 pub use list::{Listed, list};
 pub use port::open as open_port;
 pub use record::{CanLog, Stampings};
+pub use skew::Skew;
 
 use crate::can::{CanPort, Own};
 use crate::emulator::{self, EmulatorOptions};

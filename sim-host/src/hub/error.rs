@@ -1,5 +1,6 @@
 //! What can go wrong with nodes behind streams of bytes, and what mends it.
 
+use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnel_protocol::config::ConfigError;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -93,6 +94,35 @@ pub enum HubError {
         /// Tick that it ran.
         found: u32,
     },
+    /// A node that ticks by its own clock has fallen silent.
+    Silent {
+        /// Its id.
+        node: u8,
+        /// The last tick that it has told.
+        last: Option<u32>,
+        /// How long it has said nothing.
+        waited: Duration,
+    },
+    /// Two clocks are farther apart than receivers allow.
+    RanApart {
+        /// Id of the node that is farther from most others.
+        node: u8,
+        /// Tick of its newest state.
+        tick: u32,
+        /// Id of its neighbour.
+        other: u8,
+        /// Tick of that one's newest state.
+        other_tick: u32,
+    },
+    /// The ticks that a node tells do not follow each other.
+    Leapt {
+        /// Its id.
+        node: u8,
+        /// Tick that was to come.
+        from: u32,
+        /// Tick that it told.
+        to: u32,
+    },
     /// Part of what a node said about a tick did not arrive.
     Lost {
         /// Its id.
@@ -132,6 +162,8 @@ impl HubError {
             Self::NoAnswer { node, .. }
             | Self::Died { node, .. }
             | Self::OutOfStep { node, .. }
+            | Self::Silent { node, .. }
+            | Self::Leapt { node, .. }
             | Self::Lost { node, .. }
             | Self::WireVersion { node, .. } => Some(node),
             _ => None,
@@ -180,6 +212,22 @@ impl fmt::Display for HubError {
             Self::Refused { node, reason } => write!(f, "node {node} refused its configuration: {reason}"),
             Self::OutOfStep { node, tick, found } => {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")
+            }
+            Self::Silent { node, last, waited } => {
+                write!(f, "node {node} has said nothing for {} s; ", waited.as_secs_f64())?;
+                match last {
+                    Some(tick) => write!(f, "its last tick was {tick}"),
+                    None => f.write_str("it has not ticked at all"),
+                }
+            }
+            Self::RanApart { node, tick, other, other_tick } => write!(
+                f,
+                "node {node} runs apart from the others: its newest state is of tick {tick}, that of node {other} of tick {other_tick}, and a \
+                 node takes none that is more than {WINDOW_AHEAD} ahead of its own tick or {WINDOW_BACK} behind. Its clock is off, the run is too \
+                 long for clocks that nobody synchronises, or its line is too slow"
+            ),
+            Self::Leapt { node, from, to } => {
+                write!(f, "node {node} told of tick {to} where tick {from} was to come")
             }
             Self::Lost { node, tick, what } => {
                 write!(f, "node {node} ran tick {tick}, but its {what} did not arrive")

@@ -29,7 +29,9 @@ impl Hub {
             node.link.hurry(WRITE);
             node.link.write(&serial::encode(&STOP)).and_then(|()| node.link.request(&Request::Report))
         };
-        let mut waiting: Vec<_> = self.nodes.iter_mut().map(|node| (ask(node).is_ok(), node)).collect();
+        let asked: Vec<_> = self.nodes.iter_mut().map(|node| ask(node).is_ok()).collect();
+        self.end_readers();
+        let mut waiting: Vec<_> = asked.into_iter().zip(&mut self.nodes).collect();
         let end = Instant::now() + CONFIRM;
         let mut halted = Halted::default();
         // In turns: a node that is silent must not use up the time of the others.

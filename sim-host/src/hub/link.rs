@@ -6,8 +6,10 @@ use funnel_protocol::Refusal;
 use funnel_protocol::message::Message;
 use funnel_protocol::serial::{self, Deframer, Frame, HOST, MAX_FRAME, MAX_RAW};
 use funnel_protocol::service::{Body, Reply, Request};
+use serialport::TTYPort;
 use std::collections::VecDeque;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 /// How long a read or a write of a [`Stream`] may block: how often a link looks at the clock and at the user's wish to stop.
@@ -20,9 +22,32 @@ const CHUNK: usize = 256;
 const IDLE: u8 = 0;
 
 /// Bytes to and from a node. A read without bytes, or a write without room, fails with `WouldBlock` or `TimedOut` after [`SLICE`].
-pub trait Stream: Read + Write + Send {}
+pub trait Stream: Read + Write + Send {
+    /// A second handle, for a thread that reads while another one writes.
+    ///
+    /// # Errors
+    /// The operating system's.
+    fn reader(&self) -> io::Result<Box<dyn Read + Send>>;
+}
 
-impl<S: Read + Write + Send> Stream for S {}
+impl Stream for UnixStream {
+    fn reader(&self) -> io::Result<Box<dyn Read + Send>> {
+        Ok(Box::new(self.try_clone()?))
+    }
+}
+
+impl Stream for TTYPort {
+    fn reader(&self) -> io::Result<Box<dyn Read + Send>> {
+        Ok(Box::new(self.try_clone_native()?))
+    }
+}
+
+/// A line that is gone.
+impl Stream for io::Empty {
+    fn reader(&self) -> io::Result<Box<dyn Read + Send>> {
+        Ok(Box::new(io::empty()))
+    }
+}
 
 /// What a node said.
 pub enum Received {
@@ -116,9 +141,7 @@ impl Link {
         let bytes = [&[IDLE], frames].concat();
         let mut rest = bytes.as_slice();
         while !rest.is_empty() {
-            if self.interrupt.is_set() {
-                return Err(HubError::Interrupted);
-            }
+            self.check_interrupt()?;
             let chunk = rest.get(..CHUNK).unwrap_or(rest);
             match self.stream.write(chunk) {
                 Ok(0) => return Err(self.died("its serial line takes no bytes")),
@@ -164,9 +187,7 @@ impl Link {
                     return Ok(picked);
                 }
             }
-            if self.interrupt.is_set() {
-                return Err(HubError::Interrupted);
-            }
+            self.check_interrupt()?;
             if begin.elapsed() > limit {
                 return Err(HubError::NoAnswer { node: self.id, awaited, waited: limit });
             }
@@ -179,22 +200,50 @@ impl Link {
     /// # Errors
     /// The node is gone, or an interrupt.
     pub fn look<T>(&mut self, pick: impl Fn(&Received) -> Option<T>) -> Result<Option<T>, HubError> {
-        if self.interrupt.is_set() {
-            return Err(HubError::Interrupted);
-        }
+        self.check_interrupt()?;
         self.read()?;
         Ok(self.received.iter().find_map(pick))
     }
 
+    /// A second handle of its line, for a thread that reads.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn reader(&self) -> Result<Box<dyn Read + Send>, HubError> {
+        self.stream.reader().map_err(HubError::io("share the line of a node"))
+    }
+
+    /// The oldest thing that the node has said and nobody has taken.
+    pub fn next_received(&mut self) -> Option<Received> {
+        self.received.pop_front()
+    }
+
+    /// Fails once the user wants to stop.
+    ///
+    /// # Errors
+    /// An interrupt.
+    pub fn check_interrupt(&self) -> Result<(), HubError> {
+        if self.interrupt.is_set() { Err(HubError::Interrupted) } else { Ok(()) }
+    }
+
     fn read(&mut self) -> Result<(), HubError> {
         let mut bytes = [0; 1024];
-        let length = match self.stream.read(&mut bytes) {
-            Ok(0) => return Err(self.died("its serial line was closed")),
-            Ok(length) => length,
+        let read = self.stream.read(&mut bytes);
+        self.take(read.map(|length| bytes.get(..length).unwrap_or(&bytes)))
+    }
+
+    /// Takes what a read of its line gave.
+    ///
+    /// # Errors
+    /// The node is gone.
+    pub fn take(&mut self, read: io::Result<&[u8]>) -> Result<(), HubError> {
+        let bytes = match read {
+            Ok([]) => return Err(self.died("its serial line was closed")),
+            Ok(bytes) => bytes,
             Err(error) if is_pause(error.kind()) => return Ok(()),
             Err(error) => return Err(self.died(&error.to_string())),
         };
-        for &byte in bytes.iter().take(length) {
+        for &byte in bytes {
             // A frame that cannot be read is as good as none: whoever waits for it runs into the time limit.
             match self.deframer.push(byte).map(|frame| frame.and_then(received)) {
                 Some(Ok(received)) => self.received.push_back(received),
@@ -211,7 +260,7 @@ impl Link {
 }
 
 /// Nothing came or went within a [`SLICE`]; try again.
-fn is_pause(kind: ErrorKind) -> bool {
+pub(super) fn is_pause(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
 

@@ -2,13 +2,17 @@
 //!
 //! The link model is that of the loopback engine, frame by frame and draw by draw: states that nodes send at tick `k` go on
 //! the bus at the time of tick `k`, and what arrives before tick `k + 1` is written to the receivers before their next SYNC.
-//! So the same scenario gives the same bits (tests/tests/parity.rs), at the pace of the slowest node.
+//! So the same scenario gives the same bits (tests/tests/parity.rs), at the pace of the slowest node. Nodes that tick by their own clock
+//! are carried in real time instead (`own_clock`).
 
 mod absence;
 mod error;
 mod halt;
 mod link;
 mod on_can;
+mod own_clock;
+mod readers;
+mod recording;
 
 pub use absence::{Absence, OnLoss};
 pub use error::HubError;
@@ -26,6 +30,7 @@ use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, Ti
 use funnel_protocol::report::{Report, Telemetry};
 use funnel_protocol::service::{Identity, Reply, Request};
 use funnel_protocol::{WIRE_VERSION, serial};
+use own_clock::OwnClock;
 use std::time::{Duration, Instant, SystemTime};
 
 /// How long a node that has said nothing is left alone before it is asked again who it is: it may have been booting.
@@ -67,7 +72,7 @@ pub struct Patience {
     pub answer: Duration,
 }
 
-/// When the host sent and read what belongs to a tick of a node, since the start. The host reads nodes in the order of their
+/// When the host sent and read what belongs to a tick of a node, since the start. In lockstep the host reads nodes in the order of their
 /// ids, so a time is at or after the arrival.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamps {
@@ -147,6 +152,8 @@ pub struct Hub {
     /// The same instant by the clock that the kernel stamps frames with.
     begin_on_bus: SystemTime,
     can: Option<CanSide>,
+    /// Where nodes do not tick by SYNC.
+    own: Option<OwnClock>,
     /// Of the last tick, by index.
     stamps: Vec<Stamps>,
     /// Node by node, and the components of each in order.
@@ -201,6 +208,7 @@ impl Hub {
             begin,
             begin_on_bus: SystemTime::now(),
             can: None,
+            own: None,
             stamps,
             observations,
             events,
@@ -215,12 +223,13 @@ impl Hub {
         Self { noise, ..self }
     }
 
-    /// Starts all nodes and takes their announced initial states.
+    /// Starts all nodes, and in lockstep takes their announced initial states.
     ///
     /// # Errors
     /// A node that does not answer or dies.
     pub fn start(&mut self) -> Result<(), HubError> {
-        self.announce().map_err(|error| self.explain(error))
+        let started = if self.own.is_some() { self.start_clocks() } else { self.announce() };
+        started.map_err(|error| self.explain(error))
     }
 
     fn announce(&mut self) -> Result<(), HubError> {
@@ -235,12 +244,13 @@ impl Hub {
         Ok(())
     }
 
-    /// Runs one tick on every node, and gives what they saw, by index and then by component.
+    /// Runs one tick on every node, or waits until every node has run it, and gives what they saw, by index and then by component.
     ///
     /// # Errors
-    /// A node that does not answer or dies, or an interrupt.
+    /// A node that does not answer or dies, clocks that run apart, or an interrupt.
     pub fn advance(&mut self) -> Result<&[Observation<f32>], HubError> {
-        self.run_tick().map_err(|error| self.explain(error))?;
+        let ran = if self.own.is_some() { self.carry_a_tick() } else { self.run_tick() };
+        ran.map_err(|error| self.explain(error))?;
         Ok(&self.observations)
     }
 
@@ -298,21 +308,31 @@ impl Hub {
     }
 
     fn stop(&mut self) -> Result<Vec<Report>, HubError> {
+        // All of them first: nodes with clocks of their own tick on until they hear it.
+        for index in 0..self.nodes.len() {
+            let told = self.tell_to_stop(index);
+            told.or_else(|error| self.lose(index, error))?;
+        }
+        self.end_readers();
         let mut reports = Vec::new();
         for index in 0..self.nodes.len() {
-            let reported = self.stop_node(index);
+            let reported = self.ask_for_report(index);
             reports.push(reported.or_else(|error| self.lose(index, error).map(|()| Report::default()))?);
         }
         Ok(reports)
     }
 
-    fn stop_node(&mut self, index: usize) -> Result<Report, HubError> {
+    fn tell_to_stop(&mut self, index: usize) -> Result<(), HubError> {
+        match self.nodes.get_mut(index) {
+            Some(node) if node.away.is_none() && !node.stopped => node.link.write(&serial::encode(&STOP)),
+            _ => Ok(()),
+        }
+    }
+
+    fn ask_for_report(&mut self, index: usize) -> Result<Report, HubError> {
         let Some(node) = self.nodes.get_mut(index).filter(|node| node.away.is_none()) else {
             return Ok(Report::default());
         };
-        if !node.stopped {
-            node.link.write(&serial::encode(&STOP))?;
-        }
         node.link.request(&Request::Report)?;
         node.link.wait_for(self.patience.answer, "report", report)
     }
@@ -505,19 +525,28 @@ impl Hub {
                 }
             }
             Message::Fault { code, severity, .. } => {
-                node.stopped = severity == Severity::Stopped;
                 // Only these faults are the outcome of a tick, which the node has seen as any other.
                 node.ticked = matches!(
                     code,
                     FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT | FaultCode::NEIGHBOURS_LOST
                 );
-                if node.stopped {
-                    self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
-                }
+                self.note_fault(index, code, severity, now);
             }
             Message::Edge { .. } => {}
             Message::Ctrl { .. } | Message::Sync { .. } => return,
         }
+        self.put_on_bus(index, message, now);
+    }
+
+    fn note_fault(&mut self, index: usize, code: FaultCode, severity: Severity, now: u64) {
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        node.stopped = severity == Severity::Stopped;
+        if node.stopped {
+            self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
+        }
+    }
+
+    fn put_on_bus(&mut self, index: usize, message: Message, now: u64) {
         let message = self.noise.disturb(index, message);
         self.bus.send(now, index, serial::encode(&message));
     }

@@ -14,7 +14,8 @@ pub use junit::junit;
 pub use number::{Precision, shortest};
 pub use summary::{
     AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary, Expectation,
-    FunnelSummary, PerComponent, ReferenceSummary, Summary, SyncSummary,
+    FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, ReferenceSummary, Summary,
+    SyncSummary,
 };
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

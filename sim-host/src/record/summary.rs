@@ -131,11 +131,42 @@ pub struct BenchSummary {
     pub absences: Vec<AbsenceSummary>,
     /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay.
     pub skipped: Vec<&'static str>,
+    /// What nodes that ticked by their own clock did with it; left out where they ticked by SYNC.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub own_clock: Option<OwnClockSummary>,
     /// The CAN interface; left out where no node was on one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub can: Option<CanSummary>,
     /// By id.
     pub nodes: Vec<BenchNodeSummary>,
+}
+
+/// Nodes that ticked by their own clock.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct OwnClockSummary {
+    /// Time from the first start that was written to the last, s.
+    pub start_spread_s: f64,
+    /// Largest time between the first and the last node that said what a tick came to, as the host read them, s.
+    pub largest_skew_s: f64,
+    /// The tick that it was at; `null` where no node said anything.
+    pub largest_skew_tick: Option<u64>,
+    /// Node-ticks of which a state or telemetry was lost, or never sent by a node that was late: the last value stands in their place.
+    pub missed: u64,
+    /// By id.
+    pub nodes: Vec<OwnClockNodeSummary>,
+}
+
+/// One of them.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct OwnClockNodeSummary {
+    /// Its id.
+    pub node: u8,
+    /// Its ticks of which a part was lost.
+    pub missed: u64,
+    /// Its ticks that came a whole period late or more.
+    pub overruns: u32,
+    /// Values of neighbours that came too late for their tick, and were extrapolated.
+    pub extrapolated: u32,
 }
 
 /// What was heard on CAN.

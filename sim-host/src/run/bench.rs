@@ -4,7 +4,8 @@ use super::error::RunError;
 use super::fidelity::{LOCKSTEP, bus, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
-use crate::bench::{BenchFile, CanLog, Comparison, Difference, Stampings, attach, can_side};
+use super::own_clock;
+use crate::bench::{BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, attach, can_side};
 use crate::configure::node_configs;
 use crate::hub::{Absence, Hub, Link};
 use crate::noise::Noise;
@@ -27,16 +28,21 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let can = can_side(file, &ids)?;
     let skipped = if can.is_some() { skipped(scenario) } else { Vec::new() };
     tell_skipped(&skipped, options);
+    warn_of_drift(scenario, file, options);
     let files = Files::create(options, can.is_some())?;
     let attached = attach(file, &ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, bus(scenario), file.patience())?;
     let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
-    let mut hub = match can {
+    let hub = match can {
         Some(side) => hub.with_can(side, on_can),
         None => hub,
     };
+    let mut hub = match file.clock {
+        Clock::Host => hub,
+        Clock::Own => hub.with_own_clock(),
+    };
     hub.members().for_each(|(link, identity)| warn_of_reset(link.id(), identity));
-    match compared(scenario, options, &mut hub, comparison, files) {
+    match compared(scenario, (options, file.clock), &mut hub, comparison, files) {
         Ok(outcome) => {
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, ..bench });
             Ok(Outcome { logs: hub.into_logs(), bench, ..outcome })
@@ -65,6 +71,13 @@ fn tell_skipped(skipped: &[&str], options: &RunOptions) {
             "skipped between nodes on CAN, whose bus is real: {}",
             skipped.join(", ")
         );
+    }
+}
+
+fn warn_of_drift(scenario: &Scenario, file: &BenchFile, options: &RunOptions) {
+    let warning = own_clock::warning(scenario, file).filter(|_| file.clock == Clock::Own);
+    if let Some(warning) = warning.filter(|_| options.verbosity != Verbosity::Quiet) {
+        eprint_line(&warning);
     }
 }
 
@@ -100,6 +113,11 @@ impl Files {
 
 /// What the nodes are told. This program may die, and a node without it must not go on for ever.
 fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, RunError> {
+    if file.clock == Clock::Own {
+        let mut configs = node_configs(scenario, own_clock::DRIVE).map_err(RunError::bad_input)?;
+        own_clock::stop_when_alone(&mut configs);
+        return Ok(configs);
+    }
     let mut configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     if scenario.safety.holdover_ns.is_none() {
         let holdover_ns = file.holdover_ns(configs.len());
@@ -110,21 +128,23 @@ fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, Run
 
 fn compared(
     scenario: &Scenario,
-    options: &RunOptions,
+    (options, clock): (&RunOptions, Clock),
     hub: &mut Hub,
     mut comparison: Comparison,
     mut files: Files,
 ) -> Result<Outcome, RunError> {
-    let mut told = Vec::new();
+    let (mut told, mut skew) = (Vec::new(), Skew::default());
     let outcome = lockstep("bench", scenario, options, hub, |k, hub| {
         if options.verbosity != Verbosity::Quiet {
             tell(hub.absences(), &mut told);
         }
         comparison.tick(k, hub.observations());
+        skew.tick(k, hub.stamps());
         files.tick(k, hub)
     })?;
     files.finish()?;
-    Ok(Outcome { bench: Some(summary(hub, &comparison)), ..outcome })
+    let own_clock = (clock == Clock::Own).then(|| own_clock::summary(hub, skew, &outcome.counters));
+    Ok(Outcome { bench: Some(BenchSummary { own_clock, ..summary(hub, &comparison) }), ..outcome })
 }
 
 /// Says who was lost and who is back since the last call.
@@ -186,6 +206,7 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
         last_error: counts.errors.1.clone(),
     });
     BenchSummary {
+        own_clock: None,
         can,
         skipped: Vec::new(),
         absences: hub.absences().iter().map(absence).collect(),

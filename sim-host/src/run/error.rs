@@ -64,13 +64,15 @@ fn exit(error: &HubError) -> Exit {
     match error {
         HubError::WithWords { cause, .. } => exit(cause),
         HubError::Refused { .. } => Exit::BadInput,
-        HubError::OutOfStep { .. } => Exit::Defect,
+        HubError::OutOfStep { .. } | HubError::Leapt { .. } => Exit::Defect,
         HubError::Interrupted => Exit::Interrupted,
         HubError::NoQemu { .. }
         | HubError::NoImage { .. }
         | HubError::NoAnswer { .. }
         | HubError::Died { .. }
         | HubError::Lost { .. }
+        | HubError::Silent { .. }
+        | HubError::RanApart { .. }
         | HubError::Port { .. }
         | HubError::Can { .. }
         | HubError::NoCan { .. }

@@ -7,6 +7,7 @@ mod fidelity;
 mod options;
 mod outcome;
 mod output;
+mod own_clock;
 mod reference;
 
 pub use error::RunError;

@@ -1,0 +1,42 @@
+//! How far apart in time nodes with clocks of their own run the same tick.
+
+use crate::hub::Stamps;
+use std::time::Duration;
+
+/// The largest time between the first and the last node that sent what a tick came to.
+///
+/// As the host has read them, with the spread of the start, the ways of the frames and what the host's system takes: all of this
+/// shortens the time that a frame has to reach its tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Skew {
+    /// The tick, and the time.
+    pub largest: Option<(u64, Duration)>,
+}
+
+impl Skew {
+    /// Takes the stamps of a tick; nodes that were lost or have stopped have none.
+    pub fn tick(&mut self, k: u64, stamps: &[Stamps]) {
+        let times = || stamps.iter().filter_map(|stamps| stamps.state);
+        let (Some(first), Some(last)) = (times().min(), times().max()) else { return };
+        let skew = last - first;
+        if self.largest.is_none_or(|(_, largest)| skew > largest) {
+            self.largest = Some((k, skew));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_the_largest_and_those_who_said_nothing_have_none() {
+        let at = |ms| Stamps { state: Some(Duration::from_millis(ms)), ..Stamps::default() };
+        let mut skew = Skew::default();
+        skew.tick(0, &[Stamps::default()]);
+        assert_eq!(skew.largest, None);
+        skew.tick(1, &[at(10), Stamps::default(), at(13)]);
+        skew.tick(2, &[at(22), at(20), at(21)]);
+        assert_eq!(skew.largest, Some((1, Duration::from_millis(3))));
+    }
+}

@@ -1,0 +1,281 @@
+//! Nodes that tick by their own clock: this program carries their frames as they come, keeps what they say, and watches them
+//! (docs/notes/2026-11-24-real-nodes.md).
+//!
+//! Nothing here waits for one node. A row is closed when all have told their tick.
+
+use super::readers::{Readers, Reading};
+use super::recording::{Leap, Recording};
+use super::{Hub, HubError, Received, SLICE, START};
+use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
+use funnel_protocol::TickStamp;
+use funnel_protocol::message::{Component, Message, Severity};
+use funnel_protocol::report::Telemetry;
+use funnel_protocol::serial;
+use funnel_protocol::service::Reply;
+use std::time::{Duration, Instant};
+
+/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
+const STAMP_REACH: u32 = 100;
+/// Ticks for which a node may be silent before its tick is no measure of its clock any more.
+const SILENT_TICKS: u32 = 3;
+
+/// What belongs to a run of nodes with clocks of their own.
+pub(super) struct OwnClock {
+    /// While the run lasts.
+    readers: Option<Readers>,
+    recording: Recording,
+    nodes: Vec<Watched>,
+    start_spread: Duration,
+}
+
+/// What is known of one node's clock.
+struct Watched {
+    /// Who hears it, by index.
+    listeners: Vec<usize>,
+    heard: Instant,
+    /// Tick of the newest state that it has sent.
+    newest: u32,
+    /// States in a row that a receiver which ticks had to refuse.
+    outside: u32,
+}
+
+impl Hub {
+    /// With nodes that tick by their own clock.
+    pub fn with_own_clock(self) -> Self {
+        let hears = |listener: usize, source: usize| {
+            let id = self.nodes.get(source).map(|node| node.config.id);
+            let listener = self.nodes.get(listener);
+            listener.is_some_and(|node| node.config.neighbours.iter().any(|edge| Some(edge.id) == id))
+        };
+        let count = self.nodes.len();
+        let watched = |source: usize| Watched {
+            listeners: (0..count).filter(|&listener| hears(listener, source)).collect(),
+            heard: self.begin,
+            newest: 0,
+            outside: 0,
+        };
+        let nodes = (0..count).map(watched).collect();
+        let components = self.nodes.first().map_or(0, |node| node.next_state.len());
+        let recording = Recording::new(count, components);
+        let own = OwnClock { readers: None, recording, nodes, start_spread: Duration::ZERO };
+        Self { own: Some(own), ..self }
+    }
+
+    /// Time from the first start that was written to the last; zero where the nodes have no clocks of their own.
+    pub fn start_spread(&self) -> Duration {
+        self.own.as_ref().map_or(Duration::ZERO, |own| own.start_spread)
+    }
+
+    /// Ticks of a node of which a part was lost, by index.
+    pub fn missed(&self, node: usize) -> u64 {
+        self.own.as_ref().map_or(0, |own| own.recording.missed(node))
+    }
+
+    /// Starts all nodes, as close together as their lines allow.
+    pub(super) fn start_clocks(&mut self) -> Result<(), HubError> {
+        let readers = Readers::start(self.nodes.iter().map(|node| &node.link))?;
+        let start = serial::encode(&START);
+        self.begin = Instant::now();
+        for node in &mut self.nodes {
+            node.link.write(&start)?;
+        }
+        let (begin, start_spread) = (self.begin, self.begin.elapsed());
+        if let Some(own) = &mut self.own {
+            own.nodes.iter_mut().for_each(|node| node.heard = begin);
+            (own.readers, own.start_spread) = (Some(readers), start_spread);
+        }
+        Ok(())
+    }
+
+    /// Carries frames until the next row is closed.
+    pub(super) fn carry_a_tick(&mut self) -> Result<(), HubError> {
+        while !self.close_row() {
+            let reading = self.await_reading();
+            if let Some(reading) = reading {
+                self.take_reading(reading)?;
+            }
+            self.forward()?;
+            self.watch()?;
+        }
+        Ok(())
+    }
+
+    /// Ends the threads that read: from here on lines are read as they are asked.
+    pub(super) fn end_readers(&mut self) {
+        let readers = self.own.as_mut().and_then(|own| own.readers.take());
+        for Reading { node, bytes, .. } in readers.map_or_else(Vec::new, Readers::end) {
+            if let Some(node) = self.nodes.get_mut(node) {
+                // A line that is gone says so again to whoever asks it.
+                let _ = node.link.take(bytes.as_deref().map_err(|error| error.kind().into()));
+            }
+        }
+    }
+
+    fn close_row(&mut self) -> bool {
+        let Some(own) = &mut self.own else { return true };
+        let closed = own.recording.close(&mut self.observations, &mut self.stamps);
+        self.tick += u32::from(closed);
+        closed
+    }
+
+    /// Waits until something was read, or a frame is due, or it is time to look around.
+    fn await_reading(&self) -> Option<Reading> {
+        let due =
+            self.bus.next_arrival().map(|at| Duration::from_nanos(at.saturating_sub(self.elapsed_ns())));
+        self.own.as_ref()?.readers.as_ref()?.wait(due.unwrap_or(SLICE).min(SLICE))
+    }
+
+    /// Since the start, ns.
+    fn elapsed_ns(&self) -> u64 {
+        u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn take_reading(&mut self, Reading { node: index, at, bytes }: Reading) -> Result<(), HubError> {
+        let at = at.saturating_duration_since(self.begin);
+        let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
+        node.link.take(bytes.as_deref().map_err(|error| error.kind().into()))?;
+        while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.link.next_received()) {
+            match received {
+                Received::Message(message) => self.take_own(index, message, at)?,
+                Received::Reply(Reply::Telemetry(told)) => self.record(index, &told, at)?,
+                Received::Reply(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn record(&mut self, index: usize, told: &Telemetry, at: Duration) -> Result<(), HubError> {
+        self.note_heard(index);
+        let (Some(own), Some(node)) = (&mut self.own, self.nodes.get(index)) else { return Ok(()) };
+        let leapt = |Leap { from, to }| HubError::Leapt { node: node.link.id(), from, to };
+        own.recording.telemetry(index, told, at).map_err(leapt)
+    }
+
+    /// Takes a message that a node has sent, and puts it on the bus.
+    fn take_own(&mut self, index: usize, message: Message, at: Duration) -> Result<(), HubError> {
+        self.note_heard(index);
+        let now = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
+        match message {
+            Message::State { component, tick, x, .. } => {
+                if let Some(tick) = self.rebuilt(index, tick) {
+                    self.record_state(index, (tick, component, x), at)?;
+                }
+            }
+            Message::Fault { tick, code, severity, .. } => {
+                self.note_fault(index, code, severity, now);
+                if severity == Severity::Stopped {
+                    self.end_recording(index, self.rebuilt(index, tick));
+                }
+            }
+            Message::Edge { .. } => {}
+            Message::Ctrl { .. } | Message::Sync { .. } => return Ok(()),
+        }
+        self.put_on_bus(index, message, now);
+        Ok(())
+    }
+
+    fn note_heard(&mut self, index: usize) {
+        if let Some(node) = self.own.as_mut().and_then(|own| own.nodes.get_mut(index)) {
+            node.heard = Instant::now();
+        }
+    }
+
+    /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
+    fn rebuilt(&self, index: usize, tick: TickStamp) -> Option<u32> {
+        let awaited = self.own.as_ref()?.recording.telling(index).wrapping_add(1);
+        tick.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
+    }
+
+    fn record_state(
+        &mut self,
+        index: usize,
+        (tick, component, x): (u32, Component, f32),
+        at: Duration,
+    ) -> Result<(), HubError> {
+        let Some(own) = &mut self.own else { return Ok(()) };
+        own.recording.state(index, (tick, component.get(), x), at, None);
+        if component == Component::FIRST { self.compare_clocks(index, tick) } else { Ok(()) }
+    }
+
+    /// What a node runs ends at `tick`, or, where that is not known, at what it has told.
+    fn end_recording(&mut self, index: usize, tick: Option<u32>) {
+        if let Some(own) = &mut self.own {
+            own.recording.stop(index, tick.unwrap_or_else(|| own.recording.telling(index)));
+        }
+    }
+
+    /// Takes note of the newest state of a node.
+    ///
+    /// # Errors
+    /// A node that hears it and ticks itself has had to refuse so many in a row that it has dropped the edge.
+    fn compare_clocks(&mut self, index: usize, tick: u32) -> Result<(), HubError> {
+        let Some(refuses) = self.who_refuses(index, tick) else {
+            if let Some(node) = self.watch_of(index) {
+                (node.newest, node.outside) = (tick, 0);
+            }
+            return Ok(());
+        };
+        let patience = self.nodes.get(index).map_or(0, |node| node.config.extrapolate_ticks);
+        let Some(node) = self.watch_of(index) else { return Ok(()) };
+        (node.newest, node.outside) = (tick, node.outside + 1);
+        if node.outside < u32::from(patience) { Ok(()) } else { Err(self.ran_apart(index, refuses)) }
+    }
+
+    fn watch_of(&mut self, index: usize) -> Option<&mut Watched> {
+        self.own.as_mut()?.nodes.get_mut(index)
+    }
+
+    /// The first node for which a state stamped `tick` of node `index` is too far from its own tick (protocol/README.md, "Ticks").
+    fn who_refuses(&self, index: usize, tick: u32) -> Option<usize> {
+        let watched = &self.own.as_ref()?.nodes;
+        let silence = Duration::from_nanos(self.tick_ns) * SILENT_TICKS;
+        let refuses = |&listener: &usize| {
+            let (Some(node), Some(own)) = (self.nodes.get(listener), watched.get(listener)) else {
+                return false;
+            };
+            let ahead = i64::from(tick) - i64::from(own.newest);
+            let outside = ahead > i64::from(WINDOW_AHEAD) || ahead < -i64::from(WINDOW_BACK);
+            outside && !node.stopped && own.heard.elapsed() < silence
+        };
+        watched.get(index)?.listeners.iter().copied().find(refuses)
+    }
+
+    /// Names, of two nodes, the one that is farther from the tick of most.
+    fn ran_apart(&self, one: usize, other: usize) -> HubError {
+        let newest =
+            |index: usize| self.own.as_ref().and_then(|own| own.nodes.get(index)).map_or(0, |n| n.newest);
+        let mut ticks: Vec<_> = (0..self.nodes.len()).map(newest).collect();
+        ticks.sort_unstable();
+        let most = ticks.get(ticks.len() / 2).copied().unwrap_or(0);
+        let from_most = |index| newest(index).abs_diff(most);
+        let (odd, even) = if from_most(other) > from_most(one) { (other, one) } else { (one, other) };
+        let id = |index: usize| self.nodes.get(index).map_or(0, |node| node.link.id());
+        HubError::RanApart { node: id(odd), tick: newest(odd), other: id(even), other_tick: newest(even) }
+    }
+
+    /// Hands over the frames that are due.
+    fn forward(&mut self) -> Result<(), HubError> {
+        self.deliver_before(self.elapsed_ns().saturating_add(1))?;
+        self.nodes.iter_mut().try_for_each(|node| node.link.flush())
+    }
+
+    /// Looks for a wish to stop, and for nodes that have fallen silent.
+    fn watch(&mut self) -> Result<(), HubError> {
+        let waited = self.patience.answer + Duration::from_nanos(self.tick_ns);
+        let now = Instant::now();
+        let Some(own) = &mut self.own else { return Ok(()) };
+        for (index, (node, watched)) in self.nodes.iter().zip(&own.nodes).enumerate() {
+            node.link.check_interrupt()?;
+            if !own.recording.awaits(index) || now.saturating_duration_since(watched.heard) <= waited {
+                continue;
+            }
+            let telling = own.recording.telling(index);
+            if !node.stopped {
+                return Err(HubError::Silent { node: node.link.id(), last: telling.checked_sub(1), waited });
+            }
+            // The end of what it had to tell was lost.
+            own.recording.stop(index, telling);
+        }
+        Ok(())
+    }
+}

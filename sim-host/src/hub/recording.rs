@@ -1,0 +1,287 @@
+//! What nodes that tick by their own clock say, put together tick by tick.
+//!
+//! Tick `k` of a node is its state stamped `k` and its telemetry of `k`, whenever they come. Lines keep order, so a part that has not come
+//! when the node tells a later tick was lost, or was never sent: a node that is late makes up for ticks and tells only the last of them.
+
+use super::{Stamps, observation};
+use funnel_core::Observation;
+use funnel_protocol::report::Telemetry;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Ticks that a node may leave out before what it says is taken for nonsense.
+const MAX_LEAP: u32 = 100_000;
+
+/// What has come of one tick of one node.
+#[derive(Clone, Debug, Default)]
+struct Cell {
+    /// By component, as far as they have come.
+    x: Vec<Option<f32>>,
+    telemetry: Vec<Option<Telemetry>>,
+    stamps: Stamps,
+}
+
+/// One node.
+#[derive(Clone, Debug, Default)]
+struct Track {
+    /// From the row that is closed next on.
+    cells: VecDeque<Cell>,
+    /// First tick of which it may still tell something.
+    telling: u32,
+    /// First tick that it has not run, once it has stopped.
+    end: Option<u32>,
+    missed: u64,
+}
+
+/// A node's count cannot have come from the last one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Leap {
+    /// First tick of which it might have told.
+    pub(super) from: u32,
+    /// Tick that it named.
+    pub(super) to: u32,
+}
+
+/// The rows that are not whole yet.
+#[derive(Clone, Debug)]
+pub(super) struct Recording {
+    components: usize,
+    /// Row that is closed next.
+    tick: u32,
+    tracks: Vec<Track>,
+}
+
+impl Recording {
+    /// Of so many nodes whose states have so many components.
+    pub(super) fn new(nodes: usize, components: usize) -> Self {
+        Self { components, tick: 0, tracks: vec![Track::default(); nodes] }
+    }
+
+    /// First tick of which a node may still tell something.
+    pub(super) fn telling(&self, node: usize) -> u32 {
+        self.tracks.get(node).map_or(0, |track| track.telling)
+    }
+
+    /// Node-ticks of a node of which a part was lost.
+    pub(super) fn missed(&self, node: usize) -> u64 {
+        self.tracks.get(node).map_or(0, |track| track.missed)
+    }
+
+    /// Takes a component of a state stamped `tick`, which was read at `at`, and on CAN at `bus`.
+    pub(super) fn state(
+        &mut self,
+        node: usize,
+        (tick, component, x): (u32, u8, f32),
+        at: Duration,
+        bus: Option<Duration>,
+    ) {
+        if let Some(slot) =
+            self.cell(node, tick).and_then(|cell| Some((cell.x.get_mut(usize::from(component))?, x)))
+        {
+            *slot.0 = Some(slot.1);
+        }
+        // It is what the tick before has come to.
+        if let Some(cell) = tick.checked_sub(1).and_then(|tick| self.cell(node, tick)) {
+            (cell.stamps.state, cell.stamps.bus) = (Some(at), bus);
+        }
+    }
+
+    /// Takes telemetry, which was read at `at`.
+    ///
+    /// # Errors
+    /// It is of a tick that the node cannot tell of now; nothing has changed.
+    pub(super) fn telemetry(&mut self, node: usize, told: &Telemetry, at: Duration) -> Result<(), Leap> {
+        let Some(track) = self.tracks.get_mut(node) else { return Ok(()) };
+        let (from, to) = (track.telling, told.tick);
+        if to.wrapping_sub(from) > MAX_LEAP {
+            return Err(Leap { from, to });
+        }
+        let last = usize::from(told.component) + 1 >= self.components;
+        track.telling = to.wrapping_add(u32::from(last));
+        if let Some(cell) = self.cell(node, to) {
+            cell.stamps.telemetry = Some(at);
+            if let Some(slot) = cell.telemetry.get_mut(usize::from(told.component)) {
+                *slot = Some(*told);
+            }
+        }
+        Ok(())
+    }
+
+    /// A node has stopped by itself; `tick` is the first that it has not run.
+    pub(super) fn stop(&mut self, node: usize, tick: u32) {
+        if let Some(track) = self.tracks.get_mut(node) {
+            track.end = Some(tick);
+        }
+    }
+
+    /// Whether something is awaited from a node.
+    pub(super) fn awaits(&self, node: usize) -> bool {
+        self.tracks.get(node).is_some_and(Track::awaited)
+    }
+
+    /// Closes the next row, if it is whole or cannot become so any more: observations by index and then by component, in which a value that
+    /// was lost stays the last one, and stamps by index.
+    pub(super) fn close(&mut self, observations: &mut [Observation<f32>], stamps: &mut [Stamps]) -> bool {
+        let tick = self.tick;
+        if self.tracks.iter().any(|track| track.telling <= tick && track.end.is_none_or(|end| tick < end)) {
+            return false;
+        }
+        let slots = observations.chunks_mut(self.components.max(1)).zip(stamps);
+        for (track, (seen, stamps)) in self.tracks.iter_mut().zip(slots) {
+            let cell = track.cells.pop_front().unwrap_or_default();
+            track.missed += u64::from(track.end.is_none_or(|end| tick < end) && !cell.is_whole());
+            *stamps = cell.stamps;
+            fill(seen, &cell);
+        }
+        self.tick = tick.wrapping_add(1);
+        true
+    }
+
+    /// The cell of a row that is not closed.
+    fn cell(&mut self, node: usize, tick: u32) -> Option<&mut Cell> {
+        let ahead = tick.checked_sub(self.tick).filter(|&ahead| ahead <= 2 * MAX_LEAP)? as usize;
+        let cells = &mut self.tracks.get_mut(node)?.cells;
+        if cells.len() <= ahead {
+            cells.resize(ahead + 1, Cell::of(self.components));
+        }
+        cells.get_mut(ahead)
+    }
+}
+
+impl Track {
+    fn awaited(&self) -> bool {
+        self.end.is_none_or(|end| self.telling < end)
+    }
+}
+
+impl Cell {
+    fn of(components: usize) -> Self {
+        Self { x: vec![None; components], telemetry: vec![None; components], stamps: Stamps::default() }
+    }
+
+    fn is_whole(&self) -> bool {
+        !self.x.is_empty() && self.x.iter().all(Option::is_some) && self.telemetry.iter().all(Option::is_some)
+    }
+}
+
+/// Puts what has come in the place of what was seen at the tick before.
+fn fill(seen: &mut [Observation<f32>], cell: &Cell) {
+    for ((seen, x), telemetry) in seen.iter_mut().zip(&cell.x).zip(&cell.telemetry) {
+        seen.x = x.unwrap_or(seen.x);
+        if let Some(telemetry) = telemetry {
+            *seen = observation(seen.x, telemetry);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AT: Duration = Duration::from_millis(1);
+
+    /// What a recording of scalar states has closed so far, and what was seen last.
+    struct Rows {
+        recording: Recording,
+        seen: Vec<Observation<f32>>,
+        stamps: Vec<Stamps>,
+    }
+
+    impl Rows {
+        fn of(nodes: usize) -> Self {
+            let seen = vec![Observation::default(); nodes];
+            Self { recording: Recording::new(nodes, 1), seen, stamps: vec![Stamps::default(); nodes] }
+        }
+
+        fn state(&mut self, node: usize, tick: u32) {
+            self.recording.state(node, (tick, 0, tick as f32), AT * tick, None);
+        }
+
+        fn told(&mut self, node: usize, tick: u32) {
+            let telemetry = Telemetry { tick, component: 0, nu: tick as f32, psi: 2.0, u: 0.0 };
+            self.recording.telemetry(node, &telemetry, AT * tick).unwrap();
+        }
+
+        fn close(&mut self) -> bool {
+            self.recording.close(&mut self.seen, &mut self.stamps)
+        }
+
+        /// Tick, state and diffusive term of a node.
+        fn last(&self, node: usize) -> (u32, f32, f32) {
+            let Observation { tick, x, nu, .. } = self.seen[node];
+            (tick, x, nu)
+        }
+    }
+
+    #[test]
+    fn a_row_is_closed_when_the_last_node_has_told_it() {
+        let mut rows = Rows::of(2);
+        for tick in 0..3 {
+            rows.state(0, tick);
+            rows.told(0, tick);
+        }
+        assert!(!rows.close());
+        rows.state(1, 0);
+        assert!(!rows.close(), "its telemetry is to come");
+        rows.told(1, 0);
+        assert!(rows.close() && !rows.close());
+        assert_eq!((rows.last(0), rows.last(1)), ((0, 0.0, 0.0), (0, 0.0, 0.0)));
+        // The state of tick 1 was read after tick 0 had run.
+        assert_eq!((rows.stamps[0].state, rows.stamps[0].telemetry), (Some(AT), Some(Duration::ZERO)));
+        assert_eq!((rows.recording.missed(0), rows.recording.missed(1)), (0, 0));
+    }
+
+    #[test]
+    fn what_a_later_telemetry_overtakes_is_lost_counted_and_the_last_value_stays() {
+        let mut rows = Rows::of(1);
+        rows.state(0, 0);
+        rows.told(0, 0);
+        assert!(rows.close());
+        // The telemetry of 1 and the state of 2 are lost.
+        rows.state(0, 1);
+        assert!(!rows.close());
+        rows.told(0, 2);
+        assert!(rows.close());
+        assert_eq!(rows.last(0), (0, 1.0, 0.0));
+        assert!(rows.close());
+        assert_eq!(rows.last(0), (2, 1.0, 2.0));
+        assert_eq!(rows.recording.missed(0), 2);
+        assert!(!rows.close());
+    }
+
+    #[test]
+    fn a_node_that_has_stopped_is_awaited_up_to_its_last_tick_and_misses_nothing_then() {
+        let mut rows = Rows::of(1);
+        rows.state(0, 0);
+        rows.recording.stop(0, 1);
+        assert!(!rows.close() && rows.recording.awaits(0));
+        rows.told(0, 0);
+        assert!(!rows.recording.awaits(0));
+        assert!(rows.close() && rows.close() && rows.close());
+        assert_eq!((rows.last(0), rows.recording.missed(0)), ((0, 0.0, 0.0), 0));
+    }
+
+    #[test]
+    fn every_component_belongs_to_a_row() {
+        let mut recording = Recording::new(1, 2);
+        let (mut seen, mut stamps) = (vec![Observation::default(); 2], vec![Stamps::default()]);
+        let telemetry = |component| Telemetry { tick: 0, component, nu: 1.0, psi: 2.0, u: 0.0 };
+        recording.state(0, (0, 0, 3.0), AT, None);
+        recording.state(0, (0, 1, 4.0), AT, None);
+        recording.telemetry(0, &telemetry(0), AT).unwrap();
+        assert!(!recording.close(&mut seen, &mut stamps));
+        recording.telemetry(0, &telemetry(1), AT).unwrap();
+        assert!(recording.close(&mut seen, &mut stamps));
+        assert_eq!((seen[0].x, seen[1].x, seen[1].ratio, recording.missed(0)), (3.0, 4.0, 0.5, 0));
+    }
+
+    #[test]
+    fn a_tick_that_goes_back_or_far_ahead_is_nonsense() {
+        let mut rows = Rows::of(1);
+        rows.told(0, 4);
+        let mut tell = |tick| rows.recording.telemetry(0, &Telemetry { tick, ..Telemetry::default() }, AT);
+        assert_eq!(tell(4), Err(Leap { from: 5, to: 4 }));
+        assert_eq!(tell(6 + MAX_LEAP), Err(Leap { from: 5, to: 6 + MAX_LEAP }));
+        assert_eq!(tell(5 + MAX_LEAP), Ok(()));
+    }
+}
