@@ -22,6 +22,7 @@ pub mod error;
 mod guard;
 pub mod layout;
 pub mod record;
+pub mod split;
 
 use core::ops::Range;
 

@@ -6,32 +6,32 @@ mod configs;
 mod flash;
 
 use configs::{longest, small};
-use flash::{Fault, Flash, now};
+use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
+use flash::{Chip, Fault, Flash, now};
 use funnel_protocol::NodeConfig;
+use funnel_store::split::{Split, SplitError};
 use funnel_store::{Error, Store};
 use proptest::prelude::*;
 
 type Stored = Option<NodeConfig>;
 
-/// A store of four pages behind one that belongs to somebody else.
-fn open<const W: usize, const P: usize>(flash: Flash<W, P>) -> Store<Flash<W, P>> {
-    let region = P as u32..5 * P as u32;
-    now(Store::open(flash, region)).unwrap_or_else(|error| panic!("the store does not open: {error}"))
+fn open<F: Chip>(flash: F) -> Store<F> {
+    now(Store::open(flash, F::region())).unwrap_or_else(|error| panic!("the store does not open: {error}"))
 }
 
-fn read<const W: usize, const P: usize>(store: &mut Store<Flash<W, P>>) -> Stored {
+fn read<F: Chip>(store: &mut Store<F>) -> Stored {
     now(store.load()).unwrap_or_else(|error| panic!("the store cannot be read: {error}"))
 }
 
 /// Stages and commits; how far it came, and the flash.
-fn put<const W: usize, const P: usize>(flash: Flash<W, P>, new: &Stored) -> (Result<(), Fault>, Flash<W, P>) {
+fn put<F: Chip>(flash: F, new: &Stored) -> (Result<(), Fault>, F) {
     let mut store = open(flash);
     let done = now(async {
         store.stage(new.as_ref()).await?;
         store.commit(store.epoch() + 1).await
     });
     let done = done.map_err(|error| match error {
-        Error::Flash(fault) => fault,
+        Error::Flash(fault) => F::fault(fault),
         error => panic!("{error}"),
     });
     (done, store.release())
@@ -53,30 +53,30 @@ fn life() -> Vec<Stored> {
 }
 
 /// Every cut point of a life; how many there were, and how often the new configuration was there already.
-fn every_cut<const W: usize, const P: usize>() -> (u64, u64) {
+fn every_cut<F: Chip>() -> (u64, u64) {
     let (mut cuts, mut new_already) = (0, 0);
-    let mut before = Flash::<W, P>::new(6);
+    let mut before = F::erased();
     let mut old: Stored = None;
     for new in life() {
-        let (done, after) = put(before.clone().restart(None), &new);
+        let (done, mut after) = put(before.clone().restarted(None), &new);
         assert_eq!(done, Ok(()));
-        for n in 0..after.steps {
-            let (done, cut) = put(before.clone().restart(Some(n)), &new);
+        for n in 0..after.cells().steps() {
+            let (done, mut cut) = put(before.clone().restarted(Some(n)), &new);
             assert_eq!(done, Err(Fault::PowerCut), "after {n} steps");
-            let bytes = cut.bytes.clone();
-            let mut store = open(cut.restart(None));
+            let bytes = cut.cells().bytes().to_vec();
+            let mut store = open(cut.restarted(None));
             let found = read(&mut store);
-            assert!(store.flash().bytes == bytes, "looking must not write");
+            assert!(store.flash().cells().bytes() == bytes, "looking must not write");
             assert!(found == old || found == new, "a third configuration after {n} steps: {found:?}");
             new_already += u64::from(found == new && old != new);
             let (done, again) = put(store.release(), &Some(small(77)));
             assert_eq!((done, read(&mut open(again))), (Ok(()), Some(small(77))), "after {n} steps");
             cuts += 1;
         }
-        assert!(
-            after.bytes[..P].iter().chain(&after.bytes[5 * P..]).all(|&byte| byte == 0xFF),
-            "foreign pages"
-        );
+        let region = F::region();
+        let (start, end) = (region.start as usize, region.end as usize);
+        let bytes = after.cells().bytes();
+        assert!(bytes[..start].iter().chain(&bytes[end..]).all(|&byte| byte == 0xFF), "foreign pages");
         (before, old) = (after, new);
         assert_eq!(read(&mut open(before.clone())), old);
     }
@@ -85,11 +85,30 @@ fn every_cut<const W: usize, const P: usize>() -> (u64, u64) {
 
 #[test]
 fn every_cut_leaves_the_old_configuration_or_the_new_one() {
-    // Words and pages of the STM32G4, the nRF52 and the RP2040.
-    let counted = [every_cut::<8, 2048>(), every_cut::<4, 4096>(), every_cut::<1, 4096>()];
+    // Words and pages of the STM32G4, the nRF52 and the RP2040; then those of the STM32F4, whose pages are of 128 KiB, so that the store
+    // is shown each one as two.
+    let counted = [
+        every_cut::<Flash<8, 2048>>(),
+        every_cut::<Flash<4, 4096>>(),
+        every_cut::<Flash<1, 4096>>(),
+        every_cut::<Split<Flash<4, 0x2_0000>, 2>>(),
+    ];
     println!("cut points, of them with the new configuration: {counted:?}");
     let cuts: u64 = counted.iter().map(|&(cuts, _)| cuts).sum();
-    assert!(cuts > 10_000, "{cuts}");
+    assert!(cuts > 13_000, "{cuts}");
+}
+
+#[test]
+fn a_part_of_a_page_is_not_erased() {
+    let mut flash = Split::<Flash<4, 4096>, 2>::erased();
+    now(flash.write(4096, &[0; 4])).unwrap();
+    for (from, to) in [(4096, 6144), (6144, 8192), (4096, 10_240), (2048, 8192), (4097, 8192)] {
+        assert_eq!(now(flash.erase(from, to)), Err(SplitError::NotWhole { from, to }));
+    }
+    assert_eq!((flash.0.steps, flash.0.bytes[4096]), (4, 0), "nothing was touched");
+    assert_eq!((now(flash.erase(4096, 8192)), flash.0.bytes[4096]), (Ok(()), 0xFF));
+    let outside = now(flash.erase(4 * 4096, 5 * 4096)).map_err(|error| error.kind());
+    assert_eq!(outside, Err(NorFlashErrorKind::OutOfBounds));
 }
 
 #[test]
@@ -199,7 +218,7 @@ proptest! {
                 }
             };
             if cut {
-                store = open(store.release().restart(None));
+                store = open(store.release().restarted(None));
                 staged = None;
             }
             let found = read(&mut store);

@@ -1,12 +1,14 @@
 //! NOR flash with the manners of the real one: writing clears bits, erasing sets them, and the power can fail in between.
 #![allow(dead_code)] // each test uses a part
 
+use core::ops::Range;
 use core::task::{Context, Poll, Waker};
 use std::pin::pin;
 
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
+use funnel_store::split::{Split, SplitError};
 
 /// Moments of an erase at which the power can fail, per page; each leaves another mixture.
 pub const ERASE_STEPS: u64 = 8;
@@ -45,12 +47,6 @@ impl<const WORD: usize, const PAGE: usize> Flash<WORD, PAGE> {
     /// Erased pages.
     pub fn new(pages: usize) -> Self {
         Self { bytes: vec![0xFF; pages * PAGE], steps: 0, cut_after: None, seed: 1 }
-    }
-
-    /// Power comes back, to be cut again after `cut_after` steps.
-    pub fn restart(mut self, cut_after: Option<u64>) -> Self {
-        (self.steps, self.cut_after) = (0, cut_after);
-        self
     }
 
     /// One more step, or the power fails in it.
@@ -156,6 +152,84 @@ impl<const WORD: usize, const PAGE: usize> NorFlash for Flash<WORD, PAGE> {
             self.bytes[start + i] &= byte;
         }
         Ok(())
+    }
+}
+
+/// A flash that a store is tried on, in a region between pages that belong to somebody else.
+pub trait Chip: NorFlash + Clone {
+    /// The whole flash, erased.
+    fn erased() -> Self;
+    /// Where the store is.
+    fn region() -> Range<u32>;
+    fn cells(&mut self) -> &mut dyn Cells;
+    /// What went wrong in the cells.
+    fn fault(error: Self::Error) -> Fault;
+
+    /// Power comes back, to be cut again after `cut_after` steps.
+    fn restarted(mut self, cut_after: Option<u64>) -> Self {
+        self.cells().restart(cut_after);
+        self
+    }
+}
+
+/// What a test looks at and sets.
+pub trait Cells {
+    fn bytes(&self) -> &[u8];
+    fn steps(&self) -> u64;
+    fn restart(&mut self, cut_after: Option<u64>);
+}
+
+impl<const WORD: usize, const PAGE: usize> Cells for Flash<WORD, PAGE> {
+    fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    fn restart(&mut self, cut_after: Option<u64>) {
+        (self.steps, self.cut_after) = (0, cut_after);
+    }
+}
+
+impl<const WORD: usize, const PAGE: usize> Chip for Flash<WORD, PAGE> {
+    fn erased() -> Self {
+        Self::new(6)
+    }
+
+    fn region() -> Range<u32> {
+        PAGE as u32..5 * PAGE as u32
+    }
+
+    fn cells(&mut self) -> &mut dyn Cells {
+        self
+    }
+
+    fn fault(error: Fault) -> Fault {
+        error
+    }
+}
+
+/// Two erase pages are enough where each is shown as two.
+impl<const WORD: usize, const PAGE: usize> Chip for Split<Flash<WORD, PAGE>, 2> {
+    fn erased() -> Self {
+        Self(Flash::new(4))
+    }
+
+    fn region() -> Range<u32> {
+        PAGE as u32..3 * PAGE as u32
+    }
+
+    fn cells(&mut self) -> &mut dyn Cells {
+        &mut self.0
+    }
+
+    fn fault(error: SplitError<Fault>) -> Fault {
+        match error {
+            SplitError::Flash(fault) => fault,
+            error => panic!("{error}"),
+        }
     }
 }
 
