@@ -7,6 +7,8 @@ mod ecc;
 #[cfg(feature = "nucleo-g474re")]
 pub mod fdcan;
 pub mod safety;
+#[cfg(feature = "nucleo-f446re")]
+pub mod sectors;
 
 use core::num::NonZeroU8;
 
