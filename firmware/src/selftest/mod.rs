@@ -7,6 +7,8 @@ mod can;
 mod hour;
 mod stuck;
 
+use core::hint::black_box;
+
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 use funnel_plant::Virtual;
@@ -14,9 +16,9 @@ use funnel_plant::Virtual;
 use crate::app::{self, Chip};
 use crate::link::can::CanNode;
 use crate::link::serial::Serial;
-use crate::panic;
 use crate::storage::{Absent, Storage};
 use crate::watchdog::Watchdog;
+use crate::{panic, priority};
 
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
@@ -30,7 +32,7 @@ pub const BULK: u32 = 1_000_000;
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
 /// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `s` a node with
 /// storage, `h` a network for an hour; `P`, `F` a panic and a hard fault that restart the board as hardware does, `x` a node whose watchdog runs and
-/// whose plant gets stuck at its fifth tick. `chip` is the board's, `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
+/// whose plant gets stuck at its fifth tick, `O` a stack that overflows, restarted as after `F`; `i` equal priorities. `chip` is the board's, `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
 /// embassy-time is made from.
 pub async fn run<L: Read + Write>(
     mut link: L,
@@ -70,6 +72,12 @@ pub async fn run<L: Read + Write>(
             restart_with_safe_output();
             cortex_m::asm::udf()
         }
+        b'O' => {
+            restart_with_safe_output();
+            overflow_stack(Again(overflow_stack));
+            Ok(())
+        }
+        b'i' => link.write_all(&[u8::from(priority::is_level())]).await,
         b'h' => hour::run(&mut link, counts).await,
         b'f' => cortex_m::asm::udf(),
         other => {
@@ -83,6 +91,16 @@ fn restart_with_safe_output() {
     panic::on_defect(|| defmt::info!("the output is safe"));
     #[cfg(feature = "mps2-an386")]
     panic::restart_after_defects();
+}
+
+/// A function to call again: recursion that is plain to see is refused by stack.py.
+#[derive(Clone, Copy)]
+struct Again(fn(Again) -> u32);
+
+/// Until there is no stack left.
+fn overflow_stack(again: Again) -> u32 {
+    let room = black_box([1; 64]);
+    black_box(again.0)(again) + black_box(room)[0]
 }
 
 #[allow(clippy::panic)] // That is the test.
