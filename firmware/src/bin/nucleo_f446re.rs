@@ -21,12 +21,12 @@ use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
+use firmware::panic;
 use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::sectors::Sectors;
-use firmware::stm32::uid;
+use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{panic, reset};
 use funnel_plant::Virtual;
 use funnel_store::split::Split;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -39,8 +39,6 @@ bind_interrupts!(struct Interrupts {
     USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
 });
 
-/// Of the service plane, bit/s.
-const BIT_RATE: u32 = 115_200;
 /// 1 Mbit/s from 40 MHz: 20 time quanta of 2 periods, sampled after 16 (80 %).
 const TIMING: NominalBitTiming = timing(2, 15, 4);
 
@@ -78,10 +76,8 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_stm32::init(clocks());
-    let start = reset::begin(safety::cause());
-    let of_node = Chip { uid: uid(), start, watchdog: Iwdg::new(chip.IWDG) };
-    let mut config = usart::Config::default();
-    config.baudrate = BIT_RATE;
+    let of_node = safety::begin(chip.IWDG);
+    let config = service_plane();
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
     let uart = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
         .expect("the bit rate is possible");
