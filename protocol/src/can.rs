@@ -21,6 +21,8 @@ pub mod function {
     pub const STATE: u8 = 3;
     /// STATE, component 7.
     pub const STATE_LAST: u8 = 10;
+    /// STATE_FD, in frames of CAN FD only ([`crate::can_fd`]).
+    pub const STATE_FD: u8 = 11;
     /// EDGE.
     pub const EDGE: u8 = 12;
 }
