@@ -23,7 +23,7 @@ rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 163
 readonly BUDGETS="
 mps2_an386           mps2_an386    mps2_an386      -       53248 16384 40960
 heater_emulated      mps2_an386    heater_emulated -       65536 16384 53248
-nucleo_g474re_can_fd nucleo_g474re nucleo_g474re   can-fd  98304 22528 49152
+nucleo_g474re_can_fd nucleo_g474re nucleo_g474re   can-fd 106496 25600 49152
 nucleo_g474re        nucleo_g474re nucleo_g474re   -       98304 22528 49152
 nucleo_f446re        nucleo_f446re nucleo_f446re   -       98304 22528 65536
 nrf52840_dk          nrf52840_dk   nrf52840_dk     -       94208 22528 65536

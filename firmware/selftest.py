@@ -189,6 +189,21 @@ def bus_off():
         return "the node stops, and tells it after the recovery"
 
 
+def can_fd():
+    """Both components of the state in one frame; those of a neighbour are taken from one."""
+    two = NODE_CONFIG.replace(struct.pack("<Bf", 1, 1.0), struct.pack("<Bff", 2, 1.0, -1.0), 1)
+    two = two.replace(struct.pack("<Bf", 1, 0.0), struct.pack("<Bff", 2, 0.0, 0.0), 1)  # offset of the field
+    with Node(*ICOUNT) as node:
+        node.link.sendall(b"d" + frame(0x42, 0, two))
+        assert node.receive(len(frame(0x43, 3, b"\0"))) == frame(0x43, 3, b"\0"), "the configuration is refused"
+        node.link.sendall(frame(0x10, 0, b"\x00\x01\x00\x00\x00"))
+        log = wait_for(node, "CAN takes 0x103")  # its FAULT, after the recovery
+        order = ["CAN takes a state of 12 bytes, 0x583", "hears node 2", "CAN restarts"]
+        places = [log.find(text) for text in order]
+        assert -1 not in places and places == sorted(places), log
+        return "two components in a frame of 12 bytes, both ways"
+
+
 def commissioning():
     """A blank node is configured and stores; after a reset it has its id and starts; erased, it is blank after the next."""
     starts = iter((1, 2, 3, 5))  # those that are asked
@@ -365,6 +380,7 @@ TESTS = {
     "stuck tick": stuck_tick,
     "fed watchdog": fed_watchdog,
     "bus-off": bus_off,
+    "CAN FD": can_fd,
     "commissioning": commissioning,
     "idle": idle,
 }

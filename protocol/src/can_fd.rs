@@ -4,7 +4,7 @@
 //! Byte table: protocol/README.md, "Real-time plane on CAN FD". The core speaks of one component at a time; [`States`] is what a link
 //! collects them in.
 
-use crate::can::{self, function};
+use crate::can::{self, finite, function};
 use crate::message::{Component, Message, NodeId, TickStamp};
 use crate::refusal::Refusal;
 use heapless::Vec;
@@ -128,12 +128,13 @@ fn decode_states(node: u8, data: &[u8]) -> Result<States, Refusal> {
         return Err(Refusal::Length);
     }
     let (values, _) = rest.as_chunks::<4>();
-    let x: Vec<f32, COMPONENTS> = values.iter().take(count).map(|&x| f32::from_le_bytes(x)).collect();
+    let mut x = Vec::new();
+    for &value in values.iter().take(count) {
+        // There is room for all that a header can count.
+        let _ = x.push(finite(f32::from_le_bytes(value))?);
+    }
     if rest.iter().skip(4 * count).any(|&pad| pad != 0) {
         return Err(Refusal::Value);
-    }
-    if x.iter().any(|x| !x.is_finite()) {
-        return Err(Refusal::NotFinite);
     }
     let tick = TickStamp::low(u32::from(u16::from_le_bytes([t0, t1])), 16);
     Ok(States { source: can::source(node)?, tick, x })

@@ -51,7 +51,8 @@ no plant. A bench file's `host = true` starts such a node by itself.
 
 Examples:
   sim-host node --serial /dev/ttyUSB0
-  sim-host node --serial /dev/ttyUSB0 --can can0";
+  sim-host node --serial /dev/ttyUSB0 --can can0
+  sim-host node --serial /dev/ttyUSB0 --can can0 --can-fd";
 
 const CHECK_HELP: &str = "\
 Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over
@@ -153,6 +154,9 @@ struct NodeArgs {
     /// Send and hear states on this CAN interface, and leave the line to the host
     #[arg(long, value_name = "INTERFACE")]
     can: Option<String>,
+    /// In frames of CAN FD, as all nodes of that bus then must
+    #[arg(long, requires = "can")]
+    can_fd: bool,
     /// The unique number that it says it has, in hexadecimal digits
     #[arg(long, value_name = "HEX", default_value = "0", value_parser = parse_uid)]
     uid: u64,
@@ -481,7 +485,8 @@ fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
 
 fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {
     let missing = |message| Failure { message, exit: Exit::NoHardware };
-    let can = args.can.as_deref().map(host_node::can_port).transpose().map_err(missing)?;
+    let can =
+        args.can.as_deref().map(|can| host_node::can_port(can, args.can_fd)).transpose().map_err(missing)?;
     let line = match &args.serial {
         Some(path) => host_node::serial_line(path, args.baud).map_err(missing)?,
         None => host_node::inherited_line()

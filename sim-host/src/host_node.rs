@@ -3,12 +3,11 @@
 //! So a Linux computer with a CAN adapter takes part in a network, and a bench is tried without a board. It ticks by its own clock or by
 //! SYNC like any node, but on a computer whose system takes its time now and then: what is late is counted.
 
-use crate::can::{CanPort, Heard, Own, Traffic};
+use crate::can::{AnyFormat, CanPort, Heard, Own, PortFrame, Traffic};
 use crate::exit::Exit;
 use funnel_core::{Event, Output, Session};
 use funnel_link::Mailbox;
 use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::can;
 use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
@@ -58,6 +57,7 @@ enum Input {
 
 /// Runs a node until its line is closed. `uid` is the unique number that it gives itself.
 pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
+    let fd = matches!(can, Some(CanPort::Fd(_)));
     let (sender, inputs) = mpsc::channel();
     let Line { from_host, to_host } = line;
     let can = can.map(Arc::new);
@@ -78,6 +78,8 @@ pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
     HostNode {
         session: Session::new(identity),
         deframer: Deframer::new(),
+        saying: AnyFormat::new(fd),
+        hearing: AnyFormat::new(fd),
         mailbox: Mailbox::new(),
         begin: Instant::now(),
         offs: 0,
@@ -137,7 +139,9 @@ fn listen(port: &CanPort, to: &Sender<Input>) {
 struct HostNode {
     session: Session,
     deframer: Deframer,
-    mailbox: Mailbox,
+    saying: AnyFormat,
+    hearing: AnyFormat,
+    mailbox: Mailbox<PortFrame>,
     begin: Instant,
     /// How often the controller went off the bus.
     offs: u16,
@@ -192,14 +196,13 @@ impl HostNode {
         if let Traffic::Error { off: true, .. } = heard.what {
             self.offs = self.offs.saturating_add(1);
             self.mailbox.clear();
+            drop(self.saying.flush());
             self.session.fail(FaultCode::BUS_OFF, self.offs);
         }
-        let frame = match heard.message() {
-            Ok(message) => Ok(Frame::RealTime(message)),
-            Err(Some(reason)) => Err(reason),
-            Err(None) => return,
-        };
-        self.session.on_frame(frame, self.now());
+        let now = self.now();
+        for message in heard.messages(&mut self.hearing) {
+            self.session.on_frame(message.map(Frame::RealTime), now);
+        }
     }
 
     fn drain(&mut self) -> Result<(), End> {
@@ -214,6 +217,9 @@ impl HostNode {
                 Output::Sample | Output::Actuate | Output::Safe => {}
             }
         }
+        if let Some(frame) = self.saying.flush() {
+            self.mailbox.put(frame);
+        }
         self.empty_mailbox()
     }
 
@@ -221,7 +227,9 @@ impl HostNode {
         if self.can.is_none() {
             return self.write(&serial::encode(message));
         }
-        self.mailbox.put(can::encode(message));
+        for frame in self.saying.pack(message) {
+            self.mailbox.put(frame);
+        }
         if matches!(message, Message::Fault { .. }) {
             self.write(&serial::encode(message))?;
         }
@@ -282,10 +290,10 @@ pub fn serial_line(path: &str, baud: u32) -> Result<Line, String> {
     Ok(Line { from_host: Box::new(reader), to_host: Box::new(port) })
 }
 
-/// Opens what a node shall send its states on.
+/// Opens what a node shall send its states on, in frames of CAN FD if `fd`.
 ///
 /// # Errors
 /// What the problem is, and what to try.
-pub fn can_port(interface: &str) -> Result<CanPort, String> {
-    CanPort::open(interface, Own::Ignored).map_err(|error| error.to_string())
+pub fn can_port(interface: &str, fd: bool) -> Result<CanPort, String> {
+    CanPort::open(interface, Own::Ignored, fd).map_err(|error| error.to_string())
 }

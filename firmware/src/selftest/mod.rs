@@ -11,6 +11,7 @@ use core::hint::black_box;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
+use funnel_link::{Classic, Fd, Format};
 use funnel_plant::Virtual;
 
 use crate::app::{self, Chip};
@@ -30,7 +31,7 @@ pub const LONG_WAIT: Duration = Duration::from_secs(1000);
 pub const BULK: u32 = 1_000_000;
 
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
-/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `s` a node with
+/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `d` the same in frames of CAN FD, `s` a node with
 /// storage, `h` a network for an hour; `P`, `F` a panic and a hard fault that restart the board as hardware does, `x` a node whose watchdog runs and
 /// whose plant gets stuck at its fifth tick, `O` a stack that overflows, restarted as after `F`; `i` equal priorities. `chip` is the board's, `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
 /// embassy-time is made from.
@@ -53,15 +54,8 @@ pub async fn run<L: Read + Write>(
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
-        b'c' => {
-            app::run(
-                CanNode::new(can::Scripted::default(), Serial::new(link)),
-                Absent,
-                Virtual,
-                Chip::UNKNOWN,
-            )
-            .await
-        }
+        b'c' => on_can::<Classic>(link).await,
+        b'd' => on_can::<Fd>(link).await,
         b's' => app::run(Serial::new(link), storage, Virtual, chip).await,
         b'x' => app::run(Serial::new(link), storage, stuck::Plant::default(), chip).await,
         b'P' => {
@@ -85,6 +79,12 @@ pub async fn run<L: Read + Write>(
             Ok(())
         }
     }
+}
+
+/// A node on a bus in one of the formats.
+async fn on_can<F: Format>(link: impl Read + Write) -> ! {
+    let node = CanNode::new(can::Scripted::<F>::default(), Serial::new(link));
+    app::run(node, Absent, Virtual, Chip::UNKNOWN).await
 }
 
 fn restart_with_safe_output() {

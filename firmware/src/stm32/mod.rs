@@ -34,9 +34,7 @@ pub fn service_plane() -> usart::Config {
 /// A frame of the real-time plane, or `None` for one with a 29-bit identifier and for a remote frame.
 fn received(header: &Header, bytes: &[u8]) -> Option<Received> {
     let Id::Standard(id) = header.id() else { return None };
-    let mut data = [0; 8];
-    data.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-    (!header.rtr()).then_some(Received { id: id.as_raw(), length: header.len(), data })
+    (!header.rtr()).then(|| Received::new(id.as_raw(), header.len(), bytes))
 }
 
 /// A number that is not zero, at compile time: quanta and prescalers of a bit.

@@ -61,6 +61,8 @@ pub struct BenchFile {
     pub clock: Clock,
     /// The CAN interface of this computer, for the nodes that are on CAN.
     pub can: Option<String>,
+    /// Frames on it are those of CAN FD.
+    pub can_fd: bool,
     /// The nodes, in the order of the file.
     pub nodes: Vec<BenchNode>,
 }
@@ -93,6 +95,11 @@ impl BenchFile {
         let on_loss = file.choice("on_loss", &ON_LOSS, Some(OnLoss::Stop)).unwrap_or_default();
         let clock = file.choice("clock", &CLOCKS, Some(Clock::Host)).unwrap_or_default();
         let can = file.text("can");
+        let can_fd = file.value("can_fd", false, |item| must_be_true(item).map(|()| true));
+        if let Some(key) = root.get("can_fd").filter(|_| can_fd && can.is_none()) {
+            let allowed = "must come with can, the name of an interface such as \"can0\"";
+            log.report(key.diagnostic(Problem::Value, allowed));
+        }
         let items = file.array("node");
         if items.is_empty() {
             file.missing(
@@ -117,6 +124,7 @@ impl BenchFile {
             on_loss,
             clock,
             can,
+            can_fd,
             nodes,
         })
     }

@@ -414,7 +414,7 @@ impl Hub {
                 None => {}
             });
         }
-        for_can.iter().try_for_each(|frame| self.relay_to_can(frame))
+        self.relay_to_can(&for_can)
     }
 
     /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
