@@ -1,5 +1,5 @@
 #!/bin/sh
-# The benches that sim-host/tests/socketcan.rs judges, on vcan0, with its files in the work folder.
+# The benches that sim-host/tests/socketcan judges, on vcan0 and vcan1, with its files in the work folder.
 # The program is $1; the folder with the scenarios is $2.
 program=$1 scenarios=$2
 
@@ -41,6 +41,33 @@ benches=no-fd.toml bench no-fd vector.toml --set time.duration=200ms
 
 # Two nodes on lines of their own, three on the bus.
 benches=mixed.toml bench mixed five.toml --set time.duration=200ms
+
+# Two nodes on each of two buses, and one on a line.
+candump -L vcan0 >candump-two-0.log &
+listeners=$!
+candump -L vcan1 >candump-two-1.log &
+listeners="$listeners $!"
+sleep 0.5
+benches=two.toml bench two five.toml --set time.duration=200ms
+sleep 0.2
+kill $listeners
+
+# Nodes that tick by their own clock: all on one bus, with somebody listening; no two neighbours on the same bus; two on lines in CAN FD.
+candump -L vcan0 >candump-own.log &
+listener=$!
+sleep 0.5
+benches=own.toml bench own five.toml --set time.tick=10ms --set time.duration=3s --every 10ms
+sleep 0.2
+kill $listener
+sed '/^reference_error/d' "$scenarios/five-agents-path.toml" >path.toml
+benches=own-apart.toml bench own-apart path.toml --set time.tick=10ms --set time.duration=3s --set bus.latency=5ms
+benches=own-fd-mixed.toml bench own-fd-mixed vector.toml --set time.tick=10ms --set time.duration=1s
+
+# Whoever is on the bus can stop it, without the program.
+benches=own.toml bench halted five.toml --set time.tick=10ms --set time.duration=10min &
+sleep 2
+cansend vcan0 000#02000000
+wait $!
 
 # What a real bus does not do is skipped, and said to be.
 bench skipped "$scenarios/lossy-ring.toml" --set graph.nodes=5 --set time.duration=100ms

@@ -134,9 +134,9 @@ pub struct BenchSummary {
     /// What nodes that ticked by their own clock did with it; left out where they ticked by SYNC.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub own_clock: Option<OwnClockSummary>,
-    /// The CAN interface; left out where no node was on one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub can: Option<CanSummary>,
+    /// The CAN interfaces; left out where no node was on one.
+    #[serde(skip_serializing_if = "PerInterface::is_empty")]
+    pub can: PerInterface,
     /// By id.
     pub nodes: Vec<BenchNodeSummary>,
 }
@@ -184,6 +184,25 @@ pub struct CanSummary {
     pub errors: u64,
     /// The last of them.
     pub last_error: Option<String>,
+}
+
+/// One per CAN interface, in the order of the bench file: an object where there is one, an array where there are several.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PerInterface(pub Vec<CanSummary>);
+
+impl PerInterface {
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl Serialize for PerInterface {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0.as_slice() {
+            [interface] => interface.serialize(serializer),
+            interfaces => interfaces.serialize(serializer),
+        }
+    }
 }
 
 /// The time that a node was away.
