@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod can;
+mod checksum;
 pub mod config;
 pub mod message;
 pub mod refusal;
