@@ -10,14 +10,19 @@ use crate::BUFFER;
 
 /// What is written now; the number and what it stands for are in the commit record. 1 was the first. A field more at the end
 /// of `NodeConfig` changes the bytes, and needs a new number, an arm in [`missing`] and golden bytes in tests/layout.rs.
-pub const LAYOUT: u8 = 2;
+pub const LAYOUT: u8 = 3;
+
+/// Whether a key can be beside the configuration.
+pub(crate) fn has_key(layout: u8) -> bool {
+    layout >= 3
+}
 
 /// Fields of `NodeConfig` that a layout does not have; `None` for one that is not known.
 fn missing(layout: u8) -> Option<usize> {
     match layout {
         // lost_neighbours, holdover_ns
         1 => Some(2),
-        LAYOUT => Some(0),
+        2 | LAYOUT => Some(0),
         _ => None,
     }
 }

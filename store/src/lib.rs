@@ -1,14 +1,16 @@
-//! A node's configuration in flash.
+//! A node's configuration in flash, and its key.
 //!
-//! The region has two halves, each a key-value map of `sequential-storage` with at most two records:
+//! The region has two halves, each a key-value map of `sequential-storage` with at most three records:
 //!
 //! | key | record |
 //! |---|---|
 //! | 0 | the configuration: `Option<NodeConfig>` in postcard, `None` for a node that was made blank on purpose |
-//! | 1 | the [`commit`](record::Commit): layout, epoch, CRC-32; written last |
+//! | 2 | the key, where there is one |
+//! | 1 | the [`commit`](record::Commit): layout, epoch, CRC-32 over all of them; written last |
 //!
-//! [`Store::stage`] erases the half that is not current and writes a configuration there. [`Store::commit`] adds the commit
-//! record with a larger epoch, which makes that half the current one. Nothing ever writes or erases the current half, so a power
+//! [`Store::stage`] erases the half that is not current and writes a configuration there, with the key of the current one.
+//! [`Store::commit`] adds the commit record with a larger epoch, which makes that half the current one: a short write and no
+//! erase. Nothing ever writes or erases the current half, so a power
 //! cut leaves the old configuration or the new one, whatever an interrupted write or erase leaves in the other half.
 //!
 //! Why not one map over the whole region: `sequential-storage` then moves live records out of a page before it erases
@@ -29,6 +31,7 @@ use core::ops::Range;
 use embedded_storage_async::nor_flash::NorFlash;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::serial::MAX_BODY;
+use funnel_protocol::service::Key;
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
@@ -41,12 +44,13 @@ use record::{Commit, checksum};
 /// Keys of the records.
 const CONFIG: u8 = 0;
 const COMMIT: u8 = 1;
+const KEY: u8 = 2;
 
 /// Longest configuration, bytes: the longest body of a CONFIGURE and the one byte of the `Option` (`the_longest_fits`, tests/layout.rs).
 pub const MAX_CONFIG: usize = MAX_BODY + 1;
 /// Room for a configuration and its key, in whole words of any flash (32 bytes).
 const BUFFER: usize = (MAX_CONFIG + 1).next_multiple_of(32);
-/// Smallest page, bytes: both records fit into the first one, so that no map ever moves a record.
+/// Smallest page, bytes: all records fit into the first one, so that no map ever moves a record.
 pub const MIN_PAGE: usize = 2048;
 /// Smallest region, pages: two for each half.
 pub const MIN_PAGES: u32 = 4;
@@ -72,8 +76,8 @@ pub struct Store<S> {
     flash: S,
     region: Range<u32>,
     current: Option<(Half, Commit)>,
-    /// What was staged since the start, with the length of its record.
-    staged: Option<(Half, usize)>,
+    /// What was staged since the start, with the [`checksum`] of it at epoch 0.
+    staged: Option<(Half, u32)>,
     buffer: [u8; BUFFER],
 }
 
@@ -108,35 +112,49 @@ impl<S: NorFlash> Store<S> {
     /// them prevents a new one from being staged and committed.
     pub async fn load(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
         let Some((half, commit)) = self.current else { return Ok(None) };
-        if commit.layout > LAYOUT {
-            return Err(Error::Newer { layout: commit.layout });
-        }
-        let bytes = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
-        if checksum(commit.layout, commit.epoch, bytes) != commit.crc {
-            return Err(Error::Corrupt);
-        }
+        let (_, bytes) = self.committed(half, commit).await?;
         layout::read(commit.layout, bytes).map_err(|_| Error::Corrupt)
     }
 
-    /// Writes a configuration, or `None` for a blank node, beside the current one, which stays.
+    /// The key beside the current configuration, which may be that of a blank node; `None` where there is none.
+    ///
+    /// # Errors
+    /// As for [`Store::load`].
+    pub async fn key(&mut self) -> Result<Option<Key>, Error<S::Error>> {
+        let Some((half, commit)) = self.current else { return Ok(None) };
+        Ok(self.committed(half, commit).await?.0)
+    }
+
+    /// Writes a configuration beside the current one, which stays, with the current key; or `None` for a blank node without one.
+    /// A key that cannot be read, since its record is damaged or of later firmware, is gone then.
     ///
     /// # Errors
     /// `Flash`, `Corrupt` where the flash does not keep what is written. Nothing is staged then.
     pub async fn stage(&mut self, config: Option<&NodeConfig>) -> Result<(), Error<S::Error>> {
-        self.staged = None;
-        let half = self.current.map_or(Half::Low, |(half, _)| half.other());
-        let range = self.range(half);
-        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
-        self.write(half, CONFIG, &Record::Config(config)).await?;
-        let written = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
-        let length = written.len();
-        // Serialized once more, against what is there, for want of a second buffer.
-        let rest = postcard::serialize_with_flavor(&config, Expected(written)).map_err(|_| Error::Corrupt)?;
-        if !rest.is_empty() {
-            return Err(Error::Corrupt);
-        }
-        self.staged = Some((half, length));
-        Ok(())
+        let key = match (config, self.key().await) {
+            (None, _) | (_, Err(Error::Corrupt | Error::Newer { .. })) => None,
+            (Some(_), key) => key?,
+        };
+        self.put(config, key).await
+    }
+
+    /// The same for the current configuration with another key.
+    ///
+    /// # Errors
+    /// As for [`Store::stage`] and [`Store::load`].
+    pub async fn stage_key(&mut self, key: Key) -> Result<(), Error<S::Error>> {
+        let config = self.load().await?;
+        self.put(config.as_ref(), Some(key)).await
+    }
+
+    /// What a commit would make the current configuration.
+    ///
+    /// # Errors
+    /// `NotStaged`; `Corrupt` where it has changed since it was staged; `Flash`.
+    pub async fn staged(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
+        let (half, crc) = self.staged.ok_or(Error::NotStaged)?;
+        let (_, bytes) = self.checked(half, LAYOUT, 0, crc).await?;
+        layout::read(LAYOUT, bytes).map_err(|_| Error::Corrupt)
     }
 
     /// Makes the staged configuration the current one. A power cut leaves the one or the other.
@@ -148,11 +166,10 @@ impl<S: NorFlash> Store<S> {
         if epoch <= self.epoch() {
             return Err(Error::Epoch { present: self.epoch() });
         }
-        let (half, length) = self.staged.take().ok_or(Error::NotStaged)?;
-        let bytes =
-            self.read(half, CONFIG).await?.filter(|bytes| bytes.len() == length).ok_or(Error::Corrupt)?;
-        let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, bytes) };
-        self.write(half, COMMIT, &Record::Commit(commit.encode())).await?;
+        let (half, crc) = self.staged.take().ok_or(Error::NotStaged)?;
+        let (key, bytes) = self.checked(half, LAYOUT, 0, crc).await?;
+        let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, key.as_ref(), bytes) };
+        self.write(half, COMMIT, &Record::Bytes(&commit.encode())).await?;
         if self.read_commit(half).await? != Some(commit) {
             return Err(Error::Corrupt);
         }
@@ -168,6 +185,61 @@ impl<S: NorFlash> Store<S> {
     /// The flash, for the next user.
     pub fn release(self) -> S {
         self.flash
+    }
+
+    /// Writes both beside what is current, and looks whether they are there.
+    async fn put(&mut self, config: Option<&NodeConfig>, key: Option<Key>) -> Result<(), Error<S::Error>> {
+        self.staged = None;
+        let half = self.current.map_or(Half::Low, |(half, _)| half.other());
+        let range = self.range(half);
+        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
+        self.write(half, CONFIG, &Record::Config(config)).await?;
+        if let Some(Key(bytes)) = &key {
+            self.write(half, KEY, &Record::Bytes(bytes)).await?;
+        }
+        let (written_key, written) = self.contents(half, LAYOUT).await?;
+        // Serialized once more, against what is there, for want of a second buffer.
+        let rest = postcard::serialize_with_flavor(&config, Expected(written)).map_err(|_| Error::Corrupt)?;
+        if !rest.is_empty() || written_key != key {
+            return Err(Error::Corrupt);
+        }
+        self.staged = Some((half, checksum(LAYOUT, 0, key.as_ref(), written)));
+        Ok(())
+    }
+
+    async fn committed(
+        &mut self,
+        half: Half,
+        Commit { layout, epoch, crc }: Commit,
+    ) -> Result<(Option<Key>, &[u8]), Error<S::Error>> {
+        if layout > LAYOUT {
+            return Err(Error::Newer { layout });
+        }
+        self.checked(half, layout, epoch, crc).await
+    }
+
+    /// Key and configuration of a half, which have this checksum.
+    async fn checked(
+        &mut self,
+        half: Half,
+        layout: u8,
+        epoch: u32,
+        crc: u32,
+    ) -> Result<(Option<Key>, &[u8]), Error<S::Error>> {
+        let (key, bytes) = self.contents(half, layout).await?;
+        if checksum(layout, epoch, key.as_ref(), bytes) != crc {
+            return Err(Error::Corrupt);
+        }
+        Ok((key, bytes))
+    }
+
+    async fn contents(&mut self, half: Half, layout: u8) -> Result<(Option<Key>, &[u8]), Error<S::Error>> {
+        let key = match layout::has_key(layout) {
+            true => self.read(half, KEY).await?.and_then(|bytes| bytes.try_into().ok()).map(Key),
+            false => None,
+        };
+        let bytes = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
+        Ok((key, bytes))
     }
 
     fn range(&self, half: Half) -> Range<u32> {
@@ -211,14 +283,14 @@ impl<S: NorFlash> Store<S> {
 /// What is written: one type, for one copy of the map in the image.
 enum Record<'a> {
     Config(Option<&'a NodeConfig>),
-    Commit([u8; record::LENGTH]),
+    Bytes(&'a [u8]),
 }
 
 impl<'a> Value<'a> for Record<'_> {
     fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
         let bytes = match self {
             Self::Config(config) => postcard::to_slice(config, buffer).map(|bytes| bytes.len()).ok(),
-            Self::Commit(bytes) => buffer.get_mut(..bytes.len()).map(|room| {
+            Self::Bytes(bytes) => buffer.get_mut(..bytes.len()).map(|room| {
                 room.copy_from_slice(bytes);
                 bytes.len()
             }),
