@@ -25,6 +25,7 @@ mod guard;
 pub mod layout;
 pub mod record;
 pub mod split;
+mod task;
 
 use core::ops::Range;
 
@@ -69,6 +70,16 @@ impl Half {
             Self::High => Self::Low,
         }
     }
+}
+
+/// What is staged.
+pub enum Change<'a> {
+    /// A configuration, with the current key.
+    Config(&'a NodeConfig),
+    /// A blank node without a key.
+    Blank,
+    /// The current configuration with this key; room to put it meanwhile, which need not be the store's.
+    Key(Key, &'a mut Option<NodeConfig>),
 }
 
 /// The stored configuration of a node. Dropping a future of it is a power cut: call [`Store::open`] again.
@@ -125,26 +136,25 @@ impl<S: NorFlash> Store<S> {
         Ok(self.committed(half, commit).await?.0)
     }
 
-    /// Writes a configuration beside the current one, which stays, with the current key; or `None` for a blank node without one.
-    /// A key that cannot be read, since its record is damaged or of later firmware, is gone then.
+    /// Writes what is to be beside what is current, which stays. A key that cannot be read any more, since its record is damaged or of later
+    /// firmware, does not come along.
     ///
     /// # Errors
-    /// `Flash`, `Corrupt` where the flash does not keep what is written. Nothing is staged then.
-    pub async fn stage(&mut self, config: Option<&NodeConfig>) -> Result<(), Error<S::Error>> {
-        let key = match (config, self.key().await) {
-            (None, _) | (_, Err(Error::Corrupt | Error::Newer { .. })) => None,
-            (Some(_), key) => key?,
+    /// `Flash`, `Corrupt` where the flash does not keep what is written; with a key, too, what [`Store::load`] fails with. Nothing is
+    /// staged then.
+    pub async fn stage(&mut self, change: Change<'_>) -> Result<(), Error<S::Error>> {
+        let (config, key) = match change {
+            Change::Config(config) => match self.key().await {
+                Err(Error::Corrupt | Error::Newer { .. }) => (Some(config), None),
+                key => (Some(config), key?),
+            },
+            Change::Blank => (None, None),
+            Change::Key(key, room) => {
+                *room = self.load().await?;
+                (room.as_ref(), Some(key))
+            }
         };
         self.put(config, key).await
-    }
-
-    /// The same for the current configuration with another key.
-    ///
-    /// # Errors
-    /// As for [`Store::stage`] and [`Store::load`].
-    pub async fn stage_key(&mut self, key: Key) -> Result<(), Error<S::Error>> {
-        let config = self.load().await?;
-        self.put(config.as_ref(), Some(key)).await
     }
 
     /// What a commit would make the current configuration.

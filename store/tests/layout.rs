@@ -6,11 +6,12 @@ mod flash;
 
 use configs::{longest, small};
 use flash::{Flash, now};
+use funnel_core::Task;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Key;
 use funnel_store::layout::LAYOUT;
 use funnel_store::record::{Commit, checksum};
-use funnel_store::{Error, MAX_CONFIG, Store};
+use funnel_store::{Change, Error, MAX_CONFIG, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -81,18 +82,18 @@ fn a_configuration_of_layout_2_is_read_for_ever() {
 #[test]
 fn what_is_stored_now_has_the_golden_bytes() {
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Some(&guarded()))).unwrap();
+    now(store.stage(Change::Config(&guarded()))).unwrap();
     now(store.commit(5)).unwrap();
     assert_eq!(LAYOUT, 3, "a new layout needs its own golden bytes");
     assert!(store.release().bytes == written(&bytes(CONFIG_2), &bytes(COMMIT_3_WITHOUT_KEY)).bytes);
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
     let blank_with_key = now(async {
-        store.stage_key(KEY).await?;
+        store.stage(Change::Key(KEY, &mut None)).await?;
         store.commit(4).await?;
         Ok::<_, Error<flash::Fault>>((store.load().await?, store.key().await?))
     });
     assert_eq!(blank_with_key, Ok((None, Some(KEY))));
-    now(store.stage(Some(&guarded()))).unwrap();
+    now(store.stage(Change::Config(&guarded()))).unwrap();
     now(store.commit(5)).unwrap();
     let half = REGION.end as usize / 2;
     let golden = written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_3));
@@ -130,29 +131,48 @@ fn the_key_stays_until_the_node_is_made_blank() {
         epoch += 1;
         epoch
     };
-    now(store.stage(Some(&small(1)))).unwrap();
+    now(store.stage(Change::Config(&small(1)))).unwrap();
     now(store.commit(next())).unwrap();
-    now(store.stage_key(KEY)).unwrap();
+    now(store.stage(Change::Key(KEY, &mut None))).unwrap();
     assert_eq!(now(store.key()), Ok(None), "until the commit");
     now(store.commit(next())).unwrap();
     assert_eq!((now(store.load()), now(store.key())), (Ok(Some(small(1))), Ok(Some(KEY))));
-    now(store.stage(Some(&longest(2)))).unwrap();
+    now(store.stage(Change::Config(&longest(2)))).unwrap();
     now(store.commit(next())).unwrap();
     let mut store = now(Store::open(store.release(), REGION)).unwrap();
     assert_eq!((now(store.load()), now(store.key())), (Ok(Some(longest(2))), Ok(Some(KEY))));
-    now(store.stage(None)).unwrap();
+    now(store.stage(Change::Blank)).unwrap();
     now(store.commit(next())).unwrap();
     assert_eq!((now(store.load()), now(store.key())), (Ok(None), Ok(None)));
-    now(store.stage(Some(&small(1)))).unwrap();
+    now(store.stage(Change::Config(&small(1)))).unwrap();
     now(store.commit(next())).unwrap();
     assert_eq!(now(store.key()), Ok(None), "gone for good");
+}
+
+#[test]
+fn each_task_of_a_node_has_the_next_epoch() {
+    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+    let mut room = None;
+    assert_eq!(now(store.perform(Task::Store(&small(1)))), Ok(1));
+    assert_eq!(now(store.perform(Task::Key(KEY, &mut room))), Ok(2));
+    assert_eq!(now(store.perform(Task::Stage(&small(2)))), Ok(2));
+    assert_eq!((now(store.load()), now(store.perform(Task::Commit(&mut room)))), (Ok(Some(small(1))), Ok(3)));
+    assert_eq!(
+        (room, now(store.load()), now(store.key())),
+        (Some(small(2)), Ok(Some(small(2))), Ok(Some(KEY)))
+    );
+    assert_eq!(now(store.perform(Task::Commit(&mut None))), Err(Error::NotStaged));
+    assert_eq!(
+        (now(store.perform(Task::Erase)), now(store.load()), now(store.key())),
+        (Ok(4), Ok(None), Ok(None))
+    );
 }
 
 #[test]
 fn what_is_staged_can_be_read_and_is_not_committed_once_it_has_changed() {
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
     assert_eq!(now(store.staged()), Err(Error::NotStaged));
-    now(store.stage(Some(&small(1)))).unwrap();
+    now(store.stage(Change::Config(&small(1)))).unwrap();
     assert_eq!((now(store.staged()), now(store.load())), (Ok(Some(small(1))), Ok(None)));
     // Behind the head of its page and that of its record.
     store.flash().bytes[20] ^= 4;
@@ -182,7 +202,7 @@ fn a_later_layout_is_refused_and_can_be_replaced() {
     let commit = Commit { layout: LAYOUT + 1, epoch: 9, crc: 0 };
     let mut store = now(Store::open(written(b"who knows", &commit.encode()), REGION)).unwrap();
     assert_eq!(now(store.load()), Err(Error::Newer { layout: LAYOUT + 1 }));
-    now(store.stage(Some(&small(1)))).unwrap();
+    now(store.stage(Change::Config(&small(1)))).unwrap();
     now(store.commit(10)).unwrap();
     assert_eq!(load(store.release()), Ok(Some(small(1))));
 }
@@ -226,7 +246,7 @@ fn the_longest_fits() {
     let length = postcard::to_slice(&Some(longest(1)), &mut bytes).unwrap().len();
     assert!(length <= MAX_CONFIG && length + 32 > MAX_CONFIG, "{length} of {MAX_CONFIG}");
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Some(&longest(1)))).unwrap();
+    now(store.stage(Change::Config(&longest(1)))).unwrap();
     now(store.commit(1)).unwrap();
     assert_eq!(load(store.release()), Ok(Some(longest(1))));
 }

@@ -11,7 +11,7 @@ use flash::{Chip, Fault, Flash, now};
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Key;
 use funnel_store::split::{Split, SplitError};
-use funnel_store::{Error, Store};
+use funnel_store::{Change, Error, Store};
 use proptest::prelude::*;
 
 /// What a store keeps.
@@ -23,13 +23,13 @@ struct Stored {
 
 /// What is asked of it.
 #[derive(Clone, Debug)]
-enum Change {
+enum Put {
     Config(NodeConfig),
     Blank,
     Key(u8),
 }
 
-impl Change {
+impl Put {
     /// What is there afterwards.
     fn of(&self, old: &Stored) -> Stored {
         match self {
@@ -41,11 +41,11 @@ impl Change {
 }
 
 /// The first half of it.
-async fn stage<F: NorFlash>(store: &mut Store<F>, change: &Change) -> Result<(), Error<F::Error>> {
+async fn stage<F: NorFlash>(store: &mut Store<F>, change: &Put) -> Result<(), Error<F::Error>> {
     match change {
-        Change::Config(config) => store.stage(Some(config)).await,
-        Change::Blank => store.stage(None).await,
-        Change::Key(key) => store.stage_key(Key([*key; 16])).await,
+        Put::Config(config) => store.stage(Change::Config(config)).await,
+        Put::Blank => store.stage(Change::Blank).await,
+        Put::Key(key) => store.stage(Change::Key(Key([*key; 16]), &mut None)).await,
     }
 }
 
@@ -59,7 +59,7 @@ fn read<F: Chip>(store: &mut Store<F>) -> Stored {
 }
 
 /// Stages and commits; how far it came, and the flash.
-fn put<F: Chip>(flash: F, change: &Change) -> (Result<(), Fault>, F) {
+fn put<F: Chip>(flash: F, change: &Put) -> (Result<(), Fault>, F) {
     let mut store = open(flash);
     let done = now(async {
         stage(&mut store, change).await?;
@@ -73,21 +73,21 @@ fn put<F: Chip>(flash: F, change: &Change) -> (Result<(), Fault>, F) {
 }
 
 /// Writes of a node's life: the first ones, equal ones, longer and shorter ones, blank in between, keys among them.
-fn life() -> Vec<Change> {
+fn life() -> Vec<Put> {
     vec![
-        Change::Config(small(1)),
-        Change::Config(longest(2)),
-        Change::Key(7),
-        Change::Config(small(3)),
-        Change::Key(8),
-        Change::Key(8),
-        Change::Blank,
-        Change::Config(longest(5)),
-        Change::Config(longest(5)),
-        Change::Blank,
-        Change::Blank,
-        Change::Key(9),
-        Change::Config(small(9)),
+        Put::Config(small(1)),
+        Put::Config(longest(2)),
+        Put::Key(7),
+        Put::Config(small(3)),
+        Put::Key(8),
+        Put::Key(8),
+        Put::Blank,
+        Put::Config(longest(5)),
+        Put::Config(longest(5)),
+        Put::Blank,
+        Put::Blank,
+        Put::Key(9),
+        Put::Config(small(9)),
     ]
 }
 
@@ -109,7 +109,7 @@ fn every_cut<F: Chip>() -> (u64, u64) {
             assert!(store.flash().cells().bytes() == bytes, "looking must not write");
             assert!(found == old || found == new, "a third configuration after {n} steps: {found:?}");
             new_already += u64::from(found == new && old != new);
-            let next = Change::Config(small(77));
+            let next = Put::Config(small(77));
             let (done, again) = put(store.release(), &next);
             assert_eq!((done, read(&mut open(again))), (Ok(()), next.of(&found)), "after {n} steps");
             cuts += 1;
@@ -154,9 +154,9 @@ fn a_part_of_a_page_is_not_erased() {
 
 #[test]
 fn a_stage_without_its_commit_is_dropped_at_the_restart() {
-    let (_, flash) = put(Flash::<8, 2048>::new(6), &Change::Config(small(1)));
+    let (_, flash) = put(Flash::<8, 2048>::new(6), &Put::Config(small(1)));
     let mut store = open(flash);
-    now(store.stage(Some(&small(2)))).unwrap();
+    now(store.stage(Change::Config(&small(2)))).unwrap();
     assert_eq!(read(&mut store).config, Some(small(1)), "until the commit the old one counts");
     let mut store = open(store.release());
     assert_eq!(read(&mut store).config, Some(small(1)));
@@ -169,7 +169,7 @@ fn epochs_grow() {
     for (epoch, outcome) in
         [(0, Err(Error::Epoch { present: 0 })), (7, Ok(())), (7, Err(Error::Epoch { present: 7 }))]
     {
-        now(store.stage(Some(&small(1)))).unwrap();
+        now(store.stage(Change::Config(&small(1)))).unwrap();
         assert_eq!(now(store.commit(epoch)), outcome);
     }
     assert_eq!(open(store.release()).epoch(), 7);
@@ -189,7 +189,7 @@ fn flash_full_of_anything_is_a_store_without_a_configuration() {
         let mut store = open(flash);
         assert_eq!(read(&mut store), Stored::default());
         assert!(store.flash().bytes == bytes, "looking must not write");
-        assert_eq!(put(store.release(), &Change::Config(small(1))).0, Ok(()));
+        assert_eq!(put(store.release(), &Put::Config(small(1))).0, Ok(()));
     }
 }
 
@@ -212,16 +212,16 @@ fn arm<const W: usize, const P: usize>(store: &mut Store<Flash<W, P>>, cut: Opti
 /// One step in the life of a node; `cut` is where in it the power fails.
 #[derive(Clone, Debug)]
 enum Step {
-    Stage(Change, Option<u64>),
+    Stage(Put, Option<u64>),
     Commit(Option<u64>),
     Restart,
 }
 
-fn change() -> impl Strategy<Value = Change> {
+fn change() -> impl Strategy<Value = Put> {
     prop_oneof![
-        6 => (1..100_u8).prop_map(|id| Change::Config(small(id))),
-        1 => Just(Change::Blank),
-        2 => any::<u8>().prop_map(Change::Key),
+        6 => (1..100_u8).prop_map(|id| Put::Config(small(id))),
+        1 => Just(Put::Blank),
+        2 => any::<u8>().prop_map(Put::Key),
     ]
 }
 
