@@ -99,7 +99,8 @@ impl<M: Model> Session<M> {
     /// # Errors
     /// As for CONFIGURE; the session stays as it was.
     pub fn restore(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
-        self.configure(config)
+        self.room = Some(config);
+        self.configure()
     }
 
     /// The configuration of the node; `None` while blank.
@@ -212,14 +213,20 @@ impl<M: Model> Session<M> {
     fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
         let reply = match Request::decode(kind, body) {
             Ok(Request::Hello) => Reply::Identity(Identity { id: self.id(), ..self.identity }),
-            Ok(Request::Stage(config)) => match self.may_stage(&config) {
-                Ok(()) => return self.stage(config),
-                Err(reason) => Reply::Staged(Err(reason)),
-            },
+            Ok(Request::Stage(config)) => {
+                self.room = Some(config);
+                match self.may_stage() {
+                    Ok(()) => return self.keep(Keep::Stage),
+                    Err(reason) => Reply::Staged(Err(reason)),
+                }
+            }
             Ok(Request::Key(_)) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
             Ok(Request::Key(key)) => return self.keep(Keep::Key(key)),
             Ok(Request::Report) => Reply::Report(self.report()),
-            Ok(Request::Configure(config)) => Reply::Configured(self.configure(config)),
+            Ok(Request::Configure(config)) => {
+                self.room = Some(config);
+                Reply::Configured(self.configure())
+            }
             Ok(Request::Store) => match self.may_store() {
                 Ok(()) => return self.keep(Keep::Store),
                 Err(reason) => Reply::Stored(Err(reason)),
@@ -245,13 +252,18 @@ impl<M: Model> Session<M> {
         self.node.as_ref().is_some_and(|node| node.phase() == Phase::Running)
     }
 
-    // Not into its callers, which would have room on their stacks for this and what else they do.
+    /// Makes a node of what is in the room, which is empty then.
+    fn configure(&mut self) -> Result<(), ConfigError> {
+        let made = if self.is_running() { Err(ConfigError::Running) } else { self.make_node() };
+        self.room = None;
+        made
+    }
+
+    // Not into its callers, which would have room on their stacks for this and for what else they do.
     #[inline(never)]
-    fn configure(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
-        if self.is_running() {
-            return Err(ConfigError::Running);
-        }
-        let mut node = Node::new(Params::of_model(&config, &self.model)?);
+    fn make_node(&mut self) -> Result<(), ConfigError> {
+        let config = self.room.as_ref().ok_or(ConfigError::Malformed)?;
+        let mut node = Node::new(Params::of_model(config, &self.model)?);
         if let Some(arg) = self.confession.take() {
             node.warn(FaultCode::PANIC, arg);
         }
@@ -259,14 +271,17 @@ impl<M: Model> Session<M> {
         self.safe = self.take_safe();
         self.node = Some(node);
         self.reported = (0, 0);
-        self.is_now(config);
+        self.settle();
         Ok(())
     }
 
-    fn is_now(&mut self, config: NodeConfig) {
-        self.telemetry_every = config.telemetry_every;
-        self.identity.checksum = config.checksum();
-        self.config = Some(config);
+    /// What is in the room is what the node is now.
+    fn settle(&mut self) {
+        core::mem::swap(&mut self.config, &mut self.room);
+        if let Some(config) = &self.config {
+            self.telemetry_every = config.telemetry_every;
+            self.identity.checksum = config.checksum();
+        }
     }
 
     fn report(&self) -> Report {

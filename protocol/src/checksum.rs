@@ -13,6 +13,11 @@ impl NodeConfig {
         // Nothing that takes every byte can fail.
         postcard::serialize_with_flavor(self, Bytes(CRC.digest())).map_or(1, |crc| crc.max(1))
     }
+
+    /// The same of bytes that are those of a configuration.
+    pub fn checksum_of(bytes: &[u8]) -> u32 {
+        CRC.checksum(bytes).max(1)
+    }
 }
 
 /// Takes bytes without keeping them.

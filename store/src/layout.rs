@@ -27,8 +27,10 @@ fn missing(layout: u8) -> Option<usize> {
     }
 }
 
-/// The configuration that `bytes` are in this layout, `None` for a blank node; `Err` where they are none.
-pub(crate) fn read(layout: u8, bytes: &[u8]) -> Result<Option<NodeConfig>> {
+/// Puts the configuration that `bytes` are in this layout into `room`, `None` for a blank node; `Err` where they are none.
+// Not into its callers: it needs a second copy of it on its stack.
+#[inline(never)]
+pub(crate) fn read(layout: u8, bytes: &[u8], room: &mut Option<NodeConfig>) -> Result<()> {
     let missing = missing(layout).ok_or(Error::DeserializeBadEncoding)?;
     // Copied, so that the image has one reader of configurations for storage and wire: a second one takes 6 KiB (2026-11-24).
     let mut lengthened = [0; BUFFER];
@@ -38,5 +40,9 @@ pub(crate) fn read(layout: u8, bytes: &[u8]) -> Result<Option<NodeConfig>> {
     let (config, rest) = postcard::take_from_bytes::<Option<NodeConfig>>(lengthened)?;
     // A blank node lacks nothing.
     let left = if config.is_some() { 0 } else { missing };
-    if rest.len() == left { Ok(config) } else { Err(Error::DeserializeBadEncoding) }
+    if rest.len() != left {
+        return Err(Error::DeserializeBadEncoding);
+    }
+    *room = config;
+    Ok(())
 }

@@ -21,7 +21,7 @@ impl<S: NorFlash> Store<S> {
             Task::Stage(config) => (Some(Change::Config(config)), false),
             Task::Commit(room) => {
                 // Before, so that nothing is committed that cannot be handed over.
-                *room = self.staged().await?;
+                self.staged(room).await?;
                 (None, true)
             }
         };

@@ -57,7 +57,6 @@ impl<M: Model> Session<M> {
     /// How the [task](Self::task) went: the epoch of what is stored now, or why not.
     pub fn performed(&mut self, outcome: Result<u32, StoreError>) {
         let Some(keep) = self.performing.take() else { return };
-        let room = self.room.take();
         self.reply = match keep {
             Keep::Store => Some(Reply::Stored(outcome)),
             Keep::Erase => {
@@ -68,12 +67,13 @@ impl<M: Model> Session<M> {
                 self.identity.has_key |= outcome.is_ok();
                 Some(Reply::Keyed(outcome))
             }
-            Keep::Stage => room.map(|config| Reply::Staged(self.note_staged(&config, outcome))),
+            Keep::Stage => Some(Reply::Staged(self.note_staged(outcome))),
             Keep::Commit => {
-                self.note_committed(room.filter(|_| outcome.is_ok()));
+                self.note_committed(outcome.is_ok());
                 None
             }
         };
+        self.room = None;
     }
 
     /// Whether the storage keeps a key, for IDENTITY.
@@ -81,27 +81,20 @@ impl<M: Model> Session<M> {
         self.identity.has_key = has_key;
     }
 
-    fn note_staged(
-        &mut self,
-        config: &NodeConfig,
-        outcome: Result<u32, StoreError>,
-    ) -> Result<u32, StageError> {
+    fn note_staged(&mut self, outcome: Result<u32, StoreError>) -> Result<u32, StageError> {
         outcome.map_err(StageError::Store)?;
-        let checksum = config.checksum();
-        self.staged = Some(Staged { checksum, lasting: Lasting::of(config) });
-        Ok(checksum)
+        let config = self.room.as_ref().ok_or(StageError::Store(StoreError::Failed))?;
+        let staged = Staged { checksum: config.checksum(), lasting: Lasting::of(config) };
+        self.staged = Some(staged);
+        Ok(staged.checksum)
     }
 
     /// A node that runs goes on with what was committed, at the tick that the commit has named; any other one is ready with it. Where the
     /// storage has failed it goes on as it was, and says so.
-    fn note_committed(&mut self, committed: Option<NodeConfig>) {
-        let expected = self.staged.take();
-        let done =
-            match committed.filter(|config| expected.is_some_and(|it| it.checksum == config.checksum())) {
-                Some(config) if self.is_running() => self.adopt(config),
-                Some(config) => self.configure(config).is_ok(),
-                None => false,
-            };
+    fn note_committed(&mut self, stored: bool) {
+        let expected = self.staged.take().map(|staged| staged.checksum);
+        let sound = stored && expected == self.room.as_ref().map(NodeConfig::checksum);
+        let done = sound && if self.is_running() { self.adopt() } else { self.configure().is_ok() };
         if let Some(node) = self.node.as_mut().filter(|_| !done) {
             node.keep_on();
             node.warn(FaultCode::COMMIT, 0);
@@ -110,15 +103,15 @@ impl<M: Model> Session<M> {
 
     // Not into its caller, which would have room on its stack for this and for what else it does.
     #[inline(never)]
-    fn adopt(&mut self, config: NodeConfig) -> bool {
-        let params = Params::of_model(&config, &self.model);
-        let (Ok(params), Some(node)) = (params, self.node.as_mut()) else { return false };
+    fn adopt(&mut self) -> bool {
+        let (Some(config), Some(node)) = (&self.room, self.node.as_mut()) else { return false };
+        let Ok(params) = Params::of_model(config, &self.model) else { return false };
         if node.adopt(params).is_err() {
             return false;
         }
         // Of the tick before there is nothing more to tell.
         self.reported = (node.tick(), u8::MAX);
-        self.is_now(config);
+        self.settle();
         true
     }
 
@@ -154,16 +147,14 @@ impl<M: Model> Session<M> {
         }
     }
 
-    pub(super) fn may_stage(&self, config: &NodeConfig) -> Result<(), StageError> {
+    /// Whether what is in the room can be staged.
+    #[inline(never)]
+    pub(super) fn may_stage(&self) -> Result<(), StageError> {
         if self.is_running() {
             return Err(StageError::Store(StoreError::Running));
         }
-        check(config, &self.model).map_err(StageError::Config)
-    }
-
-    pub(super) fn stage(&mut self, config: NodeConfig) -> Result<(), Refusal> {
-        self.room = Some(config);
-        self.keep(Keep::Stage)
+        let config = self.room.as_ref().ok_or(StageError::Config(ConfigError::Malformed))?;
+        Params::of_model(config, &self.model).map(|_| ()).map_err(StageError::Config)
     }
 
     /// All of them use the half of the storage in which something may be staged.
@@ -172,10 +163,4 @@ impl<M: Model> Session<M> {
         self.keep = Some(keep);
         Ok(())
     }
-}
-
-/// Whether a node could be made of `config`.
-#[inline(never)]
-fn check<M: Model>(config: &NodeConfig, model: &M) -> Result<(), ConfigError> {
-    Params::of_model(config, model).map(|_| ())
 }
