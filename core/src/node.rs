@@ -62,7 +62,7 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     schedule: Schedule,
     /// Time of the last SYNC that was taken, or of the start, ns.
     synced: u64,
-    /// Ticks that SYNC has moved this node over without its running them, modulo 2^32.
+    /// Ticks that this node was moved on over without running them, modulo 2^32.
     skipped: u32,
     /// Tick before whose law the node is given other parameters.
     commit: Option<u32>,
@@ -255,8 +255,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// Does what is due at `now` (ns) and gives the next action; call it until it gives `None`.
     ///
-    /// Bounded: at most [`CATCH_UP_LIMIT`] ticks per call. Ticks that came late are made up for and counted; of their
-    /// states only the latest is worth sending. What concerns the actuator comes first.
+    /// Bounded: at most [`CATCH_UP_LIMIT`] ticks per call. Ticks that came late are made up for, or with a plant skipped, and
+    /// counted; of their states only the latest is worth sending. What concerns the actuator comes first.
     pub fn poll(&mut self, now: u64) -> Option<Action> {
         self.run_due_ticks(now);
         self.check_holdover(now);
@@ -357,8 +357,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             let missed = marked.wrapping_sub(self.tick);
             count(&mut self.counters.sync_gaps);
             self.report_event(Event::SyncGap { missed });
-            self.skipped = self.skipped.wrapping_add(missed);
-            self.tick = marked;
+            self.skip(missed);
         }
         if !waits {
             self.schedule = Schedule::Now;
@@ -424,8 +423,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 true
             }
             Schedule::At(due) if now >= due => {
-                let next = due + self.params.tick_ns;
-                let late = now >= next;
+                let late = now >= due + self.params.tick_ns;
                 if late {
                     count(&mut self.counters.overruns);
                 }
@@ -433,11 +431,29 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                     self.report_event(Event::Overrun { tick: self.tick });
                 }
                 self.late = late;
-                self.schedule = Schedule::At(next);
+                let missed = self.beyond_measuring(now, due);
+                self.skip(missed);
+                self.schedule = Schedule::At(due + (u64::from(missed) + 1) * self.params.tick_ns);
                 true
             }
             Schedule::At(_) => false,
         }
+    }
+
+    /// Ticks, from the one due at `due` (ns) on, whose time is over at `now` (ns). A virtual node makes up for them; a plant cannot be
+    /// measured in the past.
+    fn beyond_measuring(&self, now: u64, due: u64) -> u32 {
+        let late_by = now.saturating_sub(due);
+        if self.plant.is_none() || late_by < self.params.tick_ns {
+            return 0;
+        }
+        late_by.checked_div(self.params.tick_ns).map_or(0, |ticks| u32::try_from(ticks).unwrap_or(u32::MAX))
+    }
+
+    /// Moves on over ticks that this node never runs.
+    fn skip(&mut self, ticks: u32) {
+        self.tick = self.tick.wrapping_add(ticks);
+        self.skipped = self.skipped.wrapping_add(ticks);
     }
 
     fn run_tick(&mut self) {

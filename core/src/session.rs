@@ -63,6 +63,8 @@ pub struct Session<M: Model = Configured> {
     confession: Option<u16>,
     /// The app is to be told that the actuator belongs in its safe position.
     safe: bool,
+    /// Time of the outputs that are being given, ns, from the first one to the `None` that ends them.
+    giving: Option<u64>,
 }
 
 impl Session {
@@ -91,6 +93,7 @@ impl<M: Model> Session<M> {
             performing: None,
             confession: confession(identity.reset),
             safe: true,
+            giving: None,
         }
     }
 
@@ -168,7 +171,19 @@ impl<M: Model> Session<M> {
     }
 
     /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as `Node::poll`.
+    ///
+    /// From the first output to that `None` time stands still, so that it comes, and the app gets back to its link and its watchdog, also
+    /// where the outputs take longer than a tick.
     pub fn poll(&mut self, now: u64) -> Option<Output> {
+        let now = *self.giving.get_or_insert(now);
+        let output = self.next_output(now);
+        if output.is_none() {
+            self.giving = None;
+        }
+        output
+    }
+
+    fn next_output(&mut self, now: u64) -> Option<Output> {
         if self.take_safe() {
             return Some(Output::Safe);
         }
