@@ -34,8 +34,8 @@ pub(crate) fn read(layout: u8, bytes: &[u8], room: &mut Option<NodeConfig>) -> R
     let missing = missing(layout).ok_or(Error::DeserializeBadEncoding)?;
     // Copied, so that the image has one reader of configurations for storage and wire: a second one takes 6 KiB (2026-11-24).
     let mut lengthened = [0; BUFFER];
-    let room = lengthened.get_mut(..bytes.len()).ok_or(Error::DeserializeBadEncoding)?;
-    room.copy_from_slice(bytes);
+    let place = lengthened.get_mut(..bytes.len()).ok_or(Error::DeserializeBadEncoding)?;
+    place.copy_from_slice(bytes);
     let lengthened = lengthened.get(..bytes.len() + missing).ok_or(Error::DeserializeBadEncoding)?;
     let (config, rest) = postcard::take_from_bytes::<Option<NodeConfig>>(lengthened)?;
     // A blank node lacks nothing.

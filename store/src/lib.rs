@@ -121,19 +121,12 @@ impl<S: NorFlash> Store<S> {
     /// `Newer` for one that later firmware has stored, `Corrupt` for one that has changed since it was committed, `Flash`. None of
     /// them prevents a new one from being staged and committed.
     pub async fn load(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
-        let mut room = None;
-        self.load_into(&mut room).await?;
-        Ok(room)
-    }
-
-    /// The same without a copy of it, which would be held by the caller's future.
-    async fn load_into(&mut self, room: &mut Option<NodeConfig>) -> Result<(), Error<S::Error>> {
-        let Some((half, commit)) = self.current else {
-            *room = None;
-            return Ok(());
-        };
+        let Some((half, commit)) = self.current else { return Ok(None) };
         let (_, bytes) = self.committed(half, commit).await?;
-        layout::read(commit.layout, bytes, room).map_err(|_| Error::Corrupt)
+        // Not before the last wait: the caller's future would keep it, in static RAM.
+        let mut room = None;
+        layout::read(commit.layout, bytes, &mut room).map_err(|_| Error::Corrupt)?;
+        Ok(room)
     }
 
     /// The key beside the current configuration, which may be that of a blank node; `None` where there is none.
@@ -159,7 +152,7 @@ impl<S: NorFlash> Store<S> {
             },
             Change::Blank => (None, None),
             Change::Key(key, room) => {
-                self.load_into(room).await?;
+                *room = self.load().await?;
                 (room.as_ref(), Some(key))
             }
         };
