@@ -70,10 +70,10 @@ pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
     let identity = Identity {
         wire_version: WIRE_VERSION,
         firmware: [major, minor, patch],
-        id: 0,
         uid,
         reset: ResetCause::PowerOn,
         starts: 1,
+        ..Identity::default()
     };
     HostNode {
         session: Session::new(identity),
@@ -211,8 +211,7 @@ impl HostNode {
                 Output::Send(message) => self.send(&message)?,
                 Output::Reply(reply) => self.reply(&reply)?,
                 Output::Report(event) => log(&event),
-                Output::Store => self.session.stored(Err(StoreError::Absent)),
-                Output::Erase => self.session.erased(Err(StoreError::Absent)),
+                Output::Keep => self.session.performed(Err(StoreError::Absent)),
                 // It has no plant.
                 Output::Sample | Output::Actuate | Output::Safe => {}
             }

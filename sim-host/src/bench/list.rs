@@ -59,7 +59,9 @@ impl fmt::Display for Listed {
             write!(f, "  usb_serial = \"{number}\"")?;
         }
         match answer {
-            Ok(Identity { wire_version, firmware: [major, minor, patch], id, uid, reset, starts }) => {
+            Ok(Identity {
+                wire_version, firmware: [major, minor, patch], id, uid, reset, starts, ..
+            }) => {
                 write!(
                     f,
                     "  uid = \"{uid:016x}\"  firmware {major}.{minor}.{patch}, wire version {wire_version}, "
