@@ -188,11 +188,11 @@ impl Network {
             board
         });
         let mut network = Self { boards: boards.collect(), tick: 0, states: Vec::new(), told: Vec::new() };
-        network.to_all(ctrl(Command::Start, 0));
+        network.tell_all(ctrl(Command::Start, 0));
         network
     }
 
-    fn to_all(&mut self, message: Message) {
+    fn tell_all(&mut self, message: Message) {
         let said: Vec<_> = self.boards.iter_mut().map(|board| board.tell(message)).collect();
         self.told.extend(telemetry(&said[1]));
         for (from, outputs) in said.iter().enumerate() {
@@ -216,7 +216,7 @@ impl Network {
 
     fn run(&mut self, ticks: u32) {
         for _ in 0..ticks {
-            self.to_all(sync(self.tick));
+            self.tell_all(sync(self.tick));
             self.tick += 1;
         }
     }
@@ -246,7 +246,7 @@ fn the_same_configuration_again_changes_no_bit() {
             let mut network = Network::start(&configs, &configs);
             network.run(5);
             if let Some(at) = at {
-                network.to_all(commit(at));
+                network.tell_all(commit(at));
             }
             network.run(35);
             (network.states, network.told, network.boards[0].session.node().unwrap().counters().ticks)
@@ -268,7 +268,7 @@ fn it_switches_before_the_law_of_the_tick_that_was_named() {
     let run = |at: u32| {
         let mut network = Network::start(&now, &next);
         network.run(2);
-        network.to_all(commit(at));
+        network.tell_all(commit(at));
         network.run(10);
         let checksums: Vec<_> = network.boards.iter_mut().map(|board| board.identity().checksum).collect();
         (network.told, checksums, network.states)

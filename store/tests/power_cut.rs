@@ -1,6 +1,6 @@
 //! The power fails after every single byte of every stage and commit, and at eight moments of every erase: what is read after the
 //! restart is the old configuration or the new one, and the next one can be stored.
-#![allow(clippy::unwrap_used, clippy::panic, clippy::reversed_empty_ranges)]
+#![allow(clippy::large_enum_variant, clippy::unwrap_used, clippy::panic, clippy::reversed_empty_ranges)]
 
 mod configs;
 mod flash;
