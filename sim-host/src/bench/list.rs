@@ -60,7 +60,14 @@ impl fmt::Display for Listed {
         }
         match answer {
             Ok(Identity {
-                wire_version, firmware: [major, minor, patch], id, uid, reset, starts, ..
+                wire_version,
+                firmware: [major, minor, patch],
+                id,
+                uid,
+                reset,
+                starts,
+                checksum,
+                has_key,
             }) => {
                 write!(
                     f,
@@ -69,7 +76,10 @@ impl fmt::Display for Listed {
                 if *id == 0 {
                     f.write_str("blank")?
                 } else {
-                    write!(f, "id {id}")?
+                    write!(f, "id {id} with configuration {checksum:08x}")?
+                }
+                if *has_key {
+                    f.write_str(", a key")?;
                 }
                 write!(f, ", last reset: {reset}, starts: {starts}")
             }
