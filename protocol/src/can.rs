@@ -166,6 +166,7 @@ pub(crate) fn command(number: u8) -> Result<Command, Refusal> {
     match number {
         1 => Ok(Command::Start),
         2 => Ok(Command::Stop),
+        3 => Ok(Command::Commit),
         _ => Err(Refusal::Value),
     }
 }
@@ -174,6 +175,7 @@ pub(crate) fn command_number(command: Command) -> u8 {
     match command {
         Command::Start => 1,
         Command::Stop => 2,
+        Command::Commit => 3,
     }
 }
 

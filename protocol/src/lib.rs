@@ -7,6 +7,7 @@
 
 pub mod can;
 pub mod can_fd;
+mod checksum;
 pub mod config;
 pub mod message;
 pub mod refusal;

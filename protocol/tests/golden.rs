@@ -39,6 +39,9 @@ fn message(what: &str) -> Message {
         ["stop", "id9", "at513"] => {
             Message::Ctrl { target: Target::Node(id(9)), command: Command::Stop, arg: 0, at_tick: 513 }
         }
+        ["commit", "all", "tick1000"] => {
+            Message::Ctrl { target: Target::All, command: Command::Commit, arg: 0, at_tick: 1000 }
+        }
         ["edge", "id5", "id6", "weight1.5"] => Message::Edge { source: id(5), neighbour: id(6), weight: 1.5 },
         ["fault", ..] => Message::Fault {
             source: id(5),
@@ -87,7 +90,7 @@ fn every_vector_encodes_and_decodes() {
         }
         seen += 1;
     }
-    assert_eq!(seen, 15);
+    assert_eq!(seen, 17);
 }
 
 fn check_can(what: &str, bytes: &[u16]) {

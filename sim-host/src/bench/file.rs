@@ -44,6 +44,8 @@ pub struct BenchNode {
     pub uid: Option<u64>,
     /// The CAN interface of the file that its states travel on; then only the service plane is on its line.
     pub can: Option<String>,
+    /// File that a process keeps its configuration in.
+    pub storage: Option<PathBuf>,
 }
 
 /// A whole `bench.toml`.
@@ -184,6 +186,11 @@ fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode>
     let emulator = section.value("emulator", None, |item| must_be_true(item).map(|()| Some(Where::Emulator)));
     let host = section.value("host", None, |item| must_be_true(item).map(|()| Some(Where::Host)));
     let can = section.value("can", None, |item| which_interface(item, interfaces).map(Some));
+    let storage = section.text("storage").map(PathBuf::from);
+    if let (Some(item), None) = (item.get("storage"), host.as_ref()) {
+        let allowed = "must come with host = true: boards have a storage of their own";
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
     let uid = section.value("uid", None, |item| read_uid(item).map(Some));
     if let (Some(uid), true) = (item.get("uid"), emulator.is_some()) {
         log.report(
@@ -212,7 +219,7 @@ fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode>
     }
     section.finish();
     // Within 1 to LARGEST_RUN.
-    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can })
+    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can, storage })
 }
 
 /// The file's interfaces: a name, or several in an array.
@@ -303,7 +310,7 @@ mod tests {
     fn every_way_to_reach_a_node_is_read() {
         let file = BenchFile::parse(FILE, Path::new("bench.toml")).unwrap();
         assert_eq!((file.baud, file.answer), (115_200, Duration::from_secs(2)));
-        let node = |id, at, uid| BenchNode { id, at, uid, can: None };
+        let node = |id, at, uid| BenchNode { id, at, uid, can: None, storage: None };
         let expected = [
             node(1, Where::Serial("/dev/ttyACM0".into()), Some(0x0123_4567_89AB_CDEF)),
             node(2, Where::UsbSerial("066AFF".into()), None),

@@ -35,6 +35,9 @@ pub fn attach(node: &BenchNode, fd: bool, options: &EmulatorOptions) -> Result<A
     if let Some(interface) = &node.can {
         command.args(["--can", interface]).args(fd.then_some("--can-fd"));
     }
+    if let Some(storage) = &node.storage {
+        command.arg("--storage").arg(storage);
+    }
     let errors = tempfile::tempfile().map_err(HubError::io("make a node's log file"))?;
     let shared = errors.try_clone().map_err(HubError::io("share a node's log file"))?;
     // A group of its own: Ctrl-C reaches only this program, which then stops the nodes in order.

@@ -172,7 +172,7 @@ impl Played {
                 Output::Send(message) => self.send(&message),
                 Output::Reply(reply) => self.reply(&reply),
                 // A bench never asks for these.
-                Output::Store | Output::Erase => {}
+                Output::Keep => {}
                 Output::Report(_) => {}
                 Output::Safe | Output::Sample | Output::Actuate => {}
             }
