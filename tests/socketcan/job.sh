@@ -39,8 +39,8 @@ kill $listener
 benches=fd-mixed.toml bench fd-mixed vector.toml --set time.duration=200ms
 benches=no-fd.toml bench no-fd vector.toml --set time.duration=200ms
 
-# Two nodes on lines of their own, three on the bus.
-benches=mixed.toml bench mixed five.toml --set time.duration=200ms
+# Two nodes on lines of their own, three on the bus; for more ticks than the eight bits of a classic frame tell apart.
+benches=mixed.toml bench mixed five.toml --set time.duration=600ms
 
 # Two nodes on each of two buses, and one on a line.
 candump -L vcan0 >candump-two-0.log &
@@ -48,7 +48,7 @@ listeners=$!
 candump -L vcan1 >candump-two-1.log &
 listeners="$listeners $!"
 sleep 0.5
-benches=two.toml bench two five.toml --set time.duration=200ms
+benches=two.toml bench two five.toml --set time.duration=600ms
 sleep 0.2
 kill $listeners
 

@@ -537,6 +537,13 @@ impl Hub {
         self.put_on_bus(index, message, now);
     }
 
+    /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
+    fn rebuilt(&self, index: usize, stamp: TickStamp) -> Option<u32> {
+        let telling = self.own.as_ref().map_or(self.tick, |own| own.telling(index));
+        let awaited = telling.wrapping_add(1);
+        stamp.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
+    }
+
     fn note_fault(&mut self, index: usize, code: FaultCode, severity: Severity, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         node.stopped = severity == Severity::Stopped;
@@ -545,12 +552,18 @@ impl Hub {
         }
     }
 
-    fn put_on_bus(&mut self, index: usize, message: Message, now: u64) {
+    /// A stamp of eight bits, from CAN, would be taken for a whole one by who reads sixteen, so what is relayed has its whole tick.
+    fn put_on_bus(&mut self, index: usize, mut message: Message, now: u64) {
+        if let Message::State { tick, .. } | Message::Fault { tick, .. } = &mut message {
+            *tick = self.rebuilt(index, *tick).map_or(*tick, TickStamp::full);
+        }
         let message = self.noise.disturb(index, message);
         self.bus.send(now, index, serial::encode(&message));
     }
 }
 
+/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
+const STAMP_REACH: u32 = 100;
 /// Begins the run on every node.
 const START: Message = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
 /// Ends the run on every node.

@@ -25,6 +25,8 @@ pub struct CanCounts {
     pub strangers: u64,
     /// Frames that are none of the real-time plane.
     pub unreadable: u64,
+    /// States that were not relayed in a frame of CAN FD, since a component of them was lost on its way here.
+    pub incomplete: u64,
     /// Errors that the controller reported, and the last of them.
     pub errors: (u64, Option<String>),
 }
@@ -102,8 +104,14 @@ impl CanSide {
             return vec![message];
         };
         let state = self.incomplete.entry(source.get()).or_default();
-        // Where the tick is another one, a component of the one before was lost on its way, and with it the frame.
-        state.retain(|other| matches!(*other, Message::State { tick: other, .. } if other == tick));
+        // A component of the tick before was lost on its way, and with it the frame.
+        if state
+            .first()
+            .is_some_and(|first| matches!(*first, Message::State { tick: first, .. } if first != tick))
+        {
+            state.clear();
+            self.counts.incomplete += 1;
+        }
         state.push(message);
         if state.len() < self.components {
             return Vec::new();

@@ -7,15 +7,12 @@ use super::readers::{Readers, Reading, What};
 use super::recording::{Leap, Recording};
 use super::{CanSide, Hub, HubError, Received, SLICE, START, STOP};
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_protocol::TickStamp;
 use funnel_protocol::message::{Component, Message, Severity};
 use funnel_protocol::report::Telemetry;
 use funnel_protocol::serial;
 use funnel_protocol::service::Reply;
 use std::time::{Duration, Instant, SystemTime};
 
-/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
-const STAMP_REACH: u32 = 100;
 /// Ticks for which a node may be silent before its tick is no measure of its clock any more.
 const SILENT_TICKS: u32 = 3;
 
@@ -37,6 +34,13 @@ struct Watched {
     newest: u32,
     /// States in a row that a receiver which ticks had to refuse.
     outside: u32,
+}
+
+impl OwnClock {
+    /// First tick of which a node may still tell something.
+    pub(super) fn telling(&self, node: usize) -> u32 {
+        self.recording.telling(node)
+    }
 }
 
 impl Hub {
@@ -234,12 +238,6 @@ impl Hub {
         if let Some(node) = self.own.as_mut().and_then(|own| own.nodes.get_mut(index)) {
             node.heard = Instant::now();
         }
-    }
-
-    /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
-    fn rebuilt(&self, index: usize, tick: TickStamp) -> Option<u32> {
-        let awaited = self.own.as_ref()?.recording.telling(index).wrapping_add(1);
-        tick.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
     }
 
     fn record_state(

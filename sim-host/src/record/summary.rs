@@ -180,6 +180,8 @@ pub struct CanSummary {
     pub strangers: u64,
     /// Frames that were none of the real-time plane.
     pub unreadable: u64,
+    /// States that were not relayed in a frame of CAN FD, since a component of them was lost on its way to this program.
+    pub incomplete: u64,
     /// Errors that the controller reported.
     pub errors: u64,
     /// The last of them.

@@ -207,6 +207,7 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
         frames: counts.frames,
         strangers: counts.strangers,
         unreadable: counts.unreadable,
+        incomplete: counts.incomplete,
         errors: counts.errors.0,
         last_error: counts.errors.1.clone(),
     };
