@@ -10,7 +10,7 @@ use keepers::{Flaw, Keeper, attached, config, words};
 use sim_host::hub::{Attached, Commissioned, Commissioning, Failed, HubError, Patience};
 use sim_host::interrupt::Interrupt;
 use std::fs;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
 /// Three processes with storages of their own in the folder of the bench.
@@ -33,10 +33,12 @@ fn without_storage(bench: &Bench, id: u8) {
     fs::write(bench.path("bench.toml"), text.replace(&storage, "")).unwrap();
 }
 
+fn store(bench: &Bench, arguments: &[&str]) -> Ended {
+    end(bench.spawn_commission(arguments))
+}
+
 fn erase(bench: &Bench) -> Ended {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
-    command.args(["bench", "--erase", "--bench"]).arg(bench.path("bench.toml"));
-    end(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
+    end(bench.spawn_erase())
 }
 
 /// What the lines of a commissioning say that nodes were and are.
@@ -52,14 +54,14 @@ fn told(ended: &Ended) -> Vec<(String, String)> {
 #[test]
 fn what_nodes_are_given_survives_their_restart() {
     let bench = three_with_storages();
-    let first = told(&bench.run(&["--commission"]));
+    let first = told(&store(&bench, &[]));
     assert_eq!(first.len(), 3);
     for ((was, is), id) in first.iter().zip(1..) {
         assert_eq!(was, "blank");
         assert!(is.starts_with(&format!("is id {id} with configuration ")), "{is}");
     }
     // New processes: what they say they were is what their files have kept.
-    let second = told(&bench.run(&["--commission", "--set", "coupling.funnel.end=1.5"]));
+    let second = told(&store(&bench, &["--set", "coupling.funnel.end=1.5"]));
     for ((before, after), (_, kept)) in second.iter().zip(&first) {
         assert_eq!(format!("is {before}"), *kept);
         assert_ne!(after, kept, "another funnel, another checksum");
@@ -67,11 +69,11 @@ fn what_nodes_are_given_survives_their_restart() {
     // A run on them is the same run: its configuration is volatile, and theirs stays.
     let run = bench.run(&[]);
     assert!(run.out.contains("bit for bit as loopback"), "{}{}", run.out, run.err);
-    let third = told(&bench.run(&["--commission"]));
+    let third = told(&store(&bench, &[]));
     assert!(third.iter().zip(&second).all(|((was, _), (_, is))| format!("is {was}") == *is), "{third:?}");
     let erased = told(&erase(&bench));
     assert!(erased.iter().all(|(_, after)| after == "will be blank at its next start"), "{erased:?}");
-    let fourth = told(&bench.run(&["--commission"]));
+    let fourth = told(&store(&bench, &[]));
     assert!(fourth.iter().all(|(was, _)| was == "blank"), "{fourth:?}");
 }
 
@@ -80,14 +82,14 @@ fn where_one_cannot_store_none_is_changed() {
     let bench = three_with_storages();
     let text = fs::read_to_string(bench.path("bench.toml")).unwrap();
     without_storage(&bench, 3);
-    let ended = bench.run(&["--commission"]);
+    let ended = store(&bench, &[]);
     let words = [
         "node 3 has not staged its configuration: the board has no storage",
         "nothing was committed: every node has what it had",
     ];
     ended.failed(3, &words);
     fs::write(bench.path("bench.toml"), text).unwrap();
-    let after = told(&bench.run(&["--commission"]));
+    let after = told(&store(&bench, &[]));
     assert!(after.iter().all(|(was, _)| was == "blank"), "{after:?}");
 }
 
@@ -98,13 +100,13 @@ fn a_node_that_is_not_there_changes_none() {
     let path = bench.path("flash2");
     let entry = format!("host = true\nstorage = \"{}\"\n", path.display());
     fs::write(bench.path("bench.toml"), text.replace(&entry, "serial = \"/dev/no-such-port\"\n")).unwrap();
-    bench.run(&["--commission"]).failed(3, &["/dev/no-such-port does not exist", "nothing was committed"]);
+    store(&bench, &[]).failed(3, &["/dev/no-such-port does not exist", "nothing was committed"]);
 }
 
 #[test]
 fn an_erase_names_those_that_were_erased() {
     let bench = three_with_storages();
-    told(&bench.run(&["--commission"]));
+    told(&store(&bench, &[]));
     without_storage(&bench, 2);
     let ended = erase(&bench);
     ended.failed(
@@ -126,7 +128,7 @@ fn where_no_node_is_met_nothing_was_erased() {
 fn a_storage_that_is_none_ends_the_node_and_is_named() {
     let bench = three_with_storages();
     fs::write(bench.path("flash2"), "a letter").unwrap();
-    let ended = bench.run(&["--commission"]);
+    let ended = store(&bench, &[]);
     ended.failed(3, &["node 2", "it has 8 bytes, and a storage has 16384", "nothing was committed"]);
 }
 
@@ -139,7 +141,7 @@ fn ctrl_c_before_the_commit_changes_none() {
     let storage = bench.path("flash3");
     let played = format!("host = true\nstorage = \"{}\"\n", storage.display());
     fs::write(bench.path("bench.toml"), text.replace(&played, &format!("{}\n", entry(&board.path)))).unwrap();
-    let child = bench.spawn(&["--commission"]);
+    let child = bench.spawn_commission(&[]);
     // Both others have erased a half of their storage and written to it.
     wait("staged", || [1, 2].iter().all(|node| written(&bench.path(&format!("flash{node}")))));
     std::thread::sleep(std::time::Duration::from_millis(300));
@@ -147,7 +149,7 @@ fn ctrl_c_before_the_commit_changes_none() {
     end(child).failed(130, &["interrupted", "nothing was committed"]);
     board.end();
     fs::write(bench.path("bench.toml"), text).unwrap();
-    let after = told(&bench.run(&["--commission"]));
+    let after = told(&store(&bench, &[]));
     assert!(after.iter().all(|(was, _)| was == "blank"), "{after:?}");
 }
 
