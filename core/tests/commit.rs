@@ -608,6 +608,52 @@ fn a_node_with_a_plant_switches_too_and_not_at_a_tick_that_waits_for_its_sample(
     assert!(said.contains(&Output::Sample) && said.contains(&Output::Actuate), "{said:?}");
 }
 
+/// A plant cannot be measured for ticks whose time is over, and is moved on over them: to the commit, if that is among them.
+#[test]
+fn a_late_node_with_a_plant_switches_before_it_runs_a_tick_at_or_after_the_one_that_was_named() {
+    let timer = |width| NodeConfig { tick_source: TickSource::Timer, ..with_width(&config(2, 1), width) };
+    // Tick 1 is due at 2 ms; at 5.5 ms the time of 1 to 3 is over.
+    for (at, psi) in [(2, 20.0), (3, 20.0), (4, 20.0), (5, 10.0)] {
+        let mut board = Board::of(Driven);
+        board.ask(&Request::Configure(timer(10.0)));
+        board.stage(&timer(20.0));
+        board.tell(ctrl(Command::Start, 0));
+        board.drain(MS);
+        board.tell(commit(at));
+        let said = board.drain(5 * MS + MS / 2);
+        assert_eq!(telemetry(&said).iter().map(|t| (t.tick, t.psi)).collect::<Vec<_>>(), [(4, psi)], "{at}");
+        let overruns = |output: &&Output| matches!(output, Output::Report(Event::Overrun { .. }));
+        assert_eq!(said.iter().filter(overruns).count(), 1, "{at}: {said:?}");
+        let adopted = Output::Report(Event::Adopted { tick: at.max(4) });
+        assert!(said.contains(&adopted), "{at}: {said:?}");
+        // It is in time again.
+        assert_eq!(board.session.poll_at(), Some(6 * MS), "{at}");
+        assert_eq!(telemetry(&board.drain(6 * MS))[0].psi, 20.0, "{at}");
+        assert_eq!(board.counters().overruns, 1, "{at}");
+    }
+}
+
+/// SYNC gives the sample that a tick waits for to a later one. Where that is the commit's or one after it, it is measured once more.
+#[test]
+fn a_node_with_a_plant_that_sync_moves_over_the_commit_while_it_waits_for_its_sample_switches_first() {
+    for (at, psi) in [(2, 20.0), (3, 20.0), (4, 10.0)] {
+        let mut board = Board::of(Driven);
+        board.ask(&Request::Configure(config(2, 1)));
+        board.stage(&with_width(&config(2, 1), 20.0));
+        board.tell(ctrl(Command::Start, 0));
+        board.tell(sync(0));
+        board.session.on_frame(Ok(Frame::RealTime(sync(1))), 0);
+        assert_eq!(board.session.poll(0), Some(Output::Sample));
+        board.session.on_frame(Ok(Frame::RealTime(commit(at))), 0);
+        board.session.on_frame(Ok(Frame::RealTime(sync(3))), 0);
+        board.session.measured(&[1.5]);
+        let said = board.drain(0);
+        assert_eq!(telemetry(&said).iter().map(|t| (t.tick, t.psi)).collect::<Vec<_>>(), [(3, psi)], "{at}");
+        assert_eq!(said.contains(&Output::Sample), at < 4, "{at}: {said:?}");
+        assert_eq!(telemetry(&board.tell(sync(4)))[0].psi, 20.0, "{at}");
+    }
+}
+
 /// With a field of its own that changes little, the input of a tick is near the one before, and far from what the law gives without memory.
 #[test]
 fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
