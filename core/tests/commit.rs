@@ -251,9 +251,12 @@ fn the_same_configuration_again_changes_no_bit() {
             network.run(35);
             (network.states, network.told, network.boards[0].session.node().unwrap().counters().ticks)
         };
-        let (with, without) = (run(Some(17)), run(None));
-        assert_eq!(with, without, "kind {kind}");
-        assert!(with.0.len() == 3 * components * 41 && with.2 == 40, "kind {kind}");
+        // The one of 5 comes when the states of that tick have been heard, with their changes since the tick before.
+        for at in [5, 17] {
+            let (with, without) = (run(Some(at)), run(None));
+            assert_eq!(with, without, "kind {kind}, at {at}");
+            assert!(with.0.len() == 3 * components * 41 && with.2 == 40, "kind {kind}, at {at}");
+        }
     }
 }
 
@@ -443,6 +446,66 @@ fn a_storage_that_fails_at_a_node_that_does_not_run_leaves_it_as_it_was() {
     assert_eq!(failed, [Reply::Staged(Err(StageError::Store(StoreError::Failed)))]);
     board.tell(commit(0));
     assert_eq!(board.counters().refused(Refusal::Phase), 1);
+}
+
+#[test]
+fn a_storage_that_hands_over_another_configuration_than_was_staged_has_failed() {
+    let (next, other) = (with_width(&config(2, 1), 20.0), with_width(&config(2, 1), 30.0));
+    let faults = |said: &[Output]| {
+        let fault =
+            |output: &&Output| matches!(output, Output::Send(Message::Fault { code: FaultCode::COMMIT, .. }));
+        said.iter().filter(fault).count()
+    };
+    let mut board = running(&next);
+    board.staged = Some(other.clone());
+    let mut said = board.tell(commit(5));
+    said.extend(board.tell(sync(5)));
+    assert_eq!((faults(&said), telemetry(&said)[0].psi), (1, 10.0));
+    assert_eq!(board.identity().checksum, config(2, 1).checksum());
+
+    let mut board = Board::ready(config(2, 1));
+    board.stage(&next);
+    board.staged = Some(other.clone());
+    assert_eq!(faults(&board.tell(commit(0))), 1);
+    assert_eq!(board.identity().checksum, config(2, 1).checksum());
+
+    let mut board = Board::blank();
+    board.stage(&next);
+    board.staged = Some(other);
+    board.tell(commit(0));
+    assert_eq!((board.identity().id, board.identity().checksum), (0, 0));
+}
+
+/// It has no id that a FAULT could carry.
+#[test]
+fn a_blank_node_counts_a_storage_that_fails() {
+    let mut board = Board::blank();
+    board.stage(&config(3, 1));
+    board.broken = true;
+    board.tell(commit(0));
+    assert_eq!((board.identity().id, board.counters().refused(Refusal::Phase)), (0, 1));
+    board.tell(commit(0));
+    assert_eq!(board.counters().refused(Refusal::Phase), 2, "it has to be staged again");
+}
+
+/// Two that are lost stop the node, one before the commit and one after it.
+#[test]
+fn a_neighbour_that_was_lost_before_is_so_after() {
+    let careful = NodeConfig { lost_neighbours: 2, ..config(2, 1) };
+    let mut board = Board::ready(careful.clone());
+    board.stage(&careful);
+    board.tell(ctrl(Command::Start, 0));
+    board.tell(state(1, 0, 1.0));
+    for tick in 0..10 {
+        board.tell(state(3, tick, 3.0));
+        board.tell(sync(tick));
+    }
+    board.tell(commit(10));
+    assert_eq!((board.counters().neighbours_lost, board.phase()), (1, Phase::Running));
+    for tick in 10..20 {
+        board.tell(sync(tick));
+    }
+    assert_eq!(board.phase(), Phase::Faulted(FaultCode::NEIGHBOURS_LOST));
 }
 
 #[test]
