@@ -748,35 +748,6 @@ fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
     }
 }
 
-/// What a breach has added under the policy of before is no business of the one after the next.
-#[test]
-fn a_funnel_that_was_reopened_once_is_not_so_again_by_a_later_policy() {
-    let reopen = NodeConfig {
-        on_breach: BreachPolicy::Reopen { margin: 1.1, rate: 0.0 },
-        ..with_width(&config(2, 1), 0.01)
-    };
-    let wide = with_width(&config(2, 1), 10.0);
-    let wide_and_reopen = NodeConfig { on_breach: reopen.on_breach, ..wide.clone() };
-    let mut board = Board::ready(reopen);
-    board.stage(&wide);
-    board.tell(ctrl(Command::Start, 0));
-    for tick in 0..3 {
-        board.tell(state(1, tick, 5.0));
-        board.tell(sync(tick));
-    }
-    assert!(telemetry(&board.tell(sync(3)))[0].psi > 3.0, "it was reopened");
-    board.tell(commit(4));
-    board.tell(sync(4));
-    board.staged = Some(wide_and_reopen);
-    // Staging needs a node that stands still; here its storage is filled behind its back.
-    let mut node = board.session.node().unwrap().clone();
-    let params = funnel_core::Params::of_model(board.staged.as_ref().unwrap(), &Configured).unwrap();
-    node.adopt(params).unwrap();
-    node.on_message(&sync(5), 0).unwrap();
-    while node.poll(0).is_some() {}
-    assert_eq!(node.observations()[0].psi, 10.0);
-}
-
 #[test]
 fn a_coupling_that_comes_new_goes_on_from_the_last_input_or_from_none() {
     let tracker = NodeConfig {
