@@ -173,7 +173,7 @@ impl<S: NorFlash> Store<S> {
     ///
     /// # Errors
     /// `NotStaged`; `Epoch` unless `epoch` is larger than the [present one](Self::epoch); `Corrupt`, `Flash`: then the old
-    /// one stays until the next [`Store::open`], which finds the one or the other.
+    /// one stays until the next [`Store::open`], which finds the one or the other, since the record may be written.
     pub async fn commit(&mut self, epoch: u32) -> Result<(), Error<S::Error>> {
         if epoch <= self.epoch() {
             return Err(Error::Epoch { present: self.epoch() });
