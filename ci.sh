@@ -9,19 +9,27 @@ readonly ROOT=$PWD
 readonly TARGET=thumbv7em-none-eabihf
 readonly SMALL_TARGET=thumbv6m-none-eabi # Cortex-M0+
 readonly IMAGES=$ROOT/firmware/target/$TARGET/release
-# Boards as their binaries are called (the features have dashes); their targets; where flash and RAM begin and how large
-# they are; budgets of flash and static RAM in bytes; where the storage begins and how large it is, if there is one: outside
-# the program's flash. Storage costs 20 KiB of flash and 3 KiB of RAM, which the budgets of these boards have on top. The memory maps in firmware/boards are checked against this.
+# Boards as their binaries are called (the features have dashes); their targets; where flash and RAM begin and how large they
+# are; where the storage begins and how large it is, if there is one. The memory maps in firmware/boards are checked against this.
 readonly BOARDS="
-mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304 53248 16384
-nucleo_g474re $TARGET       0x08000000  516096 0x20000000   98304 98304 22528 0x0807e000  8192
-nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 73728 20480
-nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 94208 22528 0x000fc000 16384
-rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 94208 22528 0x101fc000 16384
+mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304
+nucleo_g474re $TARGET       0x08000000  516096 0x20000000   98304 0x0807e000  8192
+nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 0x08004000 32768
+nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 0x000fc000 16384
+rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 16384
 "
-readonly HEATER_BOARD=rp2040_pico # of the worked example, firmware/src/bin/heater.rs
-# Budgets of the stack, bytes: what ./ci.sh stack finds, and a tenth or so.
-readonly STACK_BUDGETS="mps2_an386 40960 nucleo_g474re 49152 nucleo_f446re 57344 nrf52840_dk 65536 rp2040_pico 65536"
+# Images that nodes are made of; their boards, binaries and features; budgets of flash, static RAM and stack, bytes: what ./ci.sh boards
+# and ./ci.sh stack find, and a tenth or so. Storage costs 20 KiB of flash and 3 KiB of RAM.
+readonly BUDGETS="
+mps2_an386           mps2_an386    mps2_an386      -  61440 16384 40960
+heater_emulated      mps2_an386    heater_emulated -  65536 16384 53248
+nucleo_g474re_can_fd nucleo_g474re nucleo_g474re   can-fd 114688 28672 53248
+nucleo_g474re        nucleo_g474re nucleo_g474re   - 112640 26624 53248
+nucleo_f446re        nucleo_f446re nucleo_f446re   - 106496 25600 73728
+nrf52840_dk          nrf52840_dk   nrf52840_dk     -  94208 22528 65536
+rp2040_pico          rp2040_pico   rp2040_pico     -  98304 22528 65536
+heater               rp2040_pico   heater          -  94208 22528 65536
+"
 # Instructions per node-tick in loopback.
 readonly HOST_LIMIT=1500
 # The paths above and below are those of cargo's default target folders.
@@ -101,23 +109,31 @@ target_cargo() ( # DIR LIBRARIES CARGO-ARGUMENTS...
 
 firmware_cargo() { target_cargo firmware core,alloc "$@"; }
 
-# cargo COMMAND for the image of one board.
-board_cargo() { # COMMAND BOARD CARGO-ARGUMENTS...
-    local board=$2 target
-    target=$(board_field "$board" 2)
-    firmware_cargo "$1" --quiet --locked --target "$target" --no-default-features --features "${board//_/-}" \
-        --bin "$board" "${@:3}"
+# cargo COMMAND for one image.
+image_cargo() { # COMMAND IMAGE CARGO-ARGUMENTS...
+    local board features
+    board=$(image_field "$2" 2) features=$(image_field "$2" 4)
+    firmware_cargo "$1" --quiet --locked --target "$(board_field "$board" 2)" --no-default-features \
+        --features "${board//_/-},${features#-}" --bin "$(image_field "$2" 3)" "${@:3}"
 }
 
-boards() { awk 'NF { print $1 }' <<<"$BOARDS"; }
-
-# A column of the table of boards.
-board_field() { # BOARD COLUMN
-    awk -v board="$1" -v column="$2" '$1 == board { print $column }' <<<"$BOARDS"
+# Builds an image, and gives it its name where its binary has another one.
+image_build() { # IMAGE
+    local binary
+    binary=$(image_field "$1" 3)
+    image_cargo build "$1" --release
+    [[ $1 == "$binary" ]] || cp "$(dirname "$(image_path "$1")")/$binary" "$(image_path "$1")"
 }
 
-board_image() { # BOARD
-    echo "$ROOT/firmware/target/$(board_field "$1" 2)/release/$1"
+images() { awk 'NF { print $1 }' <<<"$BUDGETS"; }
+
+# A column of the table of images, or of boards.
+image_field() { field "$BUDGETS" "$@"; } # IMAGE COLUMN
+board_field() { field "$BOARDS" "$@"; } # BOARD COLUMN
+field() { awk -v row="$2" -v column="$3" '$1 == row { print $column }' <<<"$1"; } # TABLE ROW COLUMN
+
+image_path() { # IMAGE
+    echo "$ROOT/firmware/target/$(board_field "$(image_field "$1" 2)" 2)/release/$1"
 }
 
 target_has_clippy() {
@@ -165,10 +181,8 @@ cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its t
     cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
     if target_has_clippy; then
         firmware_cargo clippy --quiet --locked --features cost --bins -- -D warnings
-        local board
-        for board in $(boards); do board_cargo clippy "$board" -- -D warnings; done
-        board_cargo clippy "$HEATER_BOARD" --bin heater -- -D warnings
-        board_cargo clippy nucleo_g474re --features can-fd -- -D warnings
+        local image
+        for image in $(images); do image_cargo clippy "$image" -- -D warnings; done
     else
         say "SKIPPED clippy of the firmware: the toolchain for $TARGET has none"
     fi
@@ -261,27 +275,26 @@ cmd_bench() { #: node-ticks per second in loopback; depends on the machine, so n
     target/release/examples/loopback_ticks 20000
 }
 
-cmd_boards() { #: build the image of every board; check flash and RAM against budgets, and where it is linked to
+cmd_boards() { #: build every image; check flash and RAM against budgets, where it is linked to, and that flashing leaves the storage alone
     one_root_memory_map
-    local board over=0
-    for board in $(boards); do board_cargo build "$board" --release; done
-    board_cargo build "$HEATER_BOARD" --release --bin heater
-    printf '| board | flash | of | static RAM | of |\n|---|---:|---:|---:|---:|\n'
-    for board in $(boards); do
-        board_size "$board" || over=1
-        board_addresses "$board"
+    local image over=0
+    printf '| image | flash | of | static RAM | of |\n|---|---:|---:|---:|---:|\n'
+    for image in $(images); do
+        image_build "$image"
+        image_size "$image" || over=1
+        image_addresses "$image"
     done
     (( over == 0 )) || fail "an image is over its budget"
-    say "vectors at the beginning of each chip's flash, code in its flash, .data and .bss in its RAM"
+    say "vectors at the beginning of each chip's flash, code in its flash, .data and .bss in its RAM, nothing that is flashed in its storage"
 }
 
 # A row of bytes; 1 where the image is over its budget. Everything static counts, with the buffers of the log.
-board_size() { # BOARD
-    local image flash ram flash_budget ram_budget
-    image=$(board_image "$1")
-    flash=$(sections_size "$image" '\.(vector_table|text|rodata|data|boot2)')
-    ram=$(sections_size "$image" '\.(data|bss|uninit)')
-    flash_budget=$(board_field "$1" 7) ram_budget=$(board_field "$1" 8)
+image_size() { # IMAGE
+    local path flash ram flash_budget ram_budget
+    path=$(image_path "$1")
+    flash=$(sections_size "$path" '\.(vector_table|text|rodata|data|boot2)')
+    ram=$(sections_size "$path" '\.(data|bss|uninit)')
+    flash_budget=$(image_field "$1" 5) ram_budget=$(image_field "$1" 6)
     printf '| %s | %d | %d | %d | %d |\n' "$1" "$flash" "$flash_budget" "$ram" "$ram_budget"
     (( flash <= flash_budget && ram <= ram_budget ))
 }
@@ -290,48 +303,48 @@ sections_size() { # IMAGE PATTERN
     arm-none-eabi-size -A "$1" | awk -v pattern="^$2\$" '$1 ~ pattern { sum += $2 } END { print sum + 0 }'
 }
 
-board_addresses() { # BOARD
-    local image flash flash_end ram ram_end section
-    image=$(board_image "$1")
-    flash=$(($(board_field "$1" 3))) ram=$(($(board_field "$1" 5)))
-    flash_end=$((flash + $(board_field "$1" 4))) ram_end=$((ram + $(board_field "$1" 6)))
-    expect_at "$image" .vector_table "$flash"
-    for section in .text .rodata; do expect_within "$image" "$section" "$flash" "$flash_end"; done
-    for section in .data .bss; do expect_within "$image" "$section" "$ram" "$ram_end"; done
-    [[ $1 != rp2040_pico ]] || expect_at "$image" .boot2 $((flash - 256))
-    board_storage "$1" "$flash_end"
+image_addresses() { # IMAGE
+    local path board flash flash_end ram ram_end section
+    path=$(image_path "$1") board=$(image_field "$1" 2)
+    flash=$(($(board_field "$board" 3))) ram=$(($(board_field "$board" 5)))
+    flash_end=$((flash + $(board_field "$board" 4))) ram_end=$((ram + $(board_field "$board" 6)))
+    expect_at "$path" .vector_table "$flash"
+    for section in .text .rodata; do expect_within "$path" "$section" "$flash" "$flash_end"; done
+    for section in .data .bss; do expect_within "$path" "$section" "$ram" "$ram_end"; done
+    [[ $board != rp2040_pico ]] || expect_at "$path" .boot2 $((flash - 256))
+    image_storage "$path" "$board"
 }
 
-# The storage is where the table says, and behind everything that is flashed.
-board_storage() { # BOARD END-OF-PROGRAM
-    local image start length
-    image=$(board_image "$1") start=$(board_field "$1" 9) length=$(board_field "$1" 10)
+# The storage is where the table says, and nothing that is flashed is in it: what flashes erases what it writes, and no more.
+image_storage() { # PATH BOARD
+    local start end
+    start=$(board_field "$2" 7)
     [[ -n $start ]] || return 0
-    (( start >= $2 )) || fail "the storage of $1 begins in its program's flash"
-    expect_symbol "$image" __storage_start "$((start))"
-    expect_symbol "$image" __storage_end "$((start + length))"
+    end=$((start + $(board_field "$2" 8)))
+    expect_symbol "$1" __storage_start "$((start))"
+    expect_symbol "$1" __storage_end "$end"
+    expect_unloaded "$1" "$((start))" "$end"
 }
 
-cmd_panics() { #: check that no code of core, link, plant and protocol in the images leads to a panic
-    local board images=()
-    for board in $(boards); do
-        board_cargo build "$board" --release
-        images+=("$(board_image "$board")")
+# Calls in sequential-storage that can end in a panic, in an image at most: checks of its own that nothing here is known to fail.
+readonly DEPENDENCY_PANICS=sequential-storage=12
+
+cmd_panics() { #: check that no code of core, link, plant, protocol and store in the images leads to a panic
+    local image paths=()
+    for image in $(images); do
+        image_build "$image"
+        paths+=("$(image_path "$image")")
     done
-    # A plant whose pins are ours: those of a HAL may panic.
-    firmware_cargo build --release --locked --quiet --bin heater_emulated
-    images+=("$IMAGES/heater_emulated")
-    python3 firmware/panics.py "$ROOT" core,link,plant,protocol "${images[@]}"
+    python3 firmware/panics.py "$ROOT" core,link,protocol plant,store "$DEPENDENCY_PANICS" "${paths[@]}"
 }
 
 cmd_stack() { #: the deepest stack of every image, against a budget and the room that it has
-    local board budget images=()
-    while read -r board budget; do
-        board_cargo build "$board" --release
-        images+=("$(board_image "$board")=$budget")
-    done < <(xargs -n 2 <<<"$STACK_BUDGETS")
-    [[ ${#images[@]} == $(boards | wc -l) ]] || fail "a board has no budget of stack"
-    python3 firmware/stack.py "${images[@]}"
+    local image arguments=()
+    for image in $(images); do
+        image_build "$image"
+        arguments+=("$(image_path "$image")=$(image_field "$image" 7)")
+    done
+    python3 firmware/stack.py "${arguments[@]}"
 }
 
 # First address of a section and the one after its end, in decimal.
@@ -360,6 +373,21 @@ expect_symbol() { # IMAGE SYMBOL ADDRESS
     found=$(arm-none-eabi-nm "$1" | awk -v name="$2" '$3 == name { print $1 }')
     [[ -n $found ]] || fail "${1##*/} has no symbol $2"
     (( 16#$found == $3 )) || fail "$(printf '%s of %s is %#x, not %#x' "$2" "${1##*/}" "$((16#$found))" "$3")"
+}
+
+# No segment that is loaded has an address from LOW on and below HIGH, where it runs or where it is flashed to.
+expect_unloaded() { # IMAGE LOW HIGH
+    local virtual physical in_file in_memory segments=0
+    while read -r virtual physical in_file in_memory; do
+        segments=$((segments + 1))
+        expect_outside "${1##*/}" "$((virtual))" "$((virtual + in_memory))" "$2" "$3"
+        expect_outside "${1##*/}" "$((physical))" "$((physical + in_file))" "$2" "$3"
+    done < <(arm-none-eabi-readelf -lW "$1" | awk '$1 == "LOAD" { print $3, $4, $5, $6 }')
+    (( segments > 0 )) || fail "${1##*/} has no segment to load"
+}
+
+expect_outside() { # NAME START END LOW HIGH
+    (( $2 >= $5 || $3 <= $4 )) || fail "$(printf 'a segment of %s is at %#x..%#x, in the storage, %#x..%#x' "$@")"
 }
 
 # Anything more in it would silently win over the boards' memory maps.

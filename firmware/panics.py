@@ -1,6 +1,6 @@
 """No code of these crates leads to a panic: a check of linked images. Run by ./ci.sh panics.
 
-usage: panics.py ROOT CRATE,CRATE... IMAGE...
+usage: panics.py ROOT CRATE,CRATE... DRIVING-CRATE,DRIVING-CRATE... DEPENDENCY=LIMIT IMAGE...
 
 The images are disassembled into a call graph. A function can panic if it is part of core::panicking, or calls one that
 can from a place that is not in the crates. A call of such a function from a place that is in the crates is a finding;
@@ -11,6 +11,11 @@ into them counts as theirs.
 Two things are checked besides, since the compiler may merge the ends of two branches and then name no line:
 a call without one is judged by the places that jump to it, and no image may hold the name of a source file of the crates,
 which is what a panic in them would pass on as its location. Stack overflow is not a panic and not looked for.
+
+Driving crates call drivers of flash and pins, which may panic. They are judged by their own lines: a finding is a call of
+core::panicking from one of them, directly or by the language's library. Every `async fn` has a panic for the case that it is polled
+after its end, which nobody does who awaits it: these calls are no findings, and may leave the name of its file in the image.
+In the same way the panics of the dependency's own lines are counted; more than LIMIT are too many.
 """
 
 import re
@@ -22,20 +27,58 @@ from image import PANIC, Image, tool
 LOGGER = re.compile(r"^_defmt_(acquire|write|release|flush)$")
 
 
-def findings(image, is_own):
-    """Calls from the crates that can end in a panic, and how many calls are theirs at all."""
-    own = {site for site in image.sites if any(is_own(file) for chain in image.places(site) for _, file, _ in chain)}
-    can = {start for start, name in image.names.items() if PANIC.search(name)}
-    if not any(site.target in can for site in image.sites):
+# What an `async fn` does that is polled after its end.
+RESUMED = re.compile(r"panic_const_(async|coroutine|gen)\w*_resumed")
+
+
+# Of the language's own library: whoever calls it is responsible.
+LIBRARY = re.compile(r"^/rustc/|/library/(core|alloc)/|/compiler[_-]builtins")
+
+
+class Owners:
+    """Whose code a place is: of the strict crates, of the driving ones, of the dependency, of the language's library, or of others."""
+
+    def __init__(self, root, strict, driving, dependency):
+        self.strict, self.driving = (tuple(f"{root}/{crate}/" for crate in crates) for crates in (strict, driving))
+        self.dependency = f"/{dependency}-"
+
+    def of(self, chain):
+        if any(file.startswith(self.strict) for _, file, _ in chain):
+            return "strict"
+        file = next((file for _, file, _ in chain if not LIBRARY.search(file)), None)
+        if file is None:
+            return "library" if chain else "others"
+        if file.startswith(self.driving):
+            return "driving"
+        return "dependency" if self.dependency in file else "others"
+
+    def is_own(self, file):
+        return file.startswith((*self.strict, *self.driving))
+
+
+def reaching(start, sites):
+    """The functions that lead to those of `start` by calls at these places."""
+    reached, size = set(start), 0
+    while size != len(reached):
+        size = len(reached)
+        reached |= {site.function for site in sites if site.target in reached}
+    return reached
+
+
+def findings(image, owners):
+    """Calls from the crates that can end in a panic, how many calls are theirs at all, and such calls of the dependency."""
+    of = {site: {owners.of(chain) for chain in image.places(site)} for site in image.sites}
+    panics = {start for start, name in image.names.items() if PANIC.search(name)}
+    if not any(site.target in panics for site in image.sites):
         sys.exit(f"{image.path}: no call of a panic at all: the check does not understand this image")
     loggers = {start for start, name in image.names.items() if LOGGER.match(name)}
-    size = 0
-    while size != len(can):
-        size = len(can)
-        can |= {site.function for site in image.sites if site.target in can and site not in own}
-        can -= loggers
-    bad = [site for site in image.sites if site in own and (site.target is None or site.target in can)]
-    return bad, len(own)
+    by_anyone = reaching(panics, [site for site in image.sites if "strict" not in of[site] and site.function not in loggers])
+    resumed = {start for start, name in image.names.items() if RESUMED.search(name)}
+    by_library = reaching(panics - resumed, [site for site in image.sites if of[site] == {"library"} and site.function not in resumed])
+    strict, driving, foreign = ([site for site in image.sites if who in of[site]] for who in ("strict", "driving", "dependency"))
+    bad = [site for site in strict if site.target is None or site.target in by_anyone]
+    bad += [site for site in driving if site.target in by_library]
+    return bad, len(strict) + len(driving), [site for site in foreign if site.target in by_library]
 
 
 def describe(image, site, is_own):
@@ -47,31 +90,40 @@ def describe(image, site, is_own):
 
 
 def location_names(path, root, crates):
-    """Names of source files of the crates among the constants of an image."""
+    """Names of source files of the crates among the constants of an image, but those of `async fn`s."""
     names = set()
     for section in [".rodata", ".data", ".text"]:
         dump = tool("objcopy", "-O", "binary", "-j", section, path, "/dev/stdout")
         for crate in crates:
             prefixes = (root.encode() + b"/" + crate.encode(), b"\\.\\./" + crate.encode())
-            names |= {each.decode() for prefix in prefixes for each in re.findall(prefix + rb"/src/[\w/]+\.rs", dump)}
-    return sorted(names)
+            found = {each.decode() for prefix in prefixes for each in re.findall(prefix + rb"/src/[\w/]+\.rs", dump)}
+            names |= {name.removeprefix(root + "/").removeprefix("../") for name in found}
+    return sorted(name for name in names if not has_async_fn(f"{root}/{name}"))
 
 
-def check(path, root, crates):
-    prefixes = tuple(f"{root}/{crate}/" for crate in crates)
-    is_own = lambda file: file.startswith(prefixes)
+def has_async_fn(path):
+    with open(path, encoding="utf-8") as file:
+        return "async fn" in file.read()
+
+
+def check(path, root, crates, owners, dependency, limit):
     image = Image(path)
-    bad, own = findings(image, is_own)
+    bad, own, foreign = findings(image, owners)
     if own == 0:
-        sys.exit(f"{path}: no call from {', '.join(prefixes)}: no debug information, or other paths")
-    lines = [describe(image, site, is_own) for site in bad]
+        sys.exit(f"{path}: no call from {', '.join(crates)}: no debug information, or other paths")
+    lines = [describe(image, site, owners.is_own) for site in bad]
     lines += [f"{name}: is the location of a panic" for name in location_names(path, root, crates)]
+    if len(foreign) > limit:
+        lines.append(f"{dependency}: {len(foreign)} of its calls can end in a panic, more than {limit}")
     for line in sorted(lines):
         print(line.replace(root + "/", ""), file=sys.stderr)
-    print(f"{path.rsplit('/', 1)[-1]}: {len(lines)} of {own} calls from {', '.join(crates)} can end in a panic")
+    print(f"{path.rsplit('/', 1)[-1]}: {len(bad)} of {own} calls from {', '.join(crates)} can end in a panic; {len(foreign)} of {dependency}")
     return not lines
 
 
 if __name__ == "__main__":
-    root, crates, images = sys.argv[1], sys.argv[2].split(","), sys.argv[3:]
-    sys.exit(0 if all([check(path, root, crates) for path in images]) else 1)
+    root, strict, driving, bound, *images = sys.argv[1:]
+    strict, driving = strict.split(","), driving.split(",")
+    dependency, limit = bound.split("=")
+    arguments = (root, [*strict, *driving], Owners(root, strict, driving, dependency), dependency, int(limit))
+    sys.exit(0 if all([check(path, *arguments) for path in images]) else 1)

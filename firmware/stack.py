@@ -7,8 +7,10 @@ that through the call graph. A call through a pointer may be of any function who
 makes groups of functions that could call each other in a circle. A circle of direct calls is refused, so each function of such a group counts once on
 a path; those of core::fmt, which formats arguments while it formats, and those of a panic, which may happen in its own report, count twice.
 
-On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority here, so no
-handler interrupts another. The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
+On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority
+(firmware/src/priority.rs), so no handler interrupts another. An NMI interrupts it all the same, and a fault that, whose handler begins
+the stack anew (firmware/src/panic.rs): on top comes its frame, and its own depth is stated beside and has to fit alone.
+The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
 """
 
 import collections
@@ -36,6 +38,8 @@ READS = ("str", "cmp", "cmn", "tst", "b", "cb", "ldm", "stm", "pop", "vldm", "vs
 SP = "sp"
 UNWIND = "rust_begin_unwind"
 THUNK = re.compile(r"^__Thumb\w*Thunk_(.+)$")
+# Numbers of exceptions, and how many there are at most.
+NMI, FAULT = 2, 3
 HANDLERS = 256
 
 
@@ -248,26 +252,34 @@ def symbol(path, name):
     return int(match[1], 16) if match else sys.exit(f"{path} has no symbol {name}")
 
 
+class Bound(collections.namedtuple("Bound", "thread interrupt nmi entry fault")):
+    """Bytes of stack at most: the program and its tasks; on top an interrupt, an NMI, and what a fault stacks; a fault's handler, on a stack of its own."""
+
+    @property
+    def total(self):
+        return self.thread + self.interrupt + self.nmi + self.entry
+
+
 def bound(path):
-    """Bytes of stack that the program and its tasks need at most, and those of an interrupt on top."""
     image = Stacks(path)
     depth = depths(image)
     by_name = {name: start for start, name in image.names.items()}
     table = min(address for address in image.words if image.is_vector(address))
-    handlers = {image.words.get(table + 4 * n, 0) - 1 for n in range(2, HANDLERS)} & set(image.starts)
-    handlers.discard(by_name["Reset"])
+    handler = lambda number: image.words.get(table + 4 * number, 0) - 1
+    others = {handler(number) for number in range(4, HANDLERS)} & set(image.starts) - {by_name["Reset"]}
     core = "v6" if "v6S-M" in tool("readelf", "-A", path, text=True) else "v7e"
     has_rom = any("10embassy_rp" in name for name in by_name)
     thread = depth[by_name["Reset"]] + (ROM_BYTES if has_rom else 0)
-    return thread, EXCEPTION[core] + max(depth[each] for each in handlers)
+    entry = EXCEPTION[core]
+    return Bound(thread, entry + max(depth[each] for each in others), entry + depth[handler(NMI)], entry, depth[handler(FAULT)])
 
 
 def check(path, budget):
-    thread, interrupt = bound(path)
-    total, room = thread + interrupt, symbol(path, "_stack_start") - symbol(path, "_stack_end")
+    found, room = bound(path), symbol(path, "_stack_start") - symbol(path, "_stack_end")
     name = path.rsplit("/", 1)[-1]
-    print(f"| {name} | {thread:,} | {interrupt:,} | {total:,} | {budget:,} | {room:,} |", flush=True)
-    return total <= min(budget, room)
+    columns = (found.thread, found.interrupt, found.nmi, found.entry, found.total, found.fault, budget, room)
+    print(f"| {name} | " + " | ".join(f"{each:,}" for each in columns) + " |", flush=True)
+    return max(found.total, found.fault) <= min(budget, room)
 
 
 def self_check():
@@ -300,5 +312,6 @@ def self_check():
 if __name__ == "__main__":
     self_check()
     images = [argument.rsplit("=", 1) for argument in sys.argv[1:]]
-    print("| board | thread | interrupt | stack, bytes | budget | room |\n|---|---:|---:|---:|---:|---:|")
+    print("| image | program and tasks | interrupt | NMI | fault's frame | together, bytes | fault | budget | room |")
+    print("|---|" + "---:|" * 8)
     sys.exit(0 if all([check(path, int(budget)) for path, budget in images]) else "the stack is over its budget")

@@ -33,4 +33,4 @@ pub use node::{Action, Node};
 pub use observe::{Event, Observation, Phase};
 pub use params::Params;
 pub use plant::{InputRange, PlantSetup};
-pub use session::{Output, Session};
+pub use session::{Output, Session, Task};

@@ -53,10 +53,11 @@ impl<V: VectorField<f32>> Params<f32, V> {
     /// # Errors
     /// The first value outside its range, by name, with what is allowed; a plant with another number of components.
     pub fn of_model<M: Model<Field = V>>(config: &NodeConfig, model: &M) -> Result<Self, ConfigError> {
-        let params = Self::with_field(config, |tick| model.field(config, tick))?;
-        match model.plant() {
-            Some(plant) => params.with_plant(plant),
-            None => Ok(params),
+        let mut params = Self::with_field(config, |tick| model.field(config, tick));
+        // In place, since a copy of it is some kilobytes of stack.
+        if let (Ok(made), Some(plant)) = (&mut params, model.plant()) {
+            made.set_plant(plant)?;
         }
+        params
     }
 }

@@ -3,6 +3,7 @@
 //! Order of a tick `k`: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is advanced to
 //! `k + 1` and sent at once, so that it has a whole period to reach the neighbours (docs/notes/2026-11-23-first-light.md).
 
+pub mod adopt;
 mod plant;
 
 use crate::collect::collect;
@@ -63,6 +64,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     synced: u64,
     /// Ticks that this node was moved on over without running them, modulo 2^32.
     skipped: u32,
+    /// Tick before whose law the node is given other parameters.
+    commit: Option<u32>,
     outgoing: Outgoing,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
@@ -145,6 +148,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             schedule: Schedule::Wait,
             synced: 0,
             skipped: 0,
+            commit: None,
             outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
             plant: params.plant.clone().map(Plant::new),
             step: Step::Idle,
@@ -210,8 +214,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             return Some(0);
         }
         match self.step {
+            Step::Idle if self.commit_is_due() => return Some(0),
             Step::Idle => {}
-            Step::Await(_) => return self.held_until(),
+            Step::Await(_) | Step::Commit => return self.held_until(),
             Step::Ask(_) | Step::Tell | Step::Stop => return Some(0),
         }
         match self.schedule {
@@ -269,7 +274,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// Ticks, or asks for the sample that a tick needs.
     fn run_due_ticks(&mut self, now: u64) {
         for _ in 0..CATCH_UP_LIMIT {
-            if self.step != Step::Idle || !self.tick_is_due(now) {
+            if self.step != Step::Idle || self.commit_is_due() || !self.tick_is_due(now) {
                 return;
             }
             match self.plant {
@@ -380,6 +385,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 self.report_event(Event::Stopped);
                 Ok(())
             }
+            // A commit needs a storage, and comes by `commit_at` from whoever has one.
             _ => Err(Refusal::Phase),
         }
     }
@@ -680,6 +686,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn halt(&mut self, phase: Phase) {
         self.phase = phase;
         self.schedule = Schedule::Wait;
+        self.commit = None;
         // A warning that waits is still true: why the node was restarted, for example.
         self.outgoing = Outgoing { fault: self.outgoing.fault, ..Outgoing::default() };
         self.step = Step::Stop;

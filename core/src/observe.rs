@@ -73,6 +73,11 @@ pub enum Event {
         /// Tick number.
         tick: u32,
     },
+    /// The node goes on with another configuration.
+    Adopted {
+        /// First tick that it is for.
+        tick: u32,
+    },
     /// The node has stopped by itself.
     Fault(FaultCode),
 }
@@ -107,6 +112,7 @@ macro_rules! say {
             Event::Overrun { tick } => {
                 $($write)::+!($f, "is late by a whole period or more from tick {} on", tick)
             }
+            Event::Adopted { tick } => $($write)::+!($f, "has another configuration from tick {} on", tick),
             Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
         }
     };

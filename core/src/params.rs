@@ -148,7 +148,9 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
         }
         check_funnel(&config.funnel)?;
         let tick = f64::from(tick_ns) * 1e-9;
-        let (neighbours, degree) = check_neighbours(config, id)?;
+        let components = config.initial_state.len() as u8;
+        let mut neighbours = Neighbours::new(components, u32::from(config.extrapolate_ticks));
+        let degree = add_neighbours(&mut neighbours, config, id)?;
         Ok(Self {
             id,
             tick_ns: u64::from(tick_ns),
@@ -173,10 +175,15 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
     ///
     /// # Errors
     /// The plant has another number of components than the state.
-    pub fn with_plant(self, plant: PlantSetup) -> Result<Self, ConfigError> {
+    pub fn with_plant(mut self, plant: PlantSetup) -> Result<Self, ConfigError> {
+        self.set_plant(plant).map(|()| self)
+    }
+
+    pub(crate) fn set_plant(&mut self, plant: PlantSetup) -> Result<(), ConfigError> {
         let components = plant.inputs.len() as f64;
         check(ConfigField::Components, 0, self.initial_state.len() as f64, components, components)?;
-        Ok(Self { plant: Some(plant), ..self })
+        self.plant = Some(plant);
+        Ok(())
     }
 }
 
@@ -351,10 +358,12 @@ fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
     }
 }
 
-/// The neighbour table and the weighted degree `d`.
-fn check_neighbours<F: Real>(config: &NodeConfig, own: NodeId) -> Result<(Neighbours<F>, f64), ConfigError> {
-    let components = config.initial_state.len() as u8;
-    let mut neighbours = Neighbours::new(components, u32::from(config.extrapolate_ticks));
+/// Fills the neighbour table; the weighted degree `d`. In place: it is most of a node, and every copy of it is stack.
+fn add_neighbours<F: Real>(
+    neighbours: &mut Neighbours<F>,
+    config: &NodeConfig,
+    own: NodeId,
+) -> Result<f64, ConfigError> {
     let own_edges = config.neighbours.len();
     let mut degree = 0.0;
     for (index, edge) in config.neighbours.iter().enumerate() {
@@ -374,5 +383,5 @@ fn check_neighbours<F: Real>(config: &NodeConfig, own: NodeId) -> Result<(Neighb
         degree += weight;
     }
     check(ConfigField::Degree, 0, degree, 0.0, LARGEST_WEIGHT)?;
-    Ok((neighbours, degree))
+    Ok(degree)
 }

@@ -95,6 +95,8 @@ pub(crate) enum Step {
     Tell,
     /// It is to be told that the node has stopped.
     Stop,
+    /// It has been asked for another configuration.
+    Commit,
 }
 
 /// The plant of a node.

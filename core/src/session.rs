@@ -2,6 +2,10 @@
 //!
 //! Firmware wraps a link around it; tests drive it in memory.
 
+mod keep;
+
+pub use keep::Task;
+
 use crate::feeding::Progress;
 use crate::model::{Configured, Model};
 use crate::node::{Action, Node};
@@ -9,11 +13,12 @@ use crate::observe::{Event, Phase};
 use crate::params::Params;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::config::ConfigError;
-use funnel_protocol::message::{FaultCode, Message};
+use funnel_protocol::message::{Command, FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, Telemetry};
 use funnel_protocol::serial::{Frame, HOST};
-use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StoreError, kind};
+use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StageError, StoreError, kind};
+use keep::{Keep, Staged};
 
 /// What the firmware shall do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,10 +35,8 @@ pub enum Output {
     Sample,
     /// Drive the actuator with [`Session::inputs`].
     Actuate,
-    /// Store [`Session::config`], and say how that went by [`Session::stored`].
-    Store,
-    /// Erase what is stored, and say how that went by [`Session::erased`].
-    Erase,
+    /// Do [`Session::task`] with the storage, and say how that went by [`Session::performed`].
+    Keep,
 }
 
 /// A node that may still be blank.
@@ -44,6 +47,9 @@ pub struct Session<M: Model = Configured> {
     node: Option<Node<f32, M::Field>>,
     /// What the node was made of.
     config: Option<NodeConfig>,
+    /// For a configuration on its way to the storage or from there.
+    room: Option<NodeConfig>,
+    staged: Option<Staged>,
     /// Counters of a blank node.
     counters: Counters,
     telemetry_every: u32,
@@ -51,19 +57,14 @@ pub struct Session<M: Model = Configured> {
     reported: (u32, u8),
     reply: Option<Reply>,
     keep: Option<Keep>,
+    /// What the app has been asked to do with its storage.
+    performing: Option<Keep>,
     /// Argument of the FAULT that says why the node was gone, until it has an id to say it with.
     confession: Option<u16>,
     /// The app is to be told that the actuator belongs in its safe position.
     safe: bool,
     /// Time of the outputs that are being given, ns, from the first one to the `None` that ends them.
     giving: Option<u64>,
-}
-
-/// What the app shall do with its storage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Keep {
-    Store,
-    Erase,
 }
 
 impl Session {
@@ -82,11 +83,14 @@ impl<M: Model> Session<M> {
             model,
             node: None,
             config: None,
+            room: None,
+            staged: None,
             counters,
             telemetry_every: 0,
             reported: (0, 0),
             reply: None,
             keep: None,
+            performing: None,
             confession: confession(identity.reset),
             safe: true,
             giving: None,
@@ -98,22 +102,13 @@ impl<M: Model> Session<M> {
     /// # Errors
     /// As for CONFIGURE; the session stays as it was.
     pub fn restore(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
-        self.configure(config)
+        self.room = Some(config);
+        self.configure()
     }
 
     /// The configuration of the node; `None` while blank.
     pub fn config(&self) -> Option<&NodeConfig> {
         self.config.as_ref()
-    }
-
-    /// How [`Output::Store`] went: the epoch, or why not.
-    pub fn stored(&mut self, outcome: Result<u32, StoreError>) {
-        self.reply = Some(Reply::Stored(outcome));
-    }
-
-    /// How [`Output::Erase`] went.
-    pub fn erased(&mut self, outcome: Result<(), StoreError>) {
-        self.reply = Some(Reply::Erased(outcome));
     }
 
     /// The node, once it is configured.
@@ -195,11 +190,9 @@ impl<M: Model> Session<M> {
         if let Some(reply) = self.reply.take() {
             return Some(Output::Reply(reply));
         }
-        if let Some(keep) = self.keep.take() {
-            return Some(match keep {
-                Keep::Store => Output::Store,
-                Keep::Erase => Output::Erase,
-            });
+        if self.keep.is_some() {
+            self.performing = self.keep.take();
+            return Some(Output::Keep);
         }
         let node = self.node.as_mut()?;
         match node.poll(now) {
@@ -208,7 +201,10 @@ impl<M: Model> Session<M> {
             Some(Action::Safe) => Some(Output::Safe),
             Some(Action::Sample) => Some(Output::Sample),
             Some(Action::Actuate) => Some(Output::Actuate),
-            None => self.telemetry().map(|telemetry| Output::Reply(Reply::Telemetry(telemetry))),
+            None => match self.telemetry() {
+                Some(telemetry) => Some(Output::Reply(Reply::Telemetry(telemetry))),
+                None => self.take_commit().then_some(Output::Keep),
+            },
         }
     }
 
@@ -219,6 +215,9 @@ impl<M: Model> Session<M> {
     }
 
     fn on_message(&mut self, message: &Message, now: u64) {
+        if let Message::Ctrl { target, command: Command::Commit, at_tick, .. } = *message {
+            return self.on_commit(target, at_tick);
+        }
         match self.node.as_mut() {
             // The node counts what it refuses.
             Some(node) => drop(node.on_message(message, now)),
@@ -229,8 +228,20 @@ impl<M: Model> Session<M> {
     fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
         let reply = match Request::decode(kind, body) {
             Ok(Request::Hello) => Reply::Identity(Identity { id: self.id(), ..self.identity }),
+            Ok(Request::Stage(config)) => {
+                self.room = Some(config);
+                match self.may_stage() {
+                    Ok(()) => return self.keep(Keep::Stage),
+                    Err(reason) => Reply::Staged(Err(reason)),
+                }
+            }
+            Ok(Request::Key(_)) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
+            Ok(Request::Key(key)) => return self.keep(Keep::Key(key)),
             Ok(Request::Report) => Reply::Report(self.report()),
-            Ok(Request::Configure(config)) => Reply::Configured(self.configure(config)),
+            Ok(Request::Configure(config)) => {
+                self.room = Some(config);
+                Reply::Configured(self.configure())
+            }
             Ok(Request::Store) => match self.may_store() {
                 Ok(()) => return self.keep(Keep::Store),
                 Err(reason) => Reply::Stored(Err(reason)),
@@ -240,6 +251,10 @@ impl<M: Model> Session<M> {
             // A configuration that cannot be read is answered, so that no host waits for nothing.
             Err(Refusal::Value | Refusal::Length) if kind == kind::CONFIGURE => {
                 self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
+                return Err(Refusal::Value);
+            }
+            Err(Refusal::Value | Refusal::Length) if kind == kind::STAGE => {
+                self.reply = Some(Reply::Staged(Err(StageError::Config(ConfigError::Malformed))));
                 return Err(Refusal::Value);
             }
             Err(reason) => return Err(reason),
@@ -252,34 +267,36 @@ impl<M: Model> Session<M> {
         self.node.as_ref().is_some_and(|node| node.phase() == Phase::Running)
     }
 
-    fn may_store(&self) -> Result<(), StoreError> {
-        match self.config {
-            _ if self.is_running() => Err(StoreError::Running),
-            None => Err(StoreError::Blank),
-            Some(_) => Ok(()),
-        }
+    /// Makes a node of what is in the room, which is empty then.
+    fn configure(&mut self) -> Result<(), ConfigError> {
+        let made = if self.is_running() { Err(ConfigError::Running) } else { self.make_node() };
+        self.room = None;
+        made
     }
 
-    fn keep(&mut self, keep: Keep) -> Result<(), Refusal> {
-        self.keep = Some(keep);
-        Ok(())
-    }
-
-    fn configure(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
-        if self.is_running() {
-            return Err(ConfigError::Running);
-        }
-        let mut node = Node::new(Params::of_model(&config, &self.model)?);
+    // Not into its callers, which would have room on their stacks for this and for what else they do.
+    #[inline(never)]
+    fn make_node(&mut self) -> Result<(), ConfigError> {
+        let config = self.room.as_ref().ok_or(ConfigError::Malformed)?;
+        let mut node = Node::new(Params::of_model(config, &self.model)?);
         if let Some(arg) = self.confession.take() {
             node.warn(FaultCode::PANIC, arg);
         }
         // The old one may have stopped just now.
         self.safe = self.take_safe();
         self.node = Some(node);
-        self.telemetry_every = config.telemetry_every;
-        self.config = Some(config);
         self.reported = (0, 0);
+        self.settle();
         Ok(())
+    }
+
+    /// What is in the room is what the node is now.
+    fn settle(&mut self) {
+        core::mem::swap(&mut self.config, &mut self.room);
+        if let Some(config) = &self.config {
+            self.telemetry_every = config.telemetry_every;
+            self.identity.checksum = config.checksum();
+        }
     }
 
     fn report(&self) -> Report {
@@ -295,8 +312,9 @@ impl<M: Model> Session<M> {
         let (tick, told) = self.reported;
         let component = if tick == node.tick() { told } else { 0 };
         let seen = node.observations().get(usize::from(component))?;
-        // Before tick 0 nothing has been seen.
-        let wanted = self.telemetry_every != 0 && node.tick() != 0;
+        // Nothing has been seen before the first tick, nor where SYNC has moved the node on and its next tick waits.
+        let ran = node.tick() != 0 && seen.tick.wrapping_add(1) == node.tick();
+        let wanted = self.telemetry_every != 0 && ran;
         if !wanted || !seen.tick.is_multiple_of(self.telemetry_every) {
             return None;
         }

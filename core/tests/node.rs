@@ -356,6 +356,19 @@ fn so_many_neighbours_lost_at_once_stop_it_and_one_that_comes_back_does_not_coun
     }
 }
 
+/// The eight bits of a classic frame take a state of 256 ticks ago for one of now; the sixteen of CAN FD do not.
+#[test]
+fn a_node_that_was_silent_for_256_ticks_is_not_taken_for_a_fresh_one_by_sixteen_bits() {
+    let heard = |bits: u8| {
+        let mut node = started(&config());
+        (1..=300).for_each(|k| drop(actions(&mut node, k * MS)));
+        let (source, old) = (NodeId::new(2).unwrap(), node.tick() - 256);
+        let tick = TickStamp::low(old, bits);
+        node.on_message(&Message::State { source, component: Component::FIRST, tick, x: 3.0 }, 300 * MS)
+    };
+    assert_eq!((heard(8), heard(16)), (Ok(()), Err(Refusal::TickWindow)));
+}
+
 #[test]
 fn without_sync_for_longer_than_its_holdover_it_stops() {
     let held = NodeConfig { tick_source: TickSource::Sync, holdover_ns: 20 * MS, ..config() };

@@ -1,7 +1,7 @@
 //! A session in memory: identity, configuration and its refusals, telemetry, report.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnel_core::{Output, Phase, Session};
+use funnel_core::{Output, Phase, Session, Task};
 use funnel_protocol::config::{
     BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
     GainConfig, NodeConfig, TickSource, scalar,
@@ -18,6 +18,8 @@ const IDENTITY: Identity = Identity {
     uid: 42,
     reset: ResetCause::Pin,
     starts: 7,
+    checksum: 0,
+    has_key: false,
 };
 
 fn config() -> NodeConfig {
@@ -144,13 +146,15 @@ fn a_configured_node_asks_the_app_to_store_and_passes_the_answer_on() {
     let blank = ask(&mut session, &Request::Store);
     assert_eq!(blank, [Output::Reply(Reply::Stored(Err(StoreError::Blank)))]);
     ask(&mut session, &Request::Configure(config()));
-    assert_eq!(ask(&mut session, &Request::Store), [Output::Store]);
-    assert_eq!(session.config(), Some(&config()));
+    assert_eq!(ask(&mut session, &Request::Store), [Output::Keep]);
+    assert_eq!(session.task(), Some(Task::Store(&config())));
     assert_eq!(session.poll_at(), None, "it waits for the app");
-    session.stored(Ok(7));
+    session.performed(Ok(7));
+    assert_eq!(session.task(), None);
     assert_eq!(outputs(&mut session), [Output::Reply(Reply::Stored(Ok(7)))]);
-    assert_eq!(ask(&mut session, &Request::Erase), [Output::Erase]);
-    session.erased(Err(StoreError::Failed));
+    assert_eq!(ask(&mut session, &Request::Erase), [Output::Keep]);
+    assert_eq!(session.task(), Some(Task::Erase));
+    session.performed(Err(StoreError::Failed));
     assert_eq!(outputs(&mut session), [Output::Reply(Reply::Erased(Err(StoreError::Failed)))]);
     assert_eq!(session.id(), 3, "until its next start it stays as it is");
 }
@@ -184,7 +188,7 @@ fn a_restored_node_is_ready_with_its_id() {
     assert!(session.restore(NodeConfig { tick_ns: 0, ..config() }).is_err());
     assert_eq!((session.id(), session.config()), (0, None), "blank as before");
     session.restore(config()).unwrap();
-    let identity = Identity { id: 3, ..IDENTITY };
+    let identity = Identity { id: 3, checksum: config().checksum(), ..IDENTITY };
     assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(identity))]);
     let started = tell(&mut session, start());
     assert!(started.iter().any(|o| matches!(o, Output::Send(Message::State { x: 1.0, .. }))), "{started:?}");

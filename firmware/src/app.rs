@@ -8,7 +8,7 @@ use funnel_link::Change;
 use funnel_plant::Plant;
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::FaultCode;
-use funnel_protocol::service::{Identity, ResetCause, StoreError};
+use funnel_protocol::service::{Identity, ResetCause};
 
 use crate::link::{Input, Link};
 use crate::reset::Start;
@@ -39,7 +39,8 @@ pub async fn run(
     chip: Chip<impl Watchdog>,
 ) -> ! {
     let Chip { uid, start: Start { reset, starts, place }, watchdog } = chip;
-    let identity = Identity { wire_version: WIRE_VERSION, firmware: VERSION, id: 0, uid, reset, starts };
+    let identity =
+        Identity { wire_version: WIRE_VERSION, firmware: VERSION, uid, reset, starts, ..Identity::default() };
     let mut session = Session::with_model(identity, plant.model());
     // Before anything else: the session asks for a safe output.
     drain(&mut session, &mut link, &mut storage, &mut plant).await;
@@ -54,6 +55,7 @@ pub async fn run(
 
 /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
 async fn restore<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
+    session.note_key(storage.has_key().await);
     let Some(config) = storage.load().await else { return };
     match session.restore(config) {
         Ok(()) => defmt::info!("configured from storage: node {=u8}", session.id()),
@@ -106,11 +108,10 @@ async fn drain<L: Link, S: Storage, P: Plant>(
             Output::Send(message) => link.send(&message).await,
             Output::Reply(reply) => link.reply(&reply, session.id()).await,
             Output::Report(event) => defmt::info!("{}", event),
-            Output::Store => store(session, storage).await,
+            Output::Keep => keep(session, storage).await,
             Output::Sample => sample(session, plant),
             Output::Actuate => actuate(session, plant),
             Output::Safe => make_safe(plant),
-            Output::Erase => session.erased(storage.erase().await),
         }
     }
 }
@@ -140,12 +141,11 @@ fn make_safe(plant: &mut impl Plant) {
     }
 }
 
-async fn store<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
-    let outcome = match session.config() {
-        Some(config) => storage.store(config).await,
-        None => Err(StoreError::Blank),
-    };
-    session.stored(outcome);
+async fn keep<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
+    if let Some(task) = session.task() {
+        let outcome = storage.perform(task).await;
+        session.performed(outcome);
+    }
 }
 
 /// Time since the start, ns.

@@ -9,6 +9,8 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_executor::{Spawner, raw};
 
+use crate::priority;
+
 /// A task was woken since the last round of polling.
 static WOKEN: AtomicBool = AtomicBool::new(false);
 
@@ -37,6 +39,7 @@ impl Executor {
 
     /// Calls `init` to spawn the first tasks, then runs for ever.
     pub fn run(&'static mut self, init: impl FnOnce(Spawner)) -> ! {
+        priority::level();
         let executor: &'static raw::Executor = &self.inner;
         init(executor.spawner());
         loop {

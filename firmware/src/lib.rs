@@ -3,10 +3,10 @@
 //! The core decides and the protocol encodes; what is here only moves bytes and time. One async [`app`] is generic over its
 //! [`link`]; a board adds its peripherals and a binary of under 100 lines in `src/bin`. Exactly one board feature chooses it.
 //!
-//! `unsafe` is allowed in nine files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
-//! table), `executor.rs` (polling), `panic.rs` (the fault handler),
-//! `storage/flash.rs` (addresses from the linker), `stm32/ecc.rs` (the NMI handler) `mps2/watchdog.rs` (the NMI handler), `reset.rs` and `mps2/flash.rs` (sections that survive a reset); and in the interrupt bindings that embassy's macro
-//! writes into a board's binary.
+//! `unsafe` is allowed in ten files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
+//! table), `executor.rs` (polling), `priority.rs` (the NVIC), `panic.rs` (the fault handler),
+//! `storage/flash.rs` (addresses from the linker), `stm32/ecc.rs` and `mps2/watchdog.rs` (NMI handlers), `reset.rs` and `mps2/flash.rs` (sections that
+//! survive a reset); and in the interrupt bindings that embassy's macro writes into a board's binary.
 #![no_std]
 
 pub mod app;
@@ -18,6 +18,7 @@ pub mod mps2;
 #[cfg(feature = "nrf52840-dk")]
 pub mod nrf;
 pub mod panic;
+pub mod priority;
 pub mod reset;
 #[cfg(feature = "mps2-an386")]
 pub mod ring;

@@ -3,11 +3,11 @@
 //! The emulated board ends its emulator instead, with an exit code, unless it is told to restart as hardware does.
 #![allow(unsafe_code)]
 
+use core::arch::naked_asm;
 use core::cell::Cell;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use cortex_m_rt::{ExceptionFrame, exception};
 use critical_section::Mutex;
 use funnel_protocol::service::ResetCause;
 
@@ -47,6 +47,11 @@ pub fn report(info: &PanicInfo) -> ! {
     stop(ResetCause::Panic, line, || defmt::error!("{}", defmt::Display2Format(info)))
 }
 
+/// What the hardware has found wrong with the memory at `address`; may be called by the NMI handler, where a fault would lock the core up.
+pub fn memory_error(address: u32) -> ! {
+    stop(ResetCause::HardFault, address, || defmt::error!("memory error at {=u32:#010x}", address))
+}
+
 fn stop(cause: ResetCause, place: u32, log: impl FnOnce()) -> ! {
     cortex_m::interrupt::disable();
     // Nothing interrupts this, and the Cortex-M0+ has no swap.
@@ -75,12 +80,40 @@ fn end(_cause: ResetCause) -> ! {
     reset::restart()
 }
 
-// SAFETY: a fault handler may not assume that the interrupted code left its data in order. It reads the
-// stacked frame and writes the log; a log call that was itself interrupted panics as "reentrant", which
-// STOPPING turns into an end.
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    stop(ResetCause::HardFault, frame.pc(), || {
-        defmt::error!("hard fault at pc {=u32:#010x}, lr {=u32:#010x}", frame.pc(), frame.lr())
+/// The handler of every fault. It has the whole stack for itself: the one that it comes from may be what has overflowed, then the processor
+/// could not save anything on it, and nobody returns to it either way.
+///
+/// In assembly, since a function may use the stack before its first line. Where the saved registers are on the stack, it passes them on: pc and lr.
+// SAFETY: cortex-m-rt's vector table wants exactly this symbol. It takes no argument and never returns.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() -> ! {
+    naked_asm!(
+        "mrs r3, MSP",
+        "ldr r4, =_stack_start",
+        "msr MSP, r4",
+        "ldr r5, =_stack_end",
+        "movs r2, #1",
+        "cmp r3, r5",
+        "blo 0f",
+        "cmp r3, r4",
+        "bhs 0f",
+        "movs r2, #0",
+        "ldr r0, [r3, #24]",
+        "ldr r1, [r3, #20]",
+        "0:",
+        "bl {fault}",
+        fault = sym fault,
+    )
+}
+
+// A fault handler may not assume that the interrupted code left its data in order. It writes the record and the log; a log call that was
+// itself interrupted panics as "reentrant", which STOPPING turns into an end.
+extern "C" fn fault(pc: u32, lr: u32, overflowed: bool) -> ! {
+    if overflowed {
+        stop(ResetCause::HardFault, 0, || defmt::error!("hard fault: the stack has overflowed"))
+    }
+    stop(ResetCause::HardFault, pc, || {
+        defmt::error!("hard fault at pc {=u32:#010x}, lr {=u32:#010x}", pc, lr)
     })
 }

@@ -3,20 +3,21 @@
 #[cfg(feature = "flash")]
 pub mod flash;
 
+use funnel_core::Task;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::StoreError;
 
-/// Keeps one configuration.
+/// Keeps one configuration and one key; beside them, until the next start, a configuration that is staged.
 #[allow(async_fn_in_trait)] // as for Link
 pub trait Storage {
     /// The configuration to start with, `None` for a blank node. What is wrong with a stored one goes into the log.
     async fn load(&mut self) -> Option<NodeConfig>;
 
-    /// Keeps a configuration; the epoch. After an error, or a power cut, the one before is still there.
-    async fn store(&mut self, config: &NodeConfig) -> Result<u32, StoreError>;
+    /// Whether there is a key.
+    async fn has_key(&mut self) -> bool;
 
-    /// Makes the node blank at its next start; as safe as `store`.
-    async fn erase(&mut self) -> Result<(), StoreError>;
+    /// Does what the session asks for; the epoch of what is stored then. After an error, or a power cut, the one before is still there.
+    async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError>;
 }
 
 /// A board without storage: its nodes are blank after every start.
@@ -27,11 +28,11 @@ impl Storage for Absent {
         None
     }
 
-    async fn store(&mut self, _config: &NodeConfig) -> Result<u32, StoreError> {
-        Err(StoreError::Absent)
+    async fn has_key(&mut self) -> bool {
+        false
     }
 
-    async fn erase(&mut self) -> Result<(), StoreError> {
+    async fn perform(&mut self, _: Task<'_>) -> Result<u32, StoreError> {
         Err(StoreError::Absent)
     }
 }

@@ -1,6 +1,6 @@
 //! Frames that wait for a CAN controller. They are never queued: of each identifier only the latest is kept.
 
-use funnel_protocol::can::CanFrame;
+use crate::format::Frame;
 use heapless::Vec;
 
 /// Identifiers that one node sends: eight components of its state, a fault, an edge.
@@ -19,18 +19,18 @@ pub enum Put {
 
 /// Waiting frames, at most one of each identifier, lowest identifier (highest priority) first.
 #[derive(Debug, Default)]
-pub struct Mailbox {
-    frames: Vec<CanFrame, CAPACITY>,
+pub struct Mailbox<F> {
+    frames: Vec<F, CAPACITY>,
 }
 
-impl Mailbox {
+impl<F: Frame> Mailbox<F> {
     /// An empty one.
     pub const fn new() -> Self {
         Self { frames: Vec::new() }
     }
 
     /// Takes a frame; the latest of an identifier wins.
-    pub fn put(&mut self, frame: CanFrame) -> Put {
+    pub fn put(&mut self, frame: F) -> Put {
         if let Some(older) = self.frames.iter_mut().find(|each| each.id() == frame.id()) {
             *older = frame;
             return Put::Replaced;
@@ -38,12 +38,12 @@ impl Mailbox {
         if self.frames.push(frame).is_err() {
             return Put::Dropped;
         }
-        self.frames.sort_unstable_by_key(CanFrame::id);
+        self.frames.sort_unstable_by_key(F::id);
         Put::Waits
     }
 
     /// The frame that the controller gets next; it stays until it is [taken](Self::taken).
-    pub fn next(&self) -> Option<&CanFrame> {
+    pub fn next(&self) -> Option<&F> {
         self.frames.first()
     }
 
@@ -64,7 +64,7 @@ impl Mailbox {
 mod tests {
     extern crate std;
     use super::*;
-    use funnel_protocol::can::{decode, encode};
+    use funnel_protocol::can::{CanFrame, decode, encode};
     use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
     use std::vec::Vec;
 
@@ -77,7 +77,7 @@ mod tests {
         })
     }
 
-    fn drained(mut mailbox: Mailbox) -> Vec<Message> {
+    fn drained(mut mailbox: Mailbox<CanFrame>) -> Vec<Message> {
         let mut messages = Vec::new();
         while let Some(frame) = mailbox.next() {
             messages.push(decode(frame.id(), frame.data()).unwrap());

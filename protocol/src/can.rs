@@ -21,6 +21,8 @@ pub mod function {
     pub const STATE: u8 = 3;
     /// STATE, component 7.
     pub const STATE_LAST: u8 = 10;
+    /// STATE_FD, in frames of CAN FD only ([`crate::can_fd`]).
+    pub const STATE_FD: u8 = 11;
     /// EDGE.
     pub const EDGE: u8 = 12;
 }
@@ -164,6 +166,7 @@ pub(crate) fn command(number: u8) -> Result<Command, Refusal> {
     match number {
         1 => Ok(Command::Start),
         2 => Ok(Command::Stop),
+        3 => Ok(Command::Commit),
         _ => Err(Refusal::Value),
     }
 }
@@ -172,6 +175,7 @@ pub(crate) fn command_number(command: Command) -> u8 {
     match command {
         Command::Start => 1,
         Command::Stop => 2,
+        Command::Commit => 3,
     }
 }
 

@@ -6,6 +6,8 @@
 #![forbid(unsafe_code)]
 
 pub mod can;
+pub mod can_fd;
+mod checksum;
 pub mod config;
 pub mod message;
 pub mod refusal;

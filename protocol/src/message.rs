@@ -118,6 +118,9 @@ pub enum Command {
     Start,
     /// End: no further tick, safe output.
     Stop,
+    /// Become what was staged: at once, or while running before the law of the tick with these low 16 bits
+    /// (protocol/README.md, "Commit").
+    Commit,
 }
 
 /// How bad a fault is.
@@ -153,6 +156,8 @@ impl FaultCode {
     pub const HOLDOVER: Self = Self(7);
     /// The node's sensor has failed for longer than it may: the argument is for how many samples. 0: its actuator has failed.
     pub const PLANT: Self = Self(8);
+    /// The node's storage has failed at a commit; it goes on with its old configuration, and says so as a warning.
+    pub const COMMIT: Self = Self(9);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -167,6 +172,7 @@ macro_rules! say {
             FaultCode::NEIGHBOURS_LOST => $($write)::+!($f, "it has lost too many neighbours"),
             FaultCode::HOLDOVER => $($write)::+!($f, "it has heard no SYNC for too long"),
             FaultCode::PLANT => $($write)::+!($f, "its sensor or actuator has failed"),
+            FaultCode::COMMIT => $($write)::+!($f, "its storage has failed at a commit"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };
@@ -197,7 +203,8 @@ pub enum Message {
         command: Command,
         /// Reserved for the command; 0 now.
         arg: u8,
-        /// Tick periods to wait before tick 0 (timer as tick source; ignored with SYNC as the source).
+        /// Start: tick periods to wait before tick 0 (timer as tick source; ignored with SYNC as the source). Commit: low 16 bits of
+        /// the tick.
         at_tick: u16,
     },
     /// The time master's beat: it marks the tick after `previous_tick`.

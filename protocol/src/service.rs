@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use crate::can::exactly;
 use crate::config::{ConfigError, NodeConfig};
 use crate::refusal::Refusal;
 use crate::report::{Report, Telemetry};
@@ -34,6 +35,14 @@ pub mod kind {
     pub const ERASE: u8 = 0x49;
     /// Node will be, or says why not.
     pub const ERASED: u8 = 0x4A;
+    /// Host sends a configuration that is to wait beside the present one for a commit.
+    pub const STAGE: u8 = 0x4B;
+    /// Node has it, or says why not.
+    pub const STAGED: u8 = 0x4C;
+    /// Host sends the key that the node is to keep.
+    pub const KEY: u8 = 0x4D;
+    /// Node keeps it, or says why not.
+    pub const KEYED: u8 = 0x4E;
 }
 
 /// Who a node is.
@@ -51,6 +60,33 @@ pub struct Identity {
     pub reset: ResetCause,
     /// How often it has started since power-on, this one included; 0 where it does not know.
     pub starts: u32,
+    /// [`NodeConfig::checksum`] of the configuration that it has now, 0 while blank.
+    pub checksum: u32,
+    /// It keeps a key.
+    pub has_key: bool,
+}
+
+/// A key that a node keeps: it can be set and never read. Nothing uses it yet (protocol/README.md).
+#[derive(Clone, Copy, Eq)]
+pub struct Key(pub [u8; Key::LENGTH]);
+
+impl Key {
+    /// Bytes.
+    pub const LENGTH: usize = 16;
+}
+
+/// Takes as long for equal keys as for others.
+impl PartialEq for Key {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.iter().zip(&other.0).fold(0, |differ, (a, b)| differ | (a ^ b)) == 0
+    }
+}
+
+/// Keys do not end up in logs.
+impl fmt::Debug for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Key(..)")
+    }
 }
 
 /// What made a node start.
@@ -98,7 +134,7 @@ impl fmt::Display for ResetCause {
     }
 }
 
-/// Why a node has not stored its configuration, or erased the stored one.
+/// Why a node has not stored, staged or erased a configuration, or not kept a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoreError {
     /// The node is running; flash can stall it for longer than a tick.
@@ -124,6 +160,26 @@ impl fmt::Display for StoreError {
 
 impl core::error::Error for StoreError {}
 
+/// Why a node has not staged a configuration. What it had staged before may be lost then.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum StageError {
+    /// It would refuse to be configured so.
+    Config(ConfigError),
+    /// It could not keep it.
+    Store(StoreError),
+}
+
+impl fmt::Display for StageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Config(reason) => reason.fmt(f),
+            Self::Store(reason) => reason.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for StageError {}
+
 /// What a host asks of a node.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
@@ -138,6 +194,10 @@ pub enum Request {
     Store,
     /// Be blank after the next start.
     Erase,
+    /// Have this ready beside what you are, until a commit.
+    Stage(NodeConfig),
+    /// Keep this key.
+    Key(Key),
 }
 
 /// What a node answers, or tells unasked.
@@ -155,6 +215,10 @@ pub enum Reply {
     Stored(Result<u32, StoreError>),
     /// I will be blank.
     Erased(Result<(), StoreError>),
+    /// I have it ready: its [`NodeConfig::checksum`].
+    Staged(Result<u32, StageError>),
+    /// I keep the key: the epoch.
+    Keyed(Result<u32, StoreError>),
 }
 
 /// A body that travels in a service frame.
@@ -181,13 +245,16 @@ impl Body for Request {
             Self::Report => kind::REPORT_REQUEST,
             Self::Store => kind::STORE,
             Self::Erase => kind::ERASE,
+            Self::Stage(_) => kind::STAGE,
+            Self::Key(_) => kind::KEY,
         }
     }
 
     fn encode(&self, out: &mut [u8]) -> Option<usize> {
         match self {
             Self::Hello | Self::Report | Self::Store | Self::Erase => Some(0),
-            Self::Configure(config) => write(config, out),
+            Self::Configure(config) | Self::Stage(config) => write(config, out),
+            Self::Key(Key(bytes)) => write(bytes, out),
         }
     }
 
@@ -198,6 +265,8 @@ impl Body for Request {
             kind::REPORT_REQUEST => empty(body).map(|()| Self::Report),
             kind::STORE => empty(body).map(|()| Self::Store),
             kind::ERASE => empty(body).map(|()| Self::Erase),
+            kind::STAGE => whole(body).map(Self::Stage),
+            kind::KEY => exactly(body).map(|&bytes| Self::Key(Key(bytes))),
             _ => Err(Refusal::Kind),
         }
     }
@@ -212,6 +281,8 @@ impl Body for Reply {
             Self::Report(_) => kind::REPORT,
             Self::Stored(_) => kind::STORED,
             Self::Erased(_) => kind::ERASED,
+            Self::Staged(_) => kind::STAGED,
+            Self::Keyed(_) => kind::KEYED,
         }
     }
 
@@ -223,6 +294,8 @@ impl Body for Reply {
             Self::Report(value) => write(value, out),
             Self::Stored(value) => write(value, out),
             Self::Erased(value) => write(value, out),
+            Self::Staged(value) => write(value, out),
+            Self::Keyed(value) => write(value, out),
         }
     }
 
@@ -234,6 +307,8 @@ impl Body for Reply {
             kind::REPORT => whole(body).map(Self::Report),
             kind::STORED => whole(body).map(Self::Stored),
             kind::ERASED => whole(body).map(Self::Erased),
+            kind::STAGED => whole(body).map(Self::Staged),
+            kind::KEYED => whole(body).map(Self::Keyed),
             _ => Err(Refusal::Kind),
         }
     }

@@ -1,6 +1,7 @@
 //! Golden vectors: the bytes of every released wire version, in both directions.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use funnel_protocol::can_fd::{self, Content, States};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
 use funnel_protocol::serial::{Deframer, Frame};
 use funnel_protocol::{can, serial};
@@ -37,6 +38,9 @@ fn message(what: &str) -> Message {
         }
         ["stop", "id9", "at513"] => {
             Message::Ctrl { target: Target::Node(id(9)), command: Command::Stop, arg: 0, at_tick: 513 }
+        }
+        ["commit", "all", "tick1000"] => {
+            Message::Ctrl { target: Target::All, command: Command::Commit, arg: 0, at_tick: 1000 }
         }
         ["edge", "id5", "id6", "weight1.5"] => Message::Edge { source: id(5), neighbour: id(6), weight: 1.5 },
         ["fault", ..] => Message::Fault {
@@ -80,12 +84,13 @@ fn every_vector_encodes_and_decodes() {
         let bytes = hex(bytes);
         match link {
             "can" => check_can(what, &bytes),
+            "fd" => check_fd(what, &bytes),
             "serial" => check_serial(what, &bytes),
             other => panic!("unknown link {other}"),
         }
         seen += 1;
     }
-    assert_eq!(seen, 11);
+    assert_eq!(seen, 17);
 }
 
 fn check_can(what: &str, bytes: &[u16]) {
@@ -93,6 +98,35 @@ fn check_can(what: &str, bytes: &[u16]) {
     let frame = can::encode(&message(what));
     assert_eq!((frame.id(), frame.data()), (bytes[0], data.as_slice()), "{what}");
     assert_eq!(can::decode(frame.id(), frame.data()), Ok(truncated(message(what), 8)), "{what}");
+}
+
+/// The state that a line of the vector file names, with so many bits of its tick.
+fn states(what: &str, bits: u8) -> States {
+    let words: Vec<_> = what.split_whitespace().collect();
+    let (node, tick, values) = match words[1..] {
+        ["id5", "tick1000", "x1.5"] => (5, 1000, vec![1.5]),
+        ["id127", "tick0xFFFFFF00", "x1,-0.25,0"] => (127, 0xFFFF_FF00, vec![1.0, -0.25, 0.0]),
+        ["id1", "tick7", "x1,1,1,1,1,1"] => (1, 7, vec![1.0; 6]),
+        ref other => panic!("no such vector: {other:?}"),
+    };
+    let mut states = States::new(id(node), TickStamp::low(tick, bits), values[0]);
+    for (component, &x) in (1..).zip(&values[1..]) {
+        let Message::State { source, component, x, .. } = state(node, component, tick, x) else {
+            unreachable!()
+        };
+        assert!(states.add(&Message::State { source, component, tick: TickStamp::low(tick, bits), x }));
+    }
+    states
+}
+
+fn check_fd(what: &str, bytes: &[u16]) {
+    let data: Vec<u8> = bytes[1..].iter().map(|&byte| byte as u8).collect();
+    let (frame, content) = match what.trim_start().starts_with("states") {
+        true => (can_fd::encode_states(&states(what, 32)), Content::States(states(what, 16))),
+        false => (can_fd::encode(&message(what)), Content::Message(message(what))),
+    };
+    assert_eq!((frame.id(), frame.data()), (bytes[0], data.as_slice()), "{what}");
+    assert_eq!(can_fd::decode(frame.id(), frame.data()), Ok(content), "{what}");
 }
 
 fn check_serial(what: &str, bytes: &[u16]) {

@@ -2,16 +2,21 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnel_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig,
-    MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, NormalisedShape, SineConfig,
-    TickSource,
+    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
+    GainConfig, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, NormalisedShape,
+    SineConfig, TickSource,
 };
 use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnel_protocol::report::{Counters, Report};
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
-use funnel_protocol::service::{Body, MAX_REPLY_BODY, Reply, Request, StoreError};
+use funnel_protocol::service::{
+    Body, Identity, Key, MAX_REPLY_BODY, Reply, Request, ResetCause, StageError, StoreError,
+};
 use funnel_protocol::{Refusal, can};
 use proptest::prelude::*;
+
+/// `largest_config`, written down on 2026-11-25.
+const GOLDEN_CHECKSUM: u32 = 0x3074_917E;
 
 fn largest_config() -> NodeConfig {
     let sine = SineConfig { component: 7, amplitude: 1.0, frequency: 2.0, phase: 3.0 };
@@ -110,7 +115,13 @@ fn storing_has_these_bytes() {
         assert_eq!(Request::decode(kind, &[]), Ok(request));
         assert_eq!(Request::decode(kind, &[0]), Err(Refusal::Length));
     }
-    let answers: [(Reply, u8, &[u8]); 7] = [
+    let key = Request::Key(Key([7; 16]));
+    assert_eq!((key.kind(), key.encode(&mut [0; 16])), (0x4D, Some(16)));
+    assert_eq!(Request::decode(0x4D, &[7; 16]), Ok(key));
+    for wrong in [&[7; 15][..], &[7; 17], &[]] {
+        assert_eq!(Request::decode(0x4D, wrong), Err(Refusal::Length));
+    }
+    let answers: [(Reply, u8, &[u8]); 13] = [
         (Reply::Stored(Ok(u32::MAX)), 0x48, &[0, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]),
         (Reply::Stored(Err(StoreError::Running)), 0x48, &[1, 0]),
         (Reply::Stored(Err(StoreError::Blank)), 0x48, &[1, 1]),
@@ -118,6 +129,12 @@ fn storing_has_these_bytes() {
         (Reply::Stored(Err(StoreError::Failed)), 0x48, &[1, 3]),
         (Reply::Erased(Ok(())), 0x4A, &[0]),
         (Reply::Erased(Err(StoreError::Failed)), 0x4A, &[1, 3]),
+        (Reply::Staged(Ok(0x1234_5678)), 0x4C, &[0, 0xF8, 0xAC, 0xD1, 0x91, 0x01]),
+        (Reply::Staged(Err(StageError::Config(ConfigError::Malformed))), 0x4C, &[1, 0, 4]),
+        (Reply::Staged(Err(StageError::Store(StoreError::Running))), 0x4C, &[1, 1, 0]),
+        (Reply::Staged(Err(StageError::Store(StoreError::Absent))), 0x4C, &[1, 1, 2]),
+        (Reply::Keyed(Ok(300)), 0x4E, &[0, 0xAC, 0x02]),
+        (Reply::Keyed(Err(StoreError::Failed)), 0x4E, &[1, 3]),
     ];
     for (answer, kind, bytes) in answers {
         let mut body = [0; MAX_REPLY_BODY];
@@ -126,6 +143,43 @@ fn storing_has_these_bytes() {
         assert_eq!(Reply::decode(kind, bytes), Ok(answer));
         assert_eq!(Reply::decode(kind, &[bytes, &[0]].concat()), Err(Refusal::Length));
     }
+}
+
+#[test]
+fn an_identity_ends_with_checksum_and_key() {
+    let identity = Identity {
+        wire_version: 1,
+        firmware: [0, 1, 0],
+        id: 5,
+        uid: 300,
+        reset: ResetCause::Watchdog,
+        starts: 2,
+        checksum: 0x1234_5678,
+        has_key: true,
+    };
+    let bytes = [1, 0, 1, 0, 5, 0xAC, 0x02, 4, 2, 0xF8, 0xAC, 0xD1, 0x91, 0x01, 1];
+    let mut body = [0; MAX_REPLY_BODY];
+    let length = Reply::Identity(identity).encode(&mut body).unwrap();
+    assert_eq!(&body[..length], bytes);
+    assert_eq!(Reply::decode(0x41, &bytes), Ok(Reply::Identity(identity)));
+}
+
+/// A host computes it from the bytes that it sends, by any CRC-32.
+#[test]
+fn the_checksum_of_a_configuration_is_that_of_its_bytes() {
+    let config = largest_config();
+    let mut body = [0; MAX_BODY];
+    let length = Request::Stage(config.clone()).encode(&mut body).unwrap();
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body[..length]);
+    assert_eq!((config.checksum(), crc), (crc, GOLDEN_CHECKSUM));
+    assert_ne!(NodeConfig { id: 126, ..config.clone() }.checksum(), crc);
+    let Ok(Request::Stage(back)) = Request::decode(0x4B, &body[..length]) else { panic!() };
+    assert_eq!((&back, back.checksum()), (&config, crc));
+}
+
+#[test]
+fn a_key_does_not_show_in_a_log() {
+    assert_eq!(format!("{:?}", Request::Key(Key([0x5A; 16]))), "Key(Key(..))");
 }
 
 #[test]

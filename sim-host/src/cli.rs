@@ -12,10 +12,12 @@ use crate::bench::{self, BenchFile};
 use crate::check;
 use crate::exit::Exit;
 use crate::figure::figure;
+use crate::flash_file::FileStorage;
 use crate::host_node::{self, End};
+use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::record::{BenchNodeSummary, BenchSummary, Expectation, OwnClockSummary, PerComponent, Summary};
-use crate::run::{self, Fidelity, RunOptions, Verbosity};
+use crate::run::{self, Fidelity, RunError, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
 const AFTER_HELP: &str = "\
@@ -43,15 +45,17 @@ the host sent and read each of them (bench.csv). docs/bench.md lists the keys of
 
 Examples:
   sim-host bench --list
+  sim-host bench scenarios/five-agents.toml --bench bench.toml --commission
   sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench";
 
 const NODE_HELP: &str = "\
-The node is blank until a bench configures it over its line, and ends when that is closed. It stores nothing and has
-no plant. A bench file's `host = true` starts such a node by itself.
+The node is blank until a bench configures it over its line, and ends when that is closed. It has no plant, and keeps
+its configuration only where it has a --storage. A bench file's `host = true` starts such a node by itself.
 
 Examples:
   sim-host node --serial /dev/ttyUSB0
-  sim-host node --serial /dev/ttyUSB0 --can can0";
+  sim-host node --serial /dev/ttyUSB0 --can can0
+  sim-host node --serial /dev/ttyUSB0 --can can0 --can-fd";
 
 const CHECK_HELP: &str = "\
 Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over
@@ -153,6 +157,12 @@ struct NodeArgs {
     /// Send and hear states on this CAN interface, and leave the line to the host
     #[arg(long, value_name = "INTERFACE")]
     can: Option<String>,
+    /// In frames of CAN FD, as all nodes of that bus then must
+    #[arg(long, requires = "can")]
+    can_fd: bool,
+    /// Keep its configuration in this file, as a board does in its flash; made where it is missing
+    #[arg(long, value_name = "FILE")]
+    storage: Option<PathBuf>,
     /// The unique number that it says it has, in hexadecimal digits
     #[arg(long, value_name = "HEX", default_value = "0", value_parser = parse_uid)]
     uid: u64,
@@ -164,7 +174,7 @@ struct NodeArgs {
 #[derive(Args, Debug)]
 struct BenchArgs {
     /// The scenario file
-    #[arg(value_name = "SCENARIO.toml", required_unless_present = "list")]
+    #[arg(value_name = "SCENARIO.toml", required_unless_present_any = ["list", "erase"])]
     scenario: Option<PathBuf>,
     #[command(flatten)]
     settings: Settings,
@@ -174,6 +184,12 @@ struct BenchArgs {
     /// Run nothing; ask every serial port, and those of the bench file, who is there
     #[arg(long, conflicts_with = "scenario")]
     list: bool,
+    /// Run nothing; store the scenario's configurations in all nodes, or in none, for every start to come
+    #[arg(long, conflicts_with = "list")]
+    commission: bool,
+    /// Run nothing; make all nodes of the bench file blank at their next start
+    #[arg(long, conflicts_with_all = ["scenario", "list", "commission"])]
+    erase: bool,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -277,11 +293,28 @@ fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failu
     let load = |path| BenchFile::load(path).map_err(|errors| Failure::bad_input(errors.to_string()));
     let bench = args.bench.as_deref().map(load).transpose()?;
     match &args.scenario {
+        Some(scenario) if args.commission => {
+            let options = options(Fidelity::Bench, bench, &args.output, None, String::new())?;
+            commissioned(run::commission(&args.settings.load(scenario)?, &options), &options)
+        }
         Some(scenario) => {
             execute(&args.settings.load(scenario)?, Fidelity::Bench, bench, &args.output, arguments)
         }
+        None if args.erase => {
+            let options = options(Fidelity::Bench, bench, &args.output, None, String::new())?;
+            commissioned(run::erase(&options), &options)
+        }
         None => list(bench.as_ref()),
     }
+}
+
+/// Prints what the nodes have now, a line each.
+fn commissioned(nodes: Result<Vec<Commissioned>, RunError>, options: &RunOptions) -> Result<Exit, Failure> {
+    let nodes = nodes.map_err(|error| Failure { message: error.message, exit: error.exit })?;
+    if options.verbosity > Verbosity::Quiet {
+        nodes.iter().try_for_each(|node| print(&node.to_string()))?;
+    }
+    Ok(Exit::Success)
 }
 
 /// Prints who answers at which port. That nobody does is an answer too.
@@ -301,22 +334,8 @@ fn execute(
     args: &OutputArgs,
     arguments: &[OsString],
 ) -> Result<Exit, Failure> {
-    let options = RunOptions {
-        on,
-        out: args.out.clone(),
-        every_ticks: args.every.map(|every| every_ticks(every, scenario)).transpose()?,
-        json: args.json.clone(),
-        junit: args.junit.clone(),
-        verbosity: match (args.quiet, args.verbose) {
-            (true, _) => Verbosity::Quiet,
-            (_, true) => Verbosity::Verbose,
-            _ => Verbosity::Normal,
-        },
-        image: args.image.clone(),
-        bench,
-        interrupt: Interrupt::on_signals()?,
-        repeat: repeat(arguments, scenario.seed),
-    };
+    let every_ticks = args.every.map(|every| every_ticks(every, scenario)).transpose()?;
+    let options = options(on, bench, args, every_ticks, repeat(arguments, scenario.seed))?;
     let summary = run::execute(scenario, &options)
         .map_err(|error| Failure { message: error.to_string(), exit: error.exit })?;
     let exit = verdict(&summary, &options.repeat);
@@ -328,6 +347,31 @@ fn execute(
         }
     }
     Ok(exit)
+}
+
+fn options(
+    on: Fidelity,
+    bench: Option<BenchFile>,
+    args: &OutputArgs,
+    every_ticks: Option<u64>,
+    repeat: String,
+) -> Result<RunOptions, Failure> {
+    Ok(RunOptions {
+        on,
+        out: args.out.clone(),
+        every_ticks,
+        json: args.json.clone(),
+        junit: args.junit.clone(),
+        verbosity: match (args.quiet, args.verbose) {
+            (true, _) => Verbosity::Quiet,
+            (_, true) => Verbosity::Verbose,
+            _ => Verbosity::Normal,
+        },
+        image: args.image.clone(),
+        bench,
+        interrupt: Interrupt::on_signals()?,
+        repeat,
+    })
 }
 
 fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
@@ -481,13 +525,15 @@ fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
 
 fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {
     let missing = |message| Failure { message, exit: Exit::NoHardware };
-    let can = args.can.as_deref().map(host_node::can_port).transpose().map_err(missing)?;
+    let can =
+        args.can.as_deref().map(|can| host_node::can_port(can, args.can_fd)).transpose().map_err(missing)?;
+    let storage = args.storage.as_deref().map(FileStorage::open).transpose().map_err(Failure::bad_input)?;
     let line = match &args.serial {
         Some(path) => host_node::serial_line(path, args.baud).map_err(missing)?,
         None => host_node::inherited_line()
             .map_err(|error| missing(format!("standard input is no socket: {error}")))?,
     };
-    let end = host_node::run(line, can, args.uid);
+    let end = host_node::run(line, can, storage, args.uid);
     if let End::CanGone(why) = &end {
         complain(&format!("the CAN interface is gone: {why}"));
     }

@@ -3,16 +3,17 @@
 //! So a Linux computer with a CAN adapter takes part in a network, and a bench is tried without a board. It ticks by its own clock or by
 //! SYNC like any node, but on a computer whose system takes its time now and then: what is late is counted.
 
-use crate::can::{CanPort, Heard, Own, Traffic};
+use crate::can::{AnyFormat, CanPort, Heard, Own, PortFrame, Traffic};
 use crate::exit::Exit;
-use funnel_core::{Event, Output, Session};
+use crate::flash_file::FileStorage;
+use funnel_core::{Output, Session};
 use funnel_link::Mailbox;
 use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::can;
 use funnel_protocol::message::{FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
 use funnel_protocol::service::{Identity, Reply, ResetCause, StoreError};
+use std::fmt::Display;
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -56,8 +57,9 @@ enum Input {
     Ended(End),
 }
 
-/// Runs a node until its line is closed. `uid` is the unique number that it gives itself.
-pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
+/// Runs a node until its line is closed, with what `storage` keeps for it. `uid` is the unique number that it gives itself.
+pub fn run(line: Line, can: Option<CanPort>, storage: Option<FileStorage>, uid: u64) -> End {
+    let fd = matches!(can, Some(CanPort::Fd(_)));
     let (sender, inputs) = mpsc::channel();
     let Line { from_host, to_host } = line;
     let can = can.map(Arc::new);
@@ -70,21 +72,25 @@ pub fn run(line: Line, can: Option<CanPort>, uid: u64) -> End {
     let identity = Identity {
         wire_version: WIRE_VERSION,
         firmware: [major, minor, patch],
-        id: 0,
         uid,
         reset: ResetCause::PowerOn,
         starts: 1,
+        ..Identity::default()
     };
-    HostNode {
+    let mut node = HostNode {
         session: Session::new(identity),
         deframer: Deframer::new(),
+        saying: AnyFormat::new(fd),
+        hearing: AnyFormat::new(fd),
         mailbox: Mailbox::new(),
         begin: Instant::now(),
         offs: 0,
         to_host,
         can,
-    }
-    .run(&inputs)
+        storage,
+    };
+    node.restore();
+    node.run(&inputs)
 }
 
 /// Part of this program's version: major, minor, patch.
@@ -137,12 +143,15 @@ fn listen(port: &CanPort, to: &Sender<Input>) {
 struct HostNode {
     session: Session,
     deframer: Deframer,
-    mailbox: Mailbox,
+    saying: AnyFormat,
+    hearing: AnyFormat,
+    mailbox: Mailbox<PortFrame>,
     begin: Instant,
     /// How often the controller went off the bus.
     offs: u16,
     to_host: Box<dyn Write>,
     can: Option<Arc<CanPort>>,
+    storage: Option<FileStorage>,
 }
 
 impl HostNode {
@@ -152,7 +161,11 @@ impl HostNode {
                 return end;
             }
             match inputs.recv_timeout(self.rest()) {
-                Ok(Input::Bytes(bytes)) => bytes.iter().for_each(|&byte| self.take_byte(byte)),
+                Ok(Input::Bytes(bytes)) => {
+                    if let Err(end) = bytes.iter().try_for_each(|&byte| self.take_byte(byte)) {
+                        return end;
+                    }
+                }
                 Ok(Input::Heard(heard)) => self.take_heard(&heard),
                 Ok(Input::Ended(end)) => return end,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -172,10 +185,11 @@ impl HostNode {
         if self.mailbox.next().is_some() { rest.min(AGAIN) } else { rest }
     }
 
-    fn take_byte(&mut self, byte: u8) {
+    /// Answers each frame before it looks at the next one, as firmware does: a HELLO that follows a commit tells what was committed.
+    fn take_byte(&mut self, byte: u8) -> Result<(), End> {
         let now = self.now();
         let on_can = self.can.is_some();
-        let Some(frame) = self.deframer.push(byte) else { return };
+        let Some(frame) = self.deframer.push(byte) else { return Ok(()) };
         let frame = match frame {
             // On CAN the states of others come by CAN (protocol/README.md, "Nodes on CAN").
             Ok(Frame::RealTime(Message::State { .. } | Message::Edge { .. } | Message::Fault { .. }))
@@ -186,20 +200,20 @@ impl HostNode {
             frame => frame,
         };
         self.session.on_frame(frame, now);
+        self.drain()
     }
 
     fn take_heard(&mut self, heard: &Heard) {
         if let Traffic::Error { off: true, .. } = heard.what {
             self.offs = self.offs.saturating_add(1);
             self.mailbox.clear();
+            drop(self.saying.flush());
             self.session.fail(FaultCode::BUS_OFF, self.offs);
         }
-        let frame = match heard.message() {
-            Ok(message) => Ok(Frame::RealTime(message)),
-            Err(Some(reason)) => Err(reason),
-            Err(None) => return,
-        };
-        self.session.on_frame(frame, self.now());
+        let now = self.now();
+        for message in heard.messages(&mut self.hearing) {
+            self.session.on_frame(message.map(Frame::RealTime), now);
+        }
     }
 
     fn drain(&mut self) -> Result<(), End> {
@@ -208,20 +222,47 @@ impl HostNode {
                 Output::Send(message) => self.send(&message)?,
                 Output::Reply(reply) => self.reply(&reply)?,
                 Output::Report(event) => log(&event),
-                Output::Store => self.session.stored(Err(StoreError::Absent)),
-                Output::Erase => self.session.erased(Err(StoreError::Absent)),
+                Output::Keep => self.keep(),
                 // It has no plant.
                 Output::Sample | Output::Actuate | Output::Safe => {}
             }
         }
+        if let Some(frame) = self.saying.flush() {
+            self.mailbox.put(frame);
+        }
         self.empty_mailbox()
+    }
+
+    /// As a board does at its start: what cannot be used is said, and the node is blank.
+    fn restore(&mut self) {
+        match self.storage.as_mut().map(FileStorage::load) {
+            Some(Ok((config, has_key))) => {
+                self.session.note_key(has_key);
+                if let Some(Err(error)) = config.map(|config| self.session.restore(config)) {
+                    log(&format_args!("the stored configuration: {error}"));
+                }
+            }
+            Some(Err(error)) => log(&format_args!("storage: {error}")),
+            None => {}
+        }
+    }
+
+    fn keep(&mut self) {
+        let Some(task) = self.session.task() else { return };
+        let outcome = match &mut self.storage {
+            Some(storage) => storage.perform(task),
+            None => Err(StoreError::Absent),
+        };
+        self.session.performed(outcome);
     }
 
     fn send(&mut self, message: &Message) -> Result<(), End> {
         if self.can.is_none() {
             return self.write(&serial::encode(message));
         }
-        self.mailbox.put(can::encode(message));
+        for frame in self.saying.pack(message) {
+            self.mailbox.put(frame);
+        }
         if matches!(message, Message::Fault { .. }) {
             self.write(&serial::encode(message))?;
         }
@@ -252,7 +293,7 @@ impl HostNode {
     }
 }
 
-fn log(event: &Event) {
+fn log(event: &impl Display) {
     // Nobody is left to tell where standard error is closed.
     let _ = writeln!(io::stderr(), "{event}");
 }
@@ -282,10 +323,10 @@ pub fn serial_line(path: &str, baud: u32) -> Result<Line, String> {
     Ok(Line { from_host: Box::new(reader), to_host: Box::new(port) })
 }
 
-/// Opens what a node shall send its states on.
+/// Opens what a node shall send its states on, in frames of CAN FD if `fd`.
 ///
 /// # Errors
 /// What the problem is, and what to try.
-pub fn can_port(interface: &str) -> Result<CanPort, String> {
-    CanPort::open(interface, Own::Ignored).map_err(|error| error.to_string())
+pub fn can_port(interface: &str, fd: bool) -> Result<CanPort, String> {
+    CanPort::open(interface, Own::Ignored, fd).map_err(|error| error.to_string())
 }

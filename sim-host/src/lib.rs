@@ -16,6 +16,7 @@ pub mod emulator;
 pub mod engine;
 pub mod exit;
 pub mod figure;
+pub mod flash_file;
 pub mod host_node;
 pub mod hub;
 pub mod interrupt;

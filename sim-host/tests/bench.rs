@@ -284,6 +284,9 @@ fn a_line_that_is_flooded_with_noise_hangs_nothing() {
     let ended = Bench::of(&boards.each_ref()).run(&[]);
     ended.failed(3, &["node 2 did not answer: no state within 1 s", "stopped: 1, 3;"]);
     assert!(ended.took < 2 * AT_ONCE, "{:?}", ended.took);
+    let noise = boards[1].noise();
+    println!("{noise} bytes of noise in the 1 s that the bench waits");
+    assert!(noise > 1_000_000, "{noise} bytes: less than 1 MB/s");
     let [first, _, third] = boards.map(Board::end);
     assert_eq!([first, third], [Some(Phase::Stopped); 2]);
 }

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnel_protocol::can;
+use funnel_protocol::can_fd::{self, Content};
 use funnel_protocol::message::{Command as Order, Message};
 use sim_host::record::TraceHash;
 use std::collections::BTreeMap;
@@ -13,6 +14,7 @@ use tempfile::TempDir;
 
 const NODES: usize = 5;
 const TICKS: usize = 2000;
+const FD_TICKS: usize = 1000;
 /// What the guest may take, and what the host grants it, s.
 const GUEST_S: u32 = 120;
 const HOST_S: u32 = 150;
@@ -32,6 +34,11 @@ fn guest() -> TempDir {
     let mixed = nodes.replace("id = 4\nhost = true\ncan = true", "id = 4\nhost = true");
     let mixed = mixed.replace("id = 5\nhost = true\ncan = true", "id = 5\nhost = true");
     fs::write(work.join("mixed.toml"), format!("version = 1\ncan = \"vcan0\"\n{mixed}")).unwrap();
+    let fd =
+        |interface: &str, nodes: &str| format!("version = 1\ncan = \"{interface}\"\ncan_fd = true\n{nodes}");
+    fs::write(work.join("fd.toml"), fd("vcan0", &nodes)).unwrap();
+    fs::write(work.join("fd-mixed.toml"), fd("vcan0", &mixed)).unwrap();
+    fs::write(work.join("no-fd.toml"), fd("vcan1", &nodes)).unwrap();
     let script = repository().join("tests/socketcan");
     let job = format!(
         "exec sh {}/job.sh {} {}/scenarios\n",
@@ -88,6 +95,8 @@ fn benches_on_a_real_can_bus() {
     let work = folder.path();
     the_bits_of_loopback(work);
     every_frame_is_explained(work);
+    can_fd_has_a_frame_for_all_components(work);
+    a_bus_that_cannot_do_can_fd_is_refused(work);
     lines_and_can_are_mixed(work);
     what_a_real_bus_does_not_do_is_skipped(work);
     a_node_that_dies_is_named(work);
@@ -165,6 +174,64 @@ fn bus_times_are_those_of_the_log(work: &Path, log: &str) {
     let spans = at(log.lines().last().unwrap()) - at(log.lines().next().unwrap());
     let last = times.last().unwrap();
     assert!((spans - last).abs() < 0.05, "{spans} s in the log, {last} s in bench.csv");
+}
+
+/// Identifier, flags and data of a frame of CAN FD in a log.
+fn fd_frame(frame: &str) -> (u16, u8, Vec<u8>) {
+    let (id, rest) = frame.strip_prefix("vcan0 ").unwrap().split_once("##").unwrap();
+    let hex = |text: &str| u8::from_str_radix(text, 16).unwrap();
+    let data = (1..rest.len()).step_by(2).map(|at| hex(&rest[at..at + 2])).collect();
+    (u16::from_str_radix(id, 16).unwrap(), hex(&rest[..1]), data)
+}
+
+/// Five nodes with two components each: one frame per node and tick, with the whole state and the bits of loopback; nothing else but a start, a
+/// SYNC per tick and the announced edges; and our own log is candump's.
+fn can_fd_has_a_frame_for_all_components(work: &Path) {
+    for run in ["fd", "fd-mixed"] {
+        assert_eq!(text(work, &format!("{run}.status")).trim(), "0", "{}", text(work, &format!("{run}.err")));
+        let bench = &summary(work, run)["bench"];
+        assert_eq!(
+            (&bench["bit_for_bit"], &bench["can"]["unreadable"]),
+            (&true.into(), &0.into()),
+            "{bench}"
+        );
+    }
+    let log = text(work, "candump-fd.log");
+    let frames = frames(&log);
+    assert_eq!(self::frames(&text(work, "fd/can.log")), frames);
+    let (mut states, mut others, mut hash) = (BTreeMap::new(), [0; 3], TraceHash::new());
+    for (id, flags, data) in frames.iter().map(|frame| fd_frame(frame)) {
+        assert_eq!(flags & 1, 1, "no bit rate switch");
+        match can_fd::decode(id, &data) {
+            Ok(Content::States(state)) => {
+                let both = [0, 1].map(|component| match state.message(component) {
+                    Some(Message::State { tick, x, .. }) if tick.value() == others[1] as u32 => x,
+                    other => panic!("{other:?} after {} SYNCs", others[1]),
+                });
+                let twice = states.insert((others[1], id & 0x7F), both);
+                assert_eq!((state.message(2), twice), (None, None));
+            }
+            Ok(Content::Message(Message::Ctrl { command: Order::Start, .. })) => others[0] += 1,
+            Ok(Content::Message(Message::Sync { .. })) => others[1] += 1,
+            Ok(Content::Message(Message::Edge { .. })) => others[2] += 1,
+            other => panic!("unexplained: {other:?}"),
+        }
+    }
+    assert_eq!((others, states.len()), ([1, FD_TICKS + 1, 2 * NODES], NODES * (FD_TICKS + 2)));
+    let counted = states.iter().filter(|((tick, _), _)| *tick <= FD_TICKS);
+    hash.extend(counted.flat_map(|(_, &both)| both));
+    assert_eq!(summary(work, "fd")["trace_hash"], hash.to_string());
+}
+
+fn a_bus_that_cannot_do_can_fd_is_refused(work: &Path) {
+    let said = text(work, "no-fd.err");
+    assert_eq!(text(work, "no-fd.status").trim(), "3", "{said}");
+    for words in [
+        "the CAN interface vcan1 is not set up for CAN FD: its MTU is 16, not 72",
+        "sudo ip link set vcan0 mtu 72",
+    ] {
+        assert!(said.contains(words), "no '{words}' in: {said}");
+    }
 }
 
 fn lines_and_can_are_mixed(work: &Path) {

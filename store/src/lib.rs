@@ -1,14 +1,16 @@
-//! A node's configuration in flash.
+//! A node's configuration in flash, and its key.
 //!
-//! The region has two halves, each a key-value map of `sequential-storage` with at most two records:
+//! The region has two halves, each a key-value map of `sequential-storage` with at most three records:
 //!
 //! | key | record |
 //! |---|---|
 //! | 0 | the configuration: `Option<NodeConfig>` in postcard, `None` for a node that was made blank on purpose |
-//! | 1 | the [`commit`](record::Commit): layout, epoch, CRC-32; written last |
+//! | 2 | the key, where there is one |
+//! | 1 | the [`commit`](record::Commit): layout, epoch, CRC-32 over all of them; written last |
 //!
-//! [`Store::stage`] erases the half that is not current and writes a configuration there. [`Store::commit`] adds the commit
-//! record with a larger epoch, which makes that half the current one. Nothing ever writes or erases the current half, so a power
+//! [`Store::stage`] erases the half that is not current and writes a configuration there, with the key of the current one.
+//! [`Store::commit`] adds the commit record with a larger epoch, which makes that half the current one: a short write and no
+//! erase. Nothing ever writes or erases the current half, so a power
 //! cut leaves the old configuration or the new one, whatever an interrupted write or erase leaves in the other half.
 //!
 //! Why not one map over the whole region: `sequential-storage` then moves live records out of a page before it erases
@@ -23,30 +25,32 @@ mod guard;
 pub mod layout;
 pub mod record;
 pub mod split;
+mod task;
 
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::serial::MAX_BODY;
+use funnel_protocol::service::Key;
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
 pub use error::Error;
 use guard::{Guard, GuardError};
 use layout::LAYOUT;
-use postcard::ser_flavors::Flavor;
 use record::{Commit, checksum};
 
 /// Keys of the records.
 const CONFIG: u8 = 0;
 const COMMIT: u8 = 1;
+const KEY: u8 = 2;
 
 /// Longest configuration, bytes: the longest body of a CONFIGURE and the one byte of the `Option` (`the_longest_fits`, tests/layout.rs).
 pub const MAX_CONFIG: usize = MAX_BODY + 1;
 /// Room for a configuration and its key, in whole words of any flash (32 bytes).
 const BUFFER: usize = (MAX_CONFIG + 1).next_multiple_of(32);
-/// Smallest page, bytes: both records fit into the first one, so that no map ever moves a record.
+/// Smallest page, bytes: all records fit into the first one, so that no map ever moves a record.
 pub const MIN_PAGE: usize = 2048;
 /// Smallest region, pages: two for each half.
 pub const MIN_PAGES: u32 = 4;
@@ -67,13 +71,23 @@ impl Half {
     }
 }
 
+/// What is staged.
+pub enum Change<'a> {
+    /// A configuration, with the current key.
+    Config(&'a NodeConfig),
+    /// A blank node without a key.
+    Blank,
+    /// The current configuration with this key; room to put it meanwhile, which need not be the store's.
+    Key(Key, &'a mut Option<NodeConfig>),
+}
+
 /// The stored configuration of a node. Dropping a future of it is a power cut: call [`Store::open`] again.
 pub struct Store<S> {
     flash: S,
     region: Range<u32>,
     current: Option<(Half, Commit)>,
-    /// What was staged since the start, with the length of its record.
-    staged: Option<(Half, usize)>,
+    /// What was staged since the start, with the [`checksum`] of it at epoch 0.
+    staged: Option<(Half, u32)>,
     buffer: [u8; BUFFER],
 }
 
@@ -108,35 +122,51 @@ impl<S: NorFlash> Store<S> {
     /// them prevents a new one from being staged and committed.
     pub async fn load(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
         let Some((half, commit)) = self.current else { return Ok(None) };
-        if commit.layout > LAYOUT {
-            return Err(Error::Newer { layout: commit.layout });
-        }
-        let bytes = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
-        if checksum(commit.layout, commit.epoch, bytes) != commit.crc {
-            return Err(Error::Corrupt);
-        }
-        layout::read(commit.layout, bytes).map_err(|_| Error::Corrupt)
+        let (_, bytes) = self.committed(half, commit).await?;
+        // Not before the last wait: the caller's future would keep it, in static RAM.
+        let mut room = None;
+        layout::read(commit.layout, bytes, &mut room).map_err(|_| Error::Corrupt)?;
+        Ok(room)
     }
 
-    /// Writes a configuration, or `None` for a blank node, beside the current one, which stays.
+    /// The key beside the current configuration, which may be that of a blank node; `None` where there is none.
     ///
     /// # Errors
-    /// `Flash`, `Corrupt` where the flash does not keep what is written. Nothing is staged then.
-    pub async fn stage(&mut self, config: Option<&NodeConfig>) -> Result<(), Error<S::Error>> {
-        self.staged = None;
-        let half = self.current.map_or(Half::Low, |(half, _)| half.other());
-        let range = self.range(half);
-        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
-        self.write(half, CONFIG, &Record::Config(config)).await?;
-        let written = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
-        let length = written.len();
-        // Serialized once more, against what is there, for want of a second buffer.
-        let rest = postcard::serialize_with_flavor(&config, Expected(written)).map_err(|_| Error::Corrupt)?;
-        if !rest.is_empty() {
-            return Err(Error::Corrupt);
-        }
-        self.staged = Some((half, length));
-        Ok(())
+    /// As for [`Store::load`].
+    pub async fn key(&mut self) -> Result<Option<Key>, Error<S::Error>> {
+        let Some((half, commit)) = self.current else { return Ok(None) };
+        Ok(self.committed(half, commit).await?.0)
+    }
+
+    /// Writes what is to be beside what is current, which stays. A key that cannot be read any more, since its record is damaged or of later
+    /// firmware, does not come along.
+    ///
+    /// # Errors
+    /// `Flash`, `Corrupt` where the flash does not keep what is written; with a key, too, what [`Store::load`] fails with. Nothing is
+    /// staged then.
+    pub async fn stage(&mut self, change: Change<'_>) -> Result<(), Error<S::Error>> {
+        let (config, key) = match change {
+            Change::Config(config) => match self.key().await {
+                Err(Error::Corrupt | Error::Newer { .. }) => (Some(config), None),
+                key => (Some(config), key?),
+            },
+            Change::Blank => (None, None),
+            Change::Key(key, room) => {
+                *room = self.load().await?;
+                (room.as_ref(), Some(key))
+            }
+        };
+        self.put(config, key).await
+    }
+
+    /// Puts what a commit would make the current configuration into `room`.
+    ///
+    /// # Errors
+    /// `NotStaged`; `Corrupt` where it has changed since it was staged; `Flash`.
+    pub async fn staged(&mut self, room: &mut Option<NodeConfig>) -> Result<(), Error<S::Error>> {
+        let (half, crc) = self.staged.ok_or(Error::NotStaged)?;
+        let (_, bytes) = self.checked(half, LAYOUT, 0, crc).await?;
+        layout::read(LAYOUT, bytes, room).map_err(|_| Error::Corrupt)
     }
 
     /// Makes the staged configuration the current one. A power cut leaves the one or the other.
@@ -148,11 +178,10 @@ impl<S: NorFlash> Store<S> {
         if epoch <= self.epoch() {
             return Err(Error::Epoch { present: self.epoch() });
         }
-        let (half, length) = self.staged.take().ok_or(Error::NotStaged)?;
-        let bytes =
-            self.read(half, CONFIG).await?.filter(|bytes| bytes.len() == length).ok_or(Error::Corrupt)?;
-        let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, bytes) };
-        self.write(half, COMMIT, &Record::Commit(commit.encode())).await?;
+        let (half, crc) = self.staged.take().ok_or(Error::NotStaged)?;
+        let (key, bytes) = self.checked(half, LAYOUT, 0, crc).await?;
+        let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, key.as_ref(), bytes) };
+        self.write(half, COMMIT, &Record::Bytes(&commit.encode())).await?;
         if self.read_commit(half).await? != Some(commit) {
             return Err(Error::Corrupt);
         }
@@ -168,6 +197,64 @@ impl<S: NorFlash> Store<S> {
     /// The flash, for the next user.
     pub fn release(self) -> S {
         self.flash
+    }
+
+    /// Writes both beside what is current, and looks whether they are there.
+    async fn put(&mut self, config: Option<&NodeConfig>, key: Option<Key>) -> Result<(), Error<S::Error>> {
+        self.staged = None;
+        let half = self.current.map_or(Half::Low, |(half, _)| half.other());
+        let range = self.range(half);
+        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
+        self.write(half, CONFIG, &Record::Config(config)).await?;
+        if let Some(Key(bytes)) = &key {
+            self.write(half, KEY, &Record::Bytes(bytes)).await?;
+        }
+        let (written_key, written) = self.contents(half, LAYOUT).await?;
+        // Serialized once more, and only summed up, for want of a second buffer.
+        let same = match (config, written) {
+            (Some(config), [1, bytes @ ..]) => config.checksum() == NodeConfig::checksum_of(bytes),
+            (config, bytes) => config.is_none() && bytes == [0],
+        };
+        if !same || written_key != key {
+            return Err(Error::Corrupt);
+        }
+        self.staged = Some((half, checksum(LAYOUT, 0, key.as_ref(), written)));
+        Ok(())
+    }
+
+    async fn committed(
+        &mut self,
+        half: Half,
+        Commit { layout, epoch, crc }: Commit,
+    ) -> Result<(Option<Key>, &[u8]), Error<S::Error>> {
+        if layout > LAYOUT {
+            return Err(Error::Newer { layout });
+        }
+        self.checked(half, layout, epoch, crc).await
+    }
+
+    /// Key and configuration of a half, which have this checksum.
+    async fn checked(
+        &mut self,
+        half: Half,
+        layout: u8,
+        epoch: u32,
+        crc: u32,
+    ) -> Result<(Option<Key>, &[u8]), Error<S::Error>> {
+        let (key, bytes) = self.contents(half, layout).await?;
+        if checksum(layout, epoch, key.as_ref(), bytes) != crc {
+            return Err(Error::Corrupt);
+        }
+        Ok((key, bytes))
+    }
+
+    async fn contents(&mut self, half: Half, layout: u8) -> Result<(Option<Key>, &[u8]), Error<S::Error>> {
+        let key = match layout::has_key(layout) {
+            true => self.read(half, KEY).await?.and_then(|bytes| bytes.try_into().ok()).map(Key),
+            false => None,
+        };
+        let bytes = self.read(half, CONFIG).await?.ok_or(Error::Corrupt)?;
+        Ok((key, bytes))
     }
 
     fn range(&self, half: Half) -> Range<u32> {
@@ -211,14 +298,14 @@ impl<S: NorFlash> Store<S> {
 /// What is written: one type, for one copy of the map in the image.
 enum Record<'a> {
     Config(Option<&'a NodeConfig>),
-    Commit([u8; record::LENGTH]),
+    Bytes(&'a [u8]),
 }
 
 impl<'a> Value<'a> for Record<'_> {
     fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
         let bytes = match self {
             Self::Config(config) => postcard::to_slice(config, buffer).map(|bytes| bytes.len()).ok(),
-            Self::Commit(bytes) => buffer.get_mut(..bytes.len()).map(|room| {
+            Self::Bytes(bytes) => buffer.get_mut(..bytes.len()).map(|room| {
                 room.copy_from_slice(bytes);
                 bytes.len()
             }),
@@ -228,27 +315,6 @@ impl<'a> Value<'a> for Record<'_> {
 
     fn deserialize_from(_: &'a [u8]) -> Result<(Self, usize), SerializationError> {
         Err(SerializationError::InvalidFormat) // records are read as bytes
-    }
-}
-
-/// Takes a serialization that begins these bytes; the rest of them.
-struct Expected<'a>(&'a [u8]);
-
-impl<'a> Flavor for Expected<'a> {
-    type Output = &'a [u8];
-
-    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
-        match self.0.split_first() {
-            Some((&expected, rest)) if expected == byte => {
-                self.0 = rest;
-                Ok(())
-            }
-            _ => Err(postcard::Error::SerializeBufferFull),
-        }
-    }
-
-    fn finalize(self) -> postcard::Result<&'a [u8]> {
-        Ok(self.0)
     }
 }
 

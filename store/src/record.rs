@@ -1,6 +1,9 @@
 //! The record that makes a configuration current. Its nine bytes are the same in every layout.
 
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use funnel_protocol::service::Key;
+
+use crate::layout;
 
 /// Bytes of a commit record.
 pub const LENGTH: usize = 9;
@@ -15,15 +18,19 @@ pub struct Commit {
     pub layout: u8,
     /// How new the configuration is: the larger one counts.
     pub epoch: u32,
-    /// [`checksum`] of the configuration.
+    /// [`checksum`] of the configuration and the key.
     pub crc: u32,
 }
 
-/// CRC-32/ISO-HDLC over layout, epoch and the bytes of a configuration.
-pub fn checksum(layout: u8, epoch: u32, config: &[u8]) -> u32 {
+/// CRC-32/ISO-HDLC over layout, epoch, from layout 3 on 0 or 1 and the key, and the bytes of a configuration.
+pub fn checksum(layout: u8, epoch: u32, key: Option<&Key>, config: &[u8]) -> u32 {
     let mut digest = CRC.digest();
     digest.update(&[layout]);
     digest.update(&epoch.to_le_bytes());
+    if layout::has_key(layout) {
+        digest.update(&[u8::from(key.is_some())]);
+        digest.update(key.map_or(&[], |key| &key.0));
+    }
     digest.update(config);
     digest.finalize()
 }

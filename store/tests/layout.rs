@@ -6,10 +6,12 @@ mod flash;
 
 use configs::{longest, small};
 use flash::{Flash, now};
+use funnel_core::Task;
 use funnel_protocol::NodeConfig;
+use funnel_protocol::service::Key;
 use funnel_store::layout::LAYOUT;
 use funnel_store::record::{Commit, checksum};
-use funnel_store::{Error, MAX_CONFIG, Store};
+use funnel_store::{Change, Error, MAX_CONFIG, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -30,6 +32,13 @@ const CONFIG_2: &str = concat!(
 );
 const COMMIT_2: &str = "02050000007c467448";
 
+/// [`guarded`] and [`KEY`] of layout 3, epoch 5, written down on 2026-11-25 and never to be changed. The configuration is that of layout 2.
+const KEY_3: &str = "000102030405060708090a0b0c0d0e0f";
+const COMMIT_3: &str = "03050000007b47df6b";
+const COMMIT_3_WITHOUT_KEY: &str = "0305000000f6fcbcb3";
+
+const KEY: Key = Key([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
+
 fn guarded() -> NodeConfig {
     NodeConfig { lost_neighbours: 2, holdover_ns: 500_000_000, ..small(3) }
 }
@@ -40,10 +49,18 @@ fn bytes(hex: &str) -> Vec<u8> {
 
 /// Flash with these two records, written without the store.
 fn written(config: &[u8], commit: &[u8]) -> Chip {
+    written_with_key(config, None, commit)
+}
+
+/// The same with a key.
+fn written_with_key(config: &[u8], key: Option<&[u8]>, commit: &[u8]) -> Chip {
     let mut map =
         MapStorage::<u8, _, _>::new(Chip::new(4), MapConfig::new(0..2 * 2048), Cache::new_uncached());
     let mut buffer = [0; 2048];
     now(map.store_item(&mut buffer, &0, &config)).unwrap();
+    if let Some(key) = key {
+        now(map.store_item(&mut buffer, &2, &key)).unwrap();
+    }
     now(map.store_item(&mut buffer, &1, &commit)).unwrap();
     map.destroy().0
 }
@@ -65,10 +82,106 @@ fn a_configuration_of_layout_2_is_read_for_ever() {
 #[test]
 fn what_is_stored_now_has_the_golden_bytes() {
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Some(&guarded()))).unwrap();
+    now(store.stage(Change::Config(&guarded()))).unwrap();
     now(store.commit(5)).unwrap();
-    assert_eq!(LAYOUT, 2, "a new layout needs its own golden bytes");
-    assert!(store.release().bytes == written(&bytes(CONFIG_2), &bytes(COMMIT_2)).bytes);
+    assert_eq!(LAYOUT, 3, "a new layout needs its own golden bytes");
+    assert!(store.release().bytes == written(&bytes(CONFIG_2), &bytes(COMMIT_3_WITHOUT_KEY)).bytes);
+    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+    let blank_with_key = now(async {
+        store.stage(Change::Key(KEY, &mut None)).await?;
+        store.commit(4).await?;
+        Ok::<_, Error<flash::Fault>>((store.load().await?, store.key().await?))
+    });
+    assert_eq!(blank_with_key, Ok((None, Some(KEY))));
+    now(store.stage(Change::Config(&guarded()))).unwrap();
+    now(store.commit(5)).unwrap();
+    let half = REGION.end as usize / 2;
+    let golden = written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_3));
+    assert!(store.release().bytes[half..] == golden.bytes[..half]);
+}
+
+#[test]
+fn a_configuration_of_layout_3_and_its_key_are_read_for_ever() {
+    let loaded = |flash| {
+        let mut store = now(Store::open(flash, REGION)).unwrap();
+        (now(store.load()), now(store.key()))
+    };
+    let with = written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_3));
+    assert_eq!(loaded(with), (Ok(Some(guarded())), Ok(Some(KEY))));
+    let without = written(&bytes(CONFIG_2), &bytes(COMMIT_3_WITHOUT_KEY));
+    assert_eq!(loaded(without), (Ok(Some(guarded())), Ok(None)));
+    // A key that has come or gone since the commit belongs to nobody.
+    for torn in [
+        written(&bytes(CONFIG_2), &bytes(COMMIT_3)),
+        written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_3_WITHOUT_KEY)),
+        written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)[1..]), &bytes(COMMIT_3)),
+    ] {
+        assert_eq!(loaded(torn), (Err(Error::Corrupt), Err(Error::Corrupt)));
+    }
+    // One of before had none, whatever lies beside it.
+    let older = written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_2));
+    assert_eq!(loaded(older), (Ok(Some(guarded())), Ok(None)));
+}
+
+#[test]
+fn the_key_stays_until_the_node_is_made_blank() {
+    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+    let mut epoch = 0;
+    let mut next = || {
+        epoch += 1;
+        epoch
+    };
+    now(store.stage(Change::Config(&small(1)))).unwrap();
+    now(store.commit(next())).unwrap();
+    now(store.stage(Change::Key(KEY, &mut None))).unwrap();
+    assert_eq!(now(store.key()), Ok(None), "until the commit");
+    now(store.commit(next())).unwrap();
+    assert_eq!((now(store.load()), now(store.key())), (Ok(Some(small(1))), Ok(Some(KEY))));
+    now(store.stage(Change::Config(&longest(2)))).unwrap();
+    now(store.commit(next())).unwrap();
+    let mut store = now(Store::open(store.release(), REGION)).unwrap();
+    assert_eq!((now(store.load()), now(store.key())), (Ok(Some(longest(2))), Ok(Some(KEY))));
+    now(store.stage(Change::Blank)).unwrap();
+    now(store.commit(next())).unwrap();
+    assert_eq!((now(store.load()), now(store.key())), (Ok(None), Ok(None)));
+    now(store.stage(Change::Config(&small(1)))).unwrap();
+    now(store.commit(next())).unwrap();
+    assert_eq!(now(store.key()), Ok(None), "gone for good");
+}
+
+#[test]
+fn each_task_of_a_node_has_the_next_epoch() {
+    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+    let mut room = None;
+    assert_eq!(now(store.perform(Task::Store(&small(1)))), Ok(1));
+    assert_eq!(now(store.perform(Task::Key(KEY, &mut room))), Ok(2));
+    assert_eq!(now(store.perform(Task::Stage(&small(2)))), Ok(2));
+    assert_eq!((now(store.load()), now(store.perform(Task::Commit(&mut room)))), (Ok(Some(small(1))), Ok(3)));
+    assert_eq!(
+        (room, now(store.load()), now(store.key())),
+        (Some(small(2)), Ok(Some(small(2))), Ok(Some(KEY)))
+    );
+    assert_eq!(now(store.perform(Task::Commit(&mut None))), Err(Error::NotStaged));
+    assert_eq!(
+        (now(store.perform(Task::Erase)), now(store.load()), now(store.key())),
+        (Ok(4), Ok(None), Ok(None))
+    );
+}
+
+#[test]
+fn what_is_staged_can_be_read_and_is_not_committed_once_it_has_changed() {
+    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+    let staged = |store: &mut Store<Chip>| {
+        let mut room = None;
+        now(store.staged(&mut room)).map(|()| room)
+    };
+    assert_eq!(staged(&mut store), Err(Error::NotStaged));
+    now(store.stage(Change::Config(&small(1)))).unwrap();
+    assert_eq!((staged(&mut store), now(store.load())), (Ok(Some(small(1))), Ok(None)));
+    // Behind the head of its page and that of its record.
+    store.flash().bytes[20] ^= 4;
+    assert_eq!(staged(&mut store), Err(Error::Corrupt));
+    assert_eq!((now(store.commit(1)), now(store.load())), (Err(Error::Corrupt), Ok(None)));
 }
 
 /// Layout 1 lacks two fields: neither a record that has one of them nor one that lacks three is of that layout. A blank node lacks none.
@@ -76,7 +189,7 @@ fn what_is_stored_now_has_the_golden_bytes() {
 fn an_older_layout_is_read_as_it_was_written_and_not_otherwise() {
     let good = bytes(CONFIG_1);
     let loaded = |config: &[u8]| {
-        let commit = Commit { layout: 1, epoch: 5, crc: checksum(1, 5, config) };
+        let commit = Commit { layout: 1, epoch: 5, crc: checksum(1, 5, None, config) };
         load(written(config, &commit.encode()))
     };
     assert_eq!(loaded(&good), Ok(Some(small(3))));
@@ -93,7 +206,7 @@ fn a_later_layout_is_refused_and_can_be_replaced() {
     let commit = Commit { layout: LAYOUT + 1, epoch: 9, crc: 0 };
     let mut store = now(Store::open(written(b"who knows", &commit.encode()), REGION)).unwrap();
     assert_eq!(now(store.load()), Err(Error::Newer { layout: LAYOUT + 1 }));
-    now(store.stage(Some(&small(1)))).unwrap();
+    now(store.stage(Change::Config(&small(1)))).unwrap();
     now(store.commit(10)).unwrap();
     assert_eq!(load(store.release()), Ok(Some(small(1))));
 }
@@ -106,7 +219,7 @@ fn a_configuration_that_is_not_the_committed_one_is_refused() {
     assert_eq!(load(written(&changed, &bytes(COMMIT_1))), Err(Error::Corrupt));
     // A right checksum over something that is no configuration, and over one with a tail.
     for config in [vec![7, 7, 7], [&good[..], &[0]].concat()] {
-        let commit = Commit { layout: 1, epoch: 5, crc: checksum(1, 5, &config) };
+        let commit = Commit { layout: 1, epoch: 5, crc: checksum(1, 5, None, &config) };
         assert_eq!(load(written(&config, &commit.encode())), Err(Error::Corrupt));
     }
 }
@@ -137,7 +250,7 @@ fn the_longest_fits() {
     let length = postcard::to_slice(&Some(longest(1)), &mut bytes).unwrap().len();
     assert!(length <= MAX_CONFIG && length + 32 > MAX_CONFIG, "{length} of {MAX_CONFIG}");
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Some(&longest(1)))).unwrap();
+    now(store.stage(Change::Config(&longest(1)))).unwrap();
     now(store.commit(1)).unwrap();
     assert_eq!(load(store.release()), Ok(Some(longest(1))));
 }

@@ -1,6 +1,6 @@
 //! The power fails after every single byte of every stage and commit, and at eight moments of every erase: what is read after the
 //! restart is the old configuration or the new one, and the next one can be stored.
-#![allow(clippy::unwrap_used, clippy::panic, clippy::reversed_empty_ranges)]
+#![allow(clippy::large_enum_variant, clippy::unwrap_used, clippy::panic, clippy::reversed_empty_ranges)]
 
 mod configs;
 mod flash;
@@ -9,25 +9,60 @@ use configs::{longest, small};
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use flash::{Chip, Fault, Flash, now};
 use funnel_protocol::NodeConfig;
+use funnel_protocol::service::Key;
 use funnel_store::split::{Split, SplitError};
-use funnel_store::{Error, Store};
+use funnel_store::{Change, Error, Store};
 use proptest::prelude::*;
 
-type Stored = Option<NodeConfig>;
+/// What a store keeps.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Stored {
+    config: Option<NodeConfig>,
+    key: Option<Key>,
+}
+
+/// What is asked of it.
+#[derive(Clone, Debug)]
+enum Put {
+    Config(NodeConfig),
+    Blank,
+    Key(u8),
+}
+
+impl Put {
+    /// What is there afterwards.
+    fn of(&self, old: &Stored) -> Stored {
+        match self {
+            Self::Config(config) => Stored { config: Some(config.clone()), key: old.key },
+            Self::Blank => Stored::default(),
+            Self::Key(key) => Stored { config: old.config.clone(), key: Some(Key([*key; 16])) },
+        }
+    }
+}
+
+/// The first half of it.
+async fn stage<F: NorFlash>(store: &mut Store<F>, change: &Put) -> Result<(), Error<F::Error>> {
+    match change {
+        Put::Config(config) => store.stage(Change::Config(config)).await,
+        Put::Blank => store.stage(Change::Blank).await,
+        Put::Key(key) => store.stage(Change::Key(Key([*key; 16]), &mut None)).await,
+    }
+}
 
 fn open<F: Chip>(flash: F) -> Store<F> {
     now(Store::open(flash, F::region())).unwrap_or_else(|error| panic!("the store does not open: {error}"))
 }
 
 fn read<F: Chip>(store: &mut Store<F>) -> Stored {
-    now(store.load()).unwrap_or_else(|error| panic!("the store cannot be read: {error}"))
+    now(async { Ok(Stored { config: store.load().await?, key: store.key().await? }) })
+        .unwrap_or_else(|error: Error<F::Error>| panic!("the store cannot be read: {error}"))
 }
 
 /// Stages and commits; how far it came, and the flash.
-fn put<F: Chip>(flash: F, new: &Stored) -> (Result<(), Fault>, F) {
+fn put<F: Chip>(flash: F, change: &Put) -> (Result<(), Fault>, F) {
     let mut store = open(flash);
     let done = now(async {
-        store.stage(new.as_ref()).await?;
+        stage(&mut store, change).await?;
         store.commit(store.epoch() + 1).await
     });
     let done = done.map_err(|error| match error {
@@ -37,18 +72,22 @@ fn put<F: Chip>(flash: F, new: &Stored) -> (Result<(), Fault>, F) {
     (done, store.release())
 }
 
-/// Writes of a node's life: the first ones, equal ones, longer and shorter ones, blank in between.
-fn life() -> Vec<Stored> {
+/// Writes of a node's life: the first ones, equal ones, longer and shorter ones, blank in between, keys among them.
+fn life() -> Vec<Put> {
     vec![
-        Some(small(1)),
-        Some(longest(2)),
-        Some(small(3)),
-        None,
-        Some(longest(5)),
-        Some(longest(5)),
-        None,
-        None,
-        Some(small(9)),
+        Put::Config(small(1)),
+        Put::Config(longest(2)),
+        Put::Key(7),
+        Put::Config(small(3)),
+        Put::Key(8),
+        Put::Key(8),
+        Put::Blank,
+        Put::Config(longest(5)),
+        Put::Config(longest(5)),
+        Put::Blank,
+        Put::Blank,
+        Put::Key(9),
+        Put::Config(small(9)),
     ]
 }
 
@@ -56,12 +95,13 @@ fn life() -> Vec<Stored> {
 fn every_cut<F: Chip>() -> (u64, u64) {
     let (mut cuts, mut new_already) = (0, 0);
     let mut before = F::erased();
-    let mut old: Stored = None;
-    for new in life() {
-        let (done, mut after) = put(before.clone().restarted(None), &new);
+    let mut old = Stored::default();
+    for change in life() {
+        let new = change.of(&old);
+        let (done, mut after) = put(before.clone().restarted(None), &change);
         assert_eq!(done, Ok(()));
         for n in 0..after.cells().steps() {
-            let (done, mut cut) = put(before.clone().restarted(Some(n)), &new);
+            let (done, mut cut) = put(before.clone().restarted(Some(n)), &change);
             assert_eq!(done, Err(Fault::PowerCut), "after {n} steps");
             let bytes = cut.cells().bytes().to_vec();
             let mut store = open(cut.restarted(None));
@@ -69,8 +109,9 @@ fn every_cut<F: Chip>() -> (u64, u64) {
             assert!(store.flash().cells().bytes() == bytes, "looking must not write");
             assert!(found == old || found == new, "a third configuration after {n} steps: {found:?}");
             new_already += u64::from(found == new && old != new);
-            let (done, again) = put(store.release(), &Some(small(77)));
-            assert_eq!((done, read(&mut open(again))), (Ok(()), Some(small(77))), "after {n} steps");
+            let next = Put::Config(small(77));
+            let (done, again) = put(store.release(), &next);
+            assert_eq!((done, read(&mut open(again))), (Ok(()), next.of(&found)), "after {n} steps");
             cuts += 1;
         }
         let region = F::region();
@@ -95,7 +136,7 @@ fn every_cut_leaves_the_old_configuration_or_the_new_one() {
     ];
     println!("cut points, of them with the new configuration: {counted:?}");
     let cuts: u64 = counted.iter().map(|&(cuts, _)| cuts).sum();
-    assert!(cuts > 13_000, "{cuts}");
+    assert!(cuts > 25_000, "{cuts}");
 }
 
 #[test]
@@ -113,12 +154,12 @@ fn a_part_of_a_page_is_not_erased() {
 
 #[test]
 fn a_stage_without_its_commit_is_dropped_at_the_restart() {
-    let (_, flash) = put(Flash::<8, 2048>::new(6), &Some(small(1)));
+    let (_, flash) = put(Flash::<8, 2048>::new(6), &Put::Config(small(1)));
     let mut store = open(flash);
-    now(store.stage(Some(&small(2)))).unwrap();
-    assert_eq!(read(&mut store), Some(small(1)), "until the commit the old one counts");
+    now(store.stage(Change::Config(&small(2)))).unwrap();
+    assert_eq!(read(&mut store).config, Some(small(1)), "until the commit the old one counts");
     let mut store = open(store.release());
-    assert_eq!(read(&mut store), Some(small(1)));
+    assert_eq!(read(&mut store).config, Some(small(1)));
     assert_eq!(now(store.commit(9)), Err(Error::NotStaged));
 }
 
@@ -128,7 +169,7 @@ fn epochs_grow() {
     for (epoch, outcome) in
         [(0, Err(Error::Epoch { present: 0 })), (7, Ok(())), (7, Err(Error::Epoch { present: 7 }))]
     {
-        now(store.stage(Some(&small(1)))).unwrap();
+        now(store.stage(Change::Config(&small(1)))).unwrap();
         assert_eq!(now(store.commit(epoch)), outcome);
     }
     assert_eq!(open(store.release()).epoch(), 7);
@@ -146,9 +187,9 @@ fn flash_full_of_anything_is_a_store_without_a_configuration() {
         }
         let bytes = flash.bytes.clone();
         let mut store = open(flash);
-        assert_eq!(read(&mut store), None);
+        assert_eq!(read(&mut store), Stored::default());
         assert!(store.flash().bytes == bytes, "looking must not write");
-        assert_eq!(put(store.release(), &Some(small(1))).0, Ok(()));
+        assert_eq!(put(store.release(), &Put::Config(small(1))).0, Ok(()));
     }
 }
 
@@ -171,14 +212,22 @@ fn arm<const W: usize, const P: usize>(store: &mut Store<Flash<W, P>>, cut: Opti
 /// One step in the life of a node; `cut` is where in it the power fails.
 #[derive(Clone, Debug)]
 enum Step {
-    Stage(Option<u8>, Option<u64>),
+    Stage(Put, Option<u64>),
     Commit(Option<u64>),
     Restart,
 }
 
+fn change() -> impl Strategy<Value = Put> {
+    prop_oneof![
+        6 => (1..100_u8).prop_map(|id| Put::Config(small(id))),
+        1 => Just(Put::Blank),
+        2 => any::<u8>().prop_map(Put::Key),
+    ]
+}
+
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
-        4 => (prop::option::weighted(0.9, 1..100_u8), prop::option::of(0..200_u64)).prop_map(|(id, cut)| Step::Stage(id, cut)),
+        4 => (change(), prop::option::of(0..200_u64)).prop_map(|(change, cut)| Step::Stage(change, cut)),
         4 => prop::option::of(0..32_u64).prop_map(Step::Commit),
         1 => Just(Step::Restart),
     ]
@@ -193,16 +242,16 @@ proptest! {
         let mut flash = Flash::<8, 2048>::new(6);
         flash.seed = seed;
         let mut store = open(flash);
-        let mut committed: Stored = None;
+        let mut committed = Stored::default();
         let mut staged: Option<Stored> = None;
         for step in steps {
             let mut allowed = vec![committed.clone()];
             let (cut, result) = match &step {
                 Step::Restart => (true, Ok(())),
-                Step::Stage(id, cut) => {
-                    let new = id.map(small);
+                Step::Stage(change, cut) => {
+                    let new = change.of(&committed);
                     arm(&mut store, *cut);
-                    let result = now(store.stage(new.as_ref()));
+                    let result = now(stage(&mut store, change));
                     staged = result.is_ok().then_some(new);
                     (result.is_err(), result)
                 }

@@ -11,7 +11,9 @@ job() {
         insmod "$modules/$module.ko" || return 90
     done
     ip link set lo up
-    ip link add dev vcan0 type vcan && ip link set vcan0 up || return 91
+    # vcan0 carries frames of CAN FD too; vcan1 does not.
+    ip link add dev vcan0 type vcan && ip link set vcan0 mtu 72 && ip link set vcan0 up || return 91
+    ip link add dev vcan1 type vcan && ip link set vcan1 mtu 16 && ip link set vcan1 up || return 91
     timeout "$SECONDS_LEFT" sh /mnt/job.sh
 }
 

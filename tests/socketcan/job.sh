@@ -28,6 +28,17 @@ bench whole "$scenarios/five-agents.toml" --set time.duration=2s --every 1ms
 sleep 0.2
 kill $listener
 
+# States of two components in frames of CAN FD, and the same on a bus that cannot.
+sed '/^\[expect\]/,/^$/d' "$scenarios/vector-oscillators.toml" >vector.toml
+candump -L vcan0 >candump-fd.log &
+listener=$!
+sleep 0.5
+benches=fd.toml bench fd vector.toml --set time.duration=1s --every 1ms
+sleep 0.2
+kill $listener
+benches=fd-mixed.toml bench fd-mixed vector.toml --set time.duration=200ms
+benches=no-fd.toml bench no-fd vector.toml --set time.duration=200ms
+
 # Two nodes on lines of their own, three on the bus.
 benches=mixed.toml bench mixed five.toml --set time.duration=200ms
 

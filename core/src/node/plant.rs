@@ -98,7 +98,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// What to ask of the app now, each once.
     pub(super) fn demand(&mut self) -> Option<Action> {
         let (action, next) = match self.step {
-            Step::Idle | Step::Await(_) => return None,
+            Step::Idle | Step::Await(_) | Step::Commit => return None,
             Step::Ask(purpose) => (Action::Sample, Step::Await(purpose)),
             Step::Tell => (Action::Actuate, Step::Idle),
             Step::Stop => (Action::Safe, Step::Idle),

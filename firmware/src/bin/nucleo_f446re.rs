@@ -10,6 +10,7 @@ use embassy_stm32::can::util::NominalBitTiming;
 use embassy_stm32::can::{
     Can, Rx0InterruptHandler, Rx1InterruptHandler, RxBuf, SceInterruptHandler, TxInterruptHandler,
 };
+use embassy_stm32::flash::FLASH_BASE;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
 };
@@ -20,12 +21,14 @@ use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
+use firmware::panic;
 use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
 use firmware::stm32::safety::{self, Iwdg};
-use firmware::stm32::uid;
-use firmware::storage::Absent;
-use firmware::{panic, reset};
+use firmware::stm32::sectors::Sectors;
+use firmware::stm32::service_plane;
+use firmware::storage::flash::{Blocking, InFlash, region};
 use funnel_plant::Virtual;
+use funnel_store::split::Split;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
@@ -36,15 +39,15 @@ bind_interrupts!(struct Interrupts {
     USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
 });
 
-/// Of the service plane, bit/s.
-const BIT_RATE: u32 = 115_200;
 /// 1 Mbit/s from 40 MHz: 20 time quanta of 2 periods, sampled after 16 (80 %).
 const TIMING: NominalBitTiming = timing(2, 15, 4);
 
 #[embassy_executor::task]
-async fn node(link: CanNode<BxCan, BufferedUart<'static>>, chip: Chip<Iwdg>) {
-    // Its pages are of 128 KiB but for the first ones, where the program is.
-    app::run(link, Absent, Virtual, chip).await
+async fn node(link: CanNode<BxCan, BufferedUart<'static>>, flash: Sectors, chip: Chip<Iwdg>) {
+    // Two sectors, a half of the store each.
+    let flash = Split::<_, 2>(Blocking(flash));
+    let storage = InFlash::open(flash, region(FLASH_BASE as u32)).await;
+    app::run(link, storage, Virtual, chip).await
 }
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.
@@ -73,16 +76,15 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_stm32::init(clocks());
-    let start = reset::begin(safety::cause());
-    let of_node = Chip { uid: uid(), start, watchdog: Iwdg::new(chip.IWDG) };
-    let mut config = usart::Config::default();
-    config.baudrate = BIT_RATE;
+    let of_node = safety::begin(chip.IWDG);
+    let config = service_plane();
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
     let uart = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
         .expect("the bit rate is possible");
     let can = Can::new(chip.CAN1, chip.PA11, chip.PA12, Interrupts);
     let can = BxCan::start(can, TIMING, BUFFER.take());
-    let node = node(CanNode::new(can, Serial::new(uart)), of_node).expect("the task is spawned once");
+    let flash = Sectors::new(chip.FLASH);
+    let node = node(CanNode::new(can, Serial::new(uart)), flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -20,11 +20,11 @@ use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
+use firmware::panic;
 use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
 use firmware::stm32::safety::{self, Iwdg};
-use firmware::stm32::uid;
+use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{panic, reset};
 use funnel_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -34,8 +34,6 @@ bind_interrupts!(struct Interrupts {
     LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
 });
 
-/// Of the service plane, bit/s.
-const BIT_RATE: u32 = 115_200;
 /// 1 Mbit/s from 80 MHz: 80 time quanta, sampled after 64 (80 %).
 const NOMINAL: NominalBitTiming = timing(1, 63, 16);
 /// 2 Mbit/s in the data phase of CAN FD: 40 time quanta, sampled after 30 (75 %). All nodes of a bus must agree on it.
@@ -80,10 +78,8 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_stm32::init(clocks());
-    let start = reset::begin(safety::cause());
-    let of_node = Chip { uid: uid(), start, watchdog: Iwdg::new(chip.IWDG) };
-    let mut config = usart::Config::default();
-    config.baudrate = BIT_RATE;
+    let of_node = safety::begin(chip.IWDG);
+    let config = service_plane();
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
     let uart = BufferedUart::new(chip.LPUART1, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
         .expect("the bit rate is possible");

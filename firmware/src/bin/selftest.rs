@@ -9,6 +9,7 @@ use defmt_semihosting as _;
 use firmware::executor::Executor;
 use firmware::mps2::{
     flash::{self, Flash},
+    interrupt::{self, Interrupt},
     time,
     uart::{self, Uart0},
     watchdog::Apb,
@@ -34,6 +35,8 @@ fn main() -> ! {
     // The board's hardware does not tell.
     let start = reset::begin(ResetCause::Unknown);
     time::start();
+    // Some drivers do so; it must not last (self-test `i`).
+    interrupt::defer(Interrupt::Timer1);
     let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
     let test = test(link, Chip { uid: 0, start, watchdog: Apb }).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(test))

@@ -3,8 +3,8 @@
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
-use funnel_link::{Bus, BusState, Change, Mailbox, Put, Step};
-use funnel_protocol::can::{self, CanFrame};
+use funnel_link::{Bus, BusState, Change, Format, Mailbox, Put, Step};
+use funnel_protocol::can_fd::MAX_DATA;
 use funnel_protocol::message::Message;
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::serial::Frame;
@@ -23,14 +23,21 @@ pub struct Received {
     pub id: u16,
     /// Number of data bytes, up to 64 in CAN FD.
     pub length: u8,
-    /// The first eight of them; no frame of the real-time plane has more.
-    pub data: [u8; 8],
+    /// The first of them; no frame of the real-time plane has more.
+    pub data: [u8; MAX_DATA],
 }
 
 impl Received {
-    fn message(&self) -> Result<Message, Refusal> {
-        let data = self.data.get(..self.length.into()).ok_or(Refusal::Length)?;
-        can::decode(self.id, data)
+    /// A frame with this identifier that holds `length` bytes, of which these are the first.
+    pub fn new(id: u16, length: u8, bytes: &[u8]) -> Self {
+        let mut data = [0; MAX_DATA];
+        data.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        Self { id, length, data }
+    }
+
+    /// Its data; nothing of one that is longer than any of the plane, which is no length of the plane either.
+    fn data(&self) -> &[u8] {
+        self.data.get(..self.length.into()).unwrap_or(&[])
     }
 }
 
@@ -47,8 +54,11 @@ pub enum Exchange {
 /// A CAN controller. It may hold a few frames that it has taken and not sent yet.
 #[allow(async_fn_in_trait)] // as for Link
 pub trait Controller {
+    /// The format of its frames.
+    type Format: Format;
+
     /// Waits for a frame and, where there is one, for room for `next`. Dropping the future loses nothing.
-    async fn exchange(&mut self, next: Option<&CanFrame>) -> Exchange;
+    async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange;
 
     /// Drops the frames that were taken and not sent, but one that is being sent.
     fn cancel(&mut self);
@@ -63,14 +73,17 @@ pub trait Controller {
     fn restart(&mut self);
 }
 
+/// The frames that a controller sends.
+pub type FrameOf<C> = <<C as Controller>::Format as Format>::Frame;
+
 /// A node with its real-time plane on CAN. CTRL and SYNC may also come on the serial line; a FAULT goes out on both.
-pub struct CanNode<C, U> {
+pub struct CanNode<C: Controller, U> {
     controller: C,
     service: Serial<U>,
-    mailbox: Mailbox,
+    format: C::Format,
+    mailbox: Mailbox<FrameOf<C>>,
     bus: Bus,
     next_look: Instant,
-    received: Option<Received>,
     change: Option<Change>,
     failures: u32,
 }
@@ -81,10 +94,10 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
         Self {
             controller,
             service,
+            format: C::Format::default(),
             mailbox: Mailbox::new(),
             bus: Bus::new(),
             next_look: Instant::now(),
-            received: None,
             change: None,
             failures: 0,
         }
@@ -92,9 +105,25 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
 
     fn note(&mut self, exchange: Exchange) {
         match exchange {
-            Exchange::Received(frame) => self.received = frame,
+            Exchange::Received(Some(frame)) => self.format.receive(frame.id, frame.data()),
+            Exchange::Received(None) => {}
             Exchange::Taken => self.mailbox.taken(),
             Exchange::Error => self.failures = self.failures.saturating_add(1),
+        }
+    }
+
+    /// Lets a frame wait for the controller.
+    fn put(&mut self, frame: FrameOf<C>) {
+        // A frame that has waited for so long that its successor is here: those that the controller holds are older still.
+        if self.mailbox.put(frame) == Put::Replaced {
+            self.controller.cancel();
+        }
+    }
+
+    /// The session has nothing more to say for now.
+    fn flush(&mut self) {
+        if let Some(frame) = self.format.flush() {
+            self.put(frame);
         }
     }
 
@@ -109,6 +138,7 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
             Step::Report(change) => self.change = change.or(self.change),
             Step::Silence(change) => {
                 self.mailbox.clear();
+                drop(self.format.flush());
                 // States of before the recovery are old: ticks on CAN have eight bits, so one might pass for a new one.
                 self.controller.cancel();
                 self.change = Some(change);
@@ -120,6 +150,7 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
 
 impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
     async fn wait(&mut self) {
+        self.flush();
         let next = self.mailbox.next().filter(|_| self.bus.is_on());
         let can = select(self.controller.exchange(next), Timer::at(self.next_look));
         match select(can, self.service.wait()).await {
@@ -130,19 +161,19 @@ impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
     }
 
     fn next(&mut self) -> Option<Input<'_>> {
+        self.flush();
         if let Some(change) = self.change.take() {
             return Some(Input::Change(change));
         }
-        if let Some(frame) = self.received.take() {
-            return Some(Input::Frame(frame.message().map(Frame::RealTime)));
+        if let Some(heard) = self.format.unpack() {
+            return Some(Input::Frame(heard.map(Frame::RealTime)));
         }
         self.service.next().map(for_the_service_line)
     }
 
     async fn send(&mut self, message: &Message) {
-        // A frame that has waited for so long that its successor is here: those that the controller holds are older still.
-        if self.mailbox.put(can::encode(message)) == Put::Replaced {
-            self.controller.cancel();
+        for frame in self.format.pack(message).into_iter().flatten() {
+            self.put(frame);
         }
         if matches!(message, Message::Fault { .. }) {
             self.service.send(message).await;

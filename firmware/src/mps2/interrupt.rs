@@ -33,6 +33,12 @@ pub fn enable(interrupt: Interrupt) {
     unsafe { NVIC::unmask(interrupt) };
 }
 
+/// Lets all others precede the interrupt.
+pub fn defer(interrupt: Interrupt) {
+    // SAFETY: as above.
+    unsafe { (*NVIC::PTR).ipr[interrupt as usize].write(0xFF) };
+}
+
 /// An entry of the vector table.
 type Handler = extern "C" fn();
 

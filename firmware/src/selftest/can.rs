@@ -1,9 +1,10 @@
 //! A CAN controller that plays its part, so that a node on CAN can be tested where there is none.
 
 use core::future::pending;
+use core::marker::PhantomData;
 
-use funnel_link::BusState;
-use funnel_protocol::can::{CanFrame, function};
+use funnel_link::{BusState, Format, Frame};
+use funnel_protocol::can::function;
 
 use crate::link::can::{Controller, Exchange, Received};
 
@@ -13,31 +14,41 @@ const STATES: u32 = 50;
 const NEIGHBOUR: u16 = 2;
 
 /// Takes every frame at once, answers each state with the same one from a neighbour, goes off the bus after [`STATES`], and comes
-/// back when it is restarted. It logs what is not a state.
-#[derive(Default)]
-pub struct Scripted {
+/// back when it is restarted. It logs what is not a state, and the length of the first state.
+pub struct Scripted<F> {
     answer: Option<Received>,
     states: u32,
     off: bool,
+    format: PhantomData<F>,
 }
 
-impl Scripted {
-    fn take(&mut self, frame: &CanFrame) {
-        if frame.id() >> 7 != u16::from(function::STATE) {
-            defmt::info!("CAN takes {=u16:#x}", frame.id());
-            return;
-        }
-        self.states += 1;
-        self.off |= self.states == STATES;
-        let mut data = [0; 8];
-        data.iter_mut().zip(frame.data()).for_each(|(to, from)| *to = *from);
-        let id = frame.id() & !0x7F | NEIGHBOUR;
-        self.answer = Some(Received { id, length: frame.data().len() as u8, data });
+impl<F> Default for Scripted<F> {
+    fn default() -> Self {
+        Self { answer: None, states: 0, off: false, format: PhantomData }
     }
 }
 
-impl Controller for Scripted {
-    async fn exchange(&mut self, next: Option<&CanFrame>) -> Exchange {
+impl<F> Scripted<F> {
+    fn take(&mut self, frame: &impl Frame) {
+        let (function, length) = ((frame.id() >> 7) as u8, frame.data().len() as u8);
+        if function != function::STATE && function != function::STATE_FD {
+            defmt::info!("CAN takes {=u16:#x}", frame.id());
+            return;
+        }
+        if self.states == 0 {
+            defmt::info!("CAN takes a state of {=u8} bytes, {=u16:#x}", length, frame.id());
+        }
+        self.states += 1;
+        self.off |= self.states == STATES;
+        let id = frame.id() & !0x7F | NEIGHBOUR;
+        self.answer = Some(Received::new(id, length, frame.data()));
+    }
+}
+
+impl<F: Format> Controller for Scripted<F> {
+    type Format = F;
+
+    async fn exchange(&mut self, next: Option<&F::Frame>) -> Exchange {
         if let Some(answer) = self.answer.take() {
             return Exchange::Received(Some(answer));
         }

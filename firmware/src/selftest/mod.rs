@@ -7,16 +7,19 @@ mod can;
 mod hour;
 mod stuck;
 
+use core::hint::black_box;
+
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
+use funnel_link::{Classic, Fd, Format};
 use funnel_plant::Virtual;
 
 use crate::app::{self, Chip};
 use crate::link::can::CanNode;
 use crate::link::serial::Serial;
-use crate::panic;
 use crate::storage::{Absent, Storage};
 use crate::watchdog::Watchdog;
+use crate::{panic, priority};
 
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
@@ -28,9 +31,9 @@ pub const LONG_WAIT: Duration = Duration::from_secs(1000);
 pub const BULK: u32 = 1_000_000;
 
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
-/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `s` a node with
+/// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `d` the same in frames of CAN FD, `s` a node with
 /// storage, `h` a network for an hour; `P`, `F` a panic and a hard fault that restart the board as hardware does, `x` a node whose watchdog runs and
-/// whose plant gets stuck at its fifth tick. `chip` is the board's, `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
+/// whose plant gets stuck at its fifth tick, `O` a stack that overflows, restarted as after `F`; `i` equal priorities. `chip` is the board's, `lost` tells how many bytes the link has dropped for want of room, `counts` is the clock that
 /// embassy-time is made from.
 pub async fn run<L: Read + Write>(
     mut link: L,
@@ -51,15 +54,8 @@ pub async fn run<L: Read + Write>(
         b'b' => bulk(&mut link).await,
         b'o' => overflow(&mut link, lost).await,
         b'p' => deliberate_panic(),
-        b'c' => {
-            app::run(
-                CanNode::new(can::Scripted::default(), Serial::new(link)),
-                Absent,
-                Virtual,
-                Chip::UNKNOWN,
-            )
-            .await
-        }
+        b'c' => on_can::<Classic>(link).await,
+        b'd' => on_can::<Fd>(link).await,
         b's' => app::run(Serial::new(link), storage, Virtual, chip).await,
         b'x' => app::run(Serial::new(link), storage, stuck::Plant::default(), chip).await,
         b'P' => {
@@ -70,6 +66,12 @@ pub async fn run<L: Read + Write>(
             restart_with_safe_output();
             cortex_m::asm::udf()
         }
+        b'O' => {
+            restart_with_safe_output();
+            overflow_stack(Again(overflow_stack));
+            Ok(())
+        }
+        b'i' => link.write_all(&[u8::from(priority::is_level())]).await,
         b'h' => hour::run(&mut link, counts).await,
         b'f' => cortex_m::asm::udf(),
         other => {
@@ -79,10 +81,26 @@ pub async fn run<L: Read + Write>(
     }
 }
 
+/// A node on a bus in one of the formats.
+async fn on_can<F: Format>(link: impl Read + Write) -> ! {
+    let node = CanNode::new(can::Scripted::<F>::default(), Serial::new(link));
+    app::run(node, Absent, Virtual, Chip::UNKNOWN).await
+}
+
 fn restart_with_safe_output() {
     panic::on_defect(|| defmt::info!("the output is safe"));
     #[cfg(feature = "mps2-an386")]
     panic::restart_after_defects();
+}
+
+/// A function to call again: recursion that is plain to see is refused by stack.py.
+#[derive(Clone, Copy)]
+struct Again(fn(Again) -> u32);
+
+/// Until there is no stack left.
+fn overflow_stack(again: Again) -> u32 {
+    let room = black_box([1; 64]);
+    black_box(again.0)(again) + black_box(room)[0]
 }
 
 #[allow(clippy::panic)] // That is the test.

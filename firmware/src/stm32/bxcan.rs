@@ -62,6 +62,8 @@ impl BxCan {
 }
 
 impl Controller for BxCan {
+    type Format = funnel_link::Classic;
+
     async fn exchange(&mut self, next: Option<&CanFrame>) -> Exchange {
         let Some(frame) = next.and_then(frame) else { return read(&mut self.receive).await };
         match select(read(&mut self.receive), self.transmit.write(&frame)).await {

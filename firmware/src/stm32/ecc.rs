@@ -7,6 +7,7 @@ use core::sync::atomic::Ordering;
 use cortex_m_rt::exception;
 use embassy_stm32::pac;
 
+use crate::panic;
 use crate::storage::flash::READING;
 
 // SAFETY: the handler uses one register, whose flags are cleared by writing what was read, and one atomic.
@@ -16,6 +17,6 @@ unsafe fn NonMaskableInt() {
     if READING.load(Ordering::Relaxed) && (eccr.eccd() || eccr.eccd2()) {
         pac::FLASH.eccr().write_value(eccr);
     } else {
-        cortex_m::asm::udf(); // a hard fault, which is logged
+        panic::memory_error(eccr.addr_ecc());
     }
 }

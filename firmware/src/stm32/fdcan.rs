@@ -16,11 +16,16 @@ use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::typelevel::Interrupt as _;
 use embassy_stm32::pac;
 use embedded_can::StandardId;
-use funnel_link::BusState;
-use funnel_protocol::can::CanFrame;
+use funnel_link::{BusState, Frame};
 
 use super::{received, width};
-use crate::link::can::{Controller, Exchange};
+use crate::link::can::{Controller, Exchange, FrameOf};
+
+/// What it is built for: all nodes of a bus have the same format.
+#[cfg(feature = "can-fd")]
+type Format = funnel_link::Fd;
+#[cfg(not(feature = "can-fd"))]
+type Format = funnel_link::Classic;
 
 /// Frames that wait for the interrupt handler: one, since newer values follow.
 pub const TRANSMIT_BUFFER: usize = 1;
@@ -119,7 +124,7 @@ impl FdCan {
     }
 
     /// With the header of its kind: `FdFrame::new_standard` makes classic ones.
-    fn frame(&self, frame: &CanFrame) -> Option<FdFrame> {
+    fn frame(&self, frame: &impl Frame) -> Option<FdFrame> {
         let id = StandardId::new(frame.id())?.into();
         let length = frame.data().len() as u8;
         let header =
@@ -140,7 +145,9 @@ fn compensate_delay(offset: u8) {
 }
 
 impl Controller for FdCan {
-    async fn exchange(&mut self, next: Option<&CanFrame>) -> Exchange {
+    type Format = Format;
+
+    async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange {
         let Some(frame) = next.and_then(|next| self.frame(next)) else { return read(&self.receive).await };
         match select(read(&self.receive), self.transmit.write(frame)).await {
             Either::First(exchange) => exchange,

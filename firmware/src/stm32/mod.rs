@@ -1,4 +1,4 @@
-//! What the STM32 boards share: their CAN controllers behind [`crate::link::can::Controller`], and the chip's number.
+//! What the STM32 boards share: their CAN controllers behind [`crate::link::can::Controller`], the service plane's line, and the chip's number.
 
 #[cfg(feature = "nucleo-f446re")]
 pub mod bxcan;
@@ -7,26 +7,34 @@ mod ecc;
 #[cfg(feature = "nucleo-g474re")]
 pub mod fdcan;
 pub mod safety;
+#[cfg(feature = "nucleo-f446re")]
+pub mod sectors;
 
 use core::num::NonZeroU8;
 
 use embassy_stm32::can::frame::Header;
+use embassy_stm32::usart;
 use embedded_can::Id;
 
 use crate::link::can::Received;
 
 /// The chip's unique number, folded from 96 bits: wafer and lot, with the place on the wafer over them.
-pub fn uid() -> u64 {
+fn uid() -> u64 {
     let [x0, x1, y0, y1, rest @ ..] = embassy_stm32::uid::uid();
     u64::from_le_bytes(rest) ^ u64::from_be_bytes([x0, x1, y0, y1, 0, 0, 0, 0])
+}
+
+/// The line to the debugger's virtual COM port: 115,200 bit/s.
+pub fn service_plane() -> usart::Config {
+    let mut config = usart::Config::default();
+    config.baudrate = 115_200;
+    config
 }
 
 /// A frame of the real-time plane, or `None` for one with a 29-bit identifier and for a remote frame.
 fn received(header: &Header, bytes: &[u8]) -> Option<Received> {
     let Id::Standard(id) = header.id() else { return None };
-    let mut data = [0; 8];
-    data.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-    (!header.rtr()).then_some(Received { id: id.as_raw(), length: header.len(), data })
+    (!header.rtr()).then(|| Received::new(id.as_raw(), header.len(), bytes))
 }
 
 /// A number that is not zero, at compile time: quanta and prescalers of a bit.

@@ -1,4 +1,4 @@
-//! Reset cause and independent watchdog (IWDG, on its own RC oscillator) of an STM32.
+//! Reset cause and independent watchdog (IWDG, on its own RC oscillator) of an STM32, and with them what it gives its node.
 
 use embassy_stm32::Peri;
 use embassy_stm32::pac::RCC;
@@ -6,10 +6,19 @@ use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use funnel_protocol::service::ResetCause;
 
+use super::uid;
+use crate::app::Chip;
+use crate::reset;
 use crate::watchdog::{PERIOD, Watchdog};
 
+/// What the chip gives its node: number, start, and watchdog. Called once.
+pub fn begin(iwdg: Peri<'static, IWDG>) -> Chip<Iwdg> {
+    let start = reset::begin(cause());
+    Chip { uid: uid(), start, watchdog: Iwdg::new(iwdg) }
+}
+
 /// What the chip says of the last reset; asked once, since the answer is cleared. Reference manuals, RCC_CSR.
-pub fn cause() -> ResetCause {
+fn cause() -> ResetCause {
     let flags = RCC.csr().read();
     RCC.csr().modify(|csr| csr.set_rmvf(true));
     // Every reset pulls the reset line, so that the flag of the pin comes last.
@@ -33,7 +42,7 @@ pub struct Iwdg(IndependentWatchdog<'static, IWDG>);
 
 impl Iwdg {
     /// Not started yet.
-    pub fn new(iwdg: Peri<'static, IWDG>) -> Self {
+    fn new(iwdg: Peri<'static, IWDG>) -> Self {
         Self(IndependentWatchdog::new(iwdg, PERIOD.as_micros() as u32))
     }
 }

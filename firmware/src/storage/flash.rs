@@ -5,6 +5,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use embedded_storage::nor_flash as blocking;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use funnel_core::Task;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::StoreError;
 use funnel_store::{Error, Store};
@@ -27,25 +28,13 @@ pub fn region(base: u32) -> Range<u32> {
     start.wrapping_sub(base)..end.wrapping_sub(base)
 }
 
-/// A configuration in flash; `None` where the flash could not be opened.
+/// A configuration and a key in flash; `None` where the flash could not be opened.
 pub struct InFlash<S>(Option<Store<S>>);
 
 impl<S: NorFlash> InFlash<S> {
     /// Looks for a configuration in `region` of `flash`.
     pub async fn open(flash: S, region: Range<u32>) -> Self {
         Self(Store::open(flash, region).await.inspect_err(failed).ok())
-    }
-
-    /// Stages and commits, at the next epoch.
-    async fn put(&mut self, config: Option<&NodeConfig>) -> Result<u32, StoreError> {
-        let store = self.0.as_mut().ok_or(StoreError::Failed)?;
-        let epoch = store.epoch().saturating_add(1);
-        let staged = store.stage(config).await;
-        let done = match staged {
-            Ok(()) => store.commit(epoch).await,
-            Err(error) => Err(error),
-        };
-        done.inspect_err(failed).map(|()| epoch).map_err(|_| StoreError::Failed)
     }
 }
 
@@ -54,12 +43,14 @@ impl<S: NorFlash> Storage for InFlash<S> {
         self.0.as_mut()?.load().await.inspect_err(failed).ok()?
     }
 
-    async fn store(&mut self, config: &NodeConfig) -> Result<u32, StoreError> {
-        self.put(Some(config)).await
+    async fn has_key(&mut self) -> bool {
+        let Some(store) = &mut self.0 else { return false };
+        matches!(store.key().await, Ok(Some(_)))
     }
 
-    async fn erase(&mut self) -> Result<(), StoreError> {
-        self.put(None).await.map(|_| ())
+    async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
+        let store = self.0.as_mut().ok_or(StoreError::Failed)?;
+        store.perform(task).await.inspect_err(failed).map_err(|_| StoreError::Failed)
     }
 }
 

@@ -44,6 +44,8 @@ pub struct BenchNode {
     pub uid: Option<u64>,
     /// Its states travel on the file's CAN interface, and only the service plane on its line.
     pub can: bool,
+    /// File that a process keeps its configuration in.
+    pub storage: Option<PathBuf>,
 }
 
 /// A whole `bench.toml`.
@@ -61,6 +63,8 @@ pub struct BenchFile {
     pub clock: Clock,
     /// The CAN interface of this computer, for the nodes that are on CAN.
     pub can: Option<String>,
+    /// Frames on it are those of CAN FD.
+    pub can_fd: bool,
     /// The nodes, in the order of the file.
     pub nodes: Vec<BenchNode>,
 }
@@ -93,6 +97,11 @@ impl BenchFile {
         let on_loss = file.choice("on_loss", &ON_LOSS, Some(OnLoss::Stop)).unwrap_or_default();
         let clock = file.choice("clock", &CLOCKS, Some(Clock::Host)).unwrap_or_default();
         let can = file.text("can");
+        let can_fd = file.value("can_fd", false, |item| must_be_true(item).map(|()| true));
+        if let Some(key) = root.get("can_fd").filter(|_| can_fd && can.is_none()) {
+            let allowed = "must come with can, the name of an interface such as \"can0\"";
+            log.report(key.diagnostic(Problem::Value, allowed));
+        }
         let items = file.array("node");
         if items.is_empty() {
             file.missing(
@@ -117,6 +126,7 @@ impl BenchFile {
             on_loss,
             clock,
             can,
+            can_fd,
             nodes,
         })
     }
@@ -174,6 +184,11 @@ fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
     let emulator = section.value("emulator", None, |item| must_be_true(item).map(|()| Some(Where::Emulator)));
     let host = section.value("host", None, |item| must_be_true(item).map(|()| Some(Where::Host)));
     let can = section.value("can", false, |item| must_be_true(item).map(|()| true));
+    let storage = section.text("storage").map(PathBuf::from);
+    if let (Some(item), None) = (item.get("storage"), host.as_ref()) {
+        let allowed = "must come with host = true: boards have a storage of their own";
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
     let uid = section.value("uid", None, |item| read_uid(item).map(Some));
     if let (Some(uid), true) = (item.get("uid"), emulator.is_some()) {
         log.report(
@@ -205,7 +220,7 @@ fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
     }
     section.finish();
     // Within 1 to LARGEST_RUN.
-    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can })
+    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can, storage })
 }
 
 fn must_be_true(item: &Item) -> Result<(), Box<Diagnostic>> {
@@ -260,7 +275,7 @@ mod tests {
     fn every_way_to_reach_a_node_is_read() {
         let file = BenchFile::parse(FILE, Path::new("bench.toml")).unwrap();
         assert_eq!((file.baud, file.answer), (115_200, Duration::from_secs(2)));
-        let node = |id, at, uid| BenchNode { id, at, uid, can: false };
+        let node = |id, at, uid| BenchNode { id, at, uid, can: false, storage: None };
         let expected = [
             node(1, Where::Serial("/dev/ttyACM0".into()), Some(0x0123_4567_89AB_CDEF)),
             node(2, Where::UsbSerial("066AFF".into()), None),

@@ -21,11 +21,16 @@ struct HostProcess {
     errors: File,
 }
 
-/// Starts the node of this entry, on the interface `can` if there is one. Its chip's number is its id.
+/// Starts the node of this entry, on the interface `can` if there is one, in frames of CAN FD if `fd`. Its chip's number is its id.
 ///
 /// # Errors
 /// The operating system's.
-pub fn attach(node: &BenchNode, can: Option<&str>, options: &EmulatorOptions) -> Result<Attached, HubError> {
+pub fn attach(
+    node: &BenchNode,
+    can: Option<&str>,
+    fd: bool,
+    options: &EmulatorOptions,
+) -> Result<Attached, HubError> {
     let (ours, theirs) = UnixStream::pair().map_err(HubError::io("make a pair of sockets"))?;
     let slow = ours.set_read_timeout(Some(SLICE)).and_then(|()| ours.set_write_timeout(Some(SLICE)));
     slow.map_err(HubError::io("use a pair of sockets"))?;
@@ -33,7 +38,10 @@ pub fn attach(node: &BenchNode, can: Option<&str>, options: &EmulatorOptions) ->
     let mut command = Command::new(program);
     command.args(["node", "--inherited", "--uid", &format!("{:x}", node.id)]);
     if let Some(interface) = can {
-        command.args(["--can", interface]);
+        command.args(["--can", interface]).args(fd.then_some("--can-fd"));
+    }
+    if let Some(storage) = &node.storage {
+        command.arg("--storage").arg(storage);
     }
     let errors = tempfile::tempfile().map_err(HubError::io("make a node's log file"))?;
     let shared = errors.try_clone().map_err(HubError::io("share a node's log file"))?;

@@ -59,7 +59,16 @@ impl fmt::Display for Listed {
             write!(f, "  usb_serial = \"{number}\"")?;
         }
         match answer {
-            Ok(Identity { wire_version, firmware: [major, minor, patch], id, uid, reset, starts }) => {
+            Ok(Identity {
+                wire_version,
+                firmware: [major, minor, patch],
+                id,
+                uid,
+                reset,
+                starts,
+                checksum,
+                has_key,
+            }) => {
                 write!(
                     f,
                     "  uid = \"{uid:016x}\"  firmware {major}.{minor}.{patch}, wire version {wire_version}, "
@@ -67,7 +76,10 @@ impl fmt::Display for Listed {
                 if *id == 0 {
                     f.write_str("blank")?
                 } else {
-                    write!(f, "id {id}")?
+                    write!(f, "id {id} with configuration {checksum:08x}")?
+                }
+                if *has_key {
+                    f.write_str(", a key")?;
                 }
                 write!(f, ", last reset: {reset}, starts: {starts}")
             }

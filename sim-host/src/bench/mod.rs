@@ -30,9 +30,9 @@ pub fn can_side(file: &BenchFile, ids: &[u8]) -> Result<Option<CanSide>, HubErro
     if !ids.iter().filter_map(|&id| file.node(id)).any(|node| node.can) {
         return Ok(None);
     }
-    let port = CanPort::open(interface, Own::Heard);
+    let port = CanPort::open(interface, Own::Heard, file.can_fd);
     let port = port.map_err(|error| HubError::NoCan { problem: error.to_string() })?;
-    Ok(Some(CanSide::new(interface.clone(), port)))
+    Ok(Some(CanSide::new(interface.clone(), port, file.can_fd)))
 }
 
 /// Opens what the bench file names for `ids`, in that order; other entries of the file are left alone.
@@ -44,7 +44,7 @@ pub fn attach(file: &BenchFile, ids: &[u8], options: &EmulatorOptions) -> Result
     for node in ids.iter().filter_map(|&id| file.node(id)) {
         let one = match &node.at {
             Where::Emulator => emulator::attach(&[node.id], options)?,
-            Where::Host => vec![host::attach(node, file.can_of(node), options)?],
+            Where::Host => vec![host::attach(node, file.can_of(node), file.can_fd, options)?],
             Where::Serial(path) => vec![port::attach(node, path, file.baud, &options.interrupt)?],
             Where::UsbSerial(number) => {
                 let path = port::find(node.id, number)?;

@@ -1,7 +1,6 @@
 //! Where there is no SocketCAN.
 
-use super::{CanError, Heard, Own};
-use funnel_protocol::can::CanFrame;
+use super::{CanError, Heard, Own, PortFrame};
 use std::io;
 use std::time::Duration;
 
@@ -14,7 +13,7 @@ impl CanPort {
     ///
     /// # Errors
     /// Always.
-    pub fn open(interface: &str, _: Own) -> Result<Self, CanError> {
+    pub fn open(interface: &str, _: Own, _: bool) -> Result<Self, CanError> {
         Err(CanError {
             problem: format!("the CAN interface {interface} cannot be opened"),
             advice: "CAN interfaces are used by SocketCAN, which only Linux has",
@@ -38,7 +37,7 @@ impl CanPort {
     ///
     /// # Errors
     /// None.
-    pub fn send(&self, _: &CanFrame) -> io::Result<bool> {
+    pub fn send(&self, _: &PortFrame) -> io::Result<bool> {
         match *self {}
     }
 }

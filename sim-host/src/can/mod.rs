@@ -1,11 +1,13 @@
-//! A CAN interface of this machine, by SocketCAN: the real-time plane as a node or the host sees it.
+//! A CAN interface of this machine, by SocketCAN: the real-time plane as a node or the host sees it, in either format.
+
+mod format;
 
 #[cfg_attr(not(target_os = "linux"), path = "absent.rs")]
 mod socket;
 
+pub use format::{AnyFormat, PortFrame};
 pub use socket::CanPort;
 
-use funnel_protocol::can::{self, CanFrame};
 use funnel_protocol::message::Message;
 use funnel_protocol::refusal::Refusal;
 use std::fmt;
@@ -36,8 +38,10 @@ pub enum Traffic {
     Frame {
         /// Identifier.
         id: u16,
-        /// Its 0 to 8 bytes.
+        /// Its 0 to 8 bytes, or up to 64 in CAN FD.
         data: Vec<u8>,
+        /// Flags of a frame of CAN FD, as the kernel has them: 1 bit rate switch, 2 error state indicator, 4 CAN FD.
+        fd: Option<u8>,
     },
     /// A frame that is not of the real-time plane: 29-bit identifier, or a remote frame. As the kernel names it.
     Other(String),
@@ -51,24 +55,23 @@ pub enum Traffic {
 }
 
 impl Heard {
-    /// The frame of the real-time plane that it is.
-    ///
-    /// # Errors
-    /// Why it is none; `None` where it is no frame at all.
-    pub fn message(&self) -> Result<Message, Option<Refusal>> {
+    /// What it says in the real-time plane of a bus in this format, message by message, or the reason for refusing it; nothing where it is no frame.
+    pub fn messages(&self, format: &mut AnyFormat) -> Vec<Result<Message, Refusal>> {
         match &self.what {
-            Traffic::Frame { id, data } => can::decode(*id, data).map_err(Some),
-            Traffic::Other(_) => Err(Some(Refusal::Kind)),
-            Traffic::Error { .. } => Err(None),
+            Traffic::Frame { id, data, .. } => format.unpack(*id, data),
+            Traffic::Other(_) => vec![Err(Refusal::Kind)],
+            Traffic::Error { .. } => Vec::new(),
         }
     }
 
     /// Its line in a log that `candump -L` could have written; `None` for what such a log does not hold.
     pub fn log_line(&self, interface: &str) -> Option<String> {
-        let Traffic::Frame { id, data } = &self.what else { return None };
+        let Traffic::Frame { id, data, fd } = &self.what else { return None };
         let since = self.at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let bytes: String = data.iter().map(|byte| format!("{byte:02X}")).collect();
-        Some(format!("({}.{:06}) {interface} {id:03X}#{bytes}", since.as_secs(), since.subsec_micros()))
+        let separator = fd.map_or_else(|| "#".to_owned(), |flags| format!("##{:X}", flags & 0xF));
+        let time = format!("({}.{:06})", since.as_secs(), since.subsec_micros());
+        Some(format!("{time} {interface} {id:03X}{separator}{bytes}"))
     }
 }
 
@@ -88,15 +91,15 @@ impl fmt::Display for CanError {
 }
 
 impl CanPort {
-    /// Puts a message on the bus; waits for room up to `limit`.
+    /// Puts frames on the bus, in order; waits for room up to `limit` for each.
     ///
     /// # Errors
     /// The operating system's.
-    pub fn say(&self, message: &Message, limit: Duration) -> std::io::Result<()> {
-        self.send_within(&can::encode(message), limit)
+    pub fn send_all(&self, frames: &[PortFrame], limit: Duration) -> std::io::Result<()> {
+        frames.iter().try_for_each(|frame| self.send_within(frame, limit))
     }
 
-    fn send_within(&self, frame: &CanFrame, limit: Duration) -> std::io::Result<()> {
+    fn send_within(&self, frame: &PortFrame, limit: Duration) -> std::io::Result<()> {
         let begin = std::time::Instant::now();
         while !self.send(frame)? {
             if begin.elapsed() > limit {
@@ -115,8 +118,11 @@ mod tests {
     #[test]
     fn a_line_is_that_of_candump() {
         let at = SystemTime::UNIX_EPOCH + Duration::from_micros(1_700_000_000_000_123);
-        let what = Traffic::Frame { id: 0x185, data: vec![0, 0, 0xC0, 0x3F, 0xE8] };
-        let line = Heard { at, what }.log_line("vcan0").unwrap();
-        assert_eq!(line, "(1700000000.000123) vcan0 185#0000C03FE8");
+        let line =
+            |id, data, fd| Heard { at, what: Traffic::Frame { id, data, fd } }.log_line("vcan0").unwrap();
+        let classic = line(0x185, vec![0, 0, 0xC0, 0x3F, 0xE8], None);
+        assert_eq!(classic, "(1700000000.000123) vcan0 185#0000C03FE8");
+        let fd = line(0x585, vec![0, 0, 0xE8, 3, 0, 0, 0xC0, 0x3F], Some(5));
+        assert_eq!(fd, "(1700000000.000123) vcan0 585##50000E8030000C03F");
     }
 }

@@ -8,8 +8,14 @@ use crate::scenario::{BusModel, Scenario};
 /// Load that a bus is planned for.
 const PLANNED_LOAD: f64 = 0.7;
 
-/// Data bytes of an authenticated state frame.
+/// Data bytes of an authenticated state frame of one component.
 const STATE_BYTES: u64 = 8;
+
+/// The same in CAN FD, where a frame has all components, by their number less one.
+const STATE_FD_BYTES: [u64; 8] = [16, 20, 24, 32, 32, 48, 48, 48];
+
+/// Bit rates of CAN FD that the boards have (docs/book/src/boards.md): arbitration and data phase, bit/s.
+const FD_RATES: (f64, f64) = (1e6, 2e6);
 
 /// Bits of a classic CAN frame with an 11-bit id and `bytes` data bytes: worst-case stuffing, interframe
 /// space included.
@@ -22,27 +28,44 @@ pub(super) fn highest_rate(nodes: usize, bitrate: f64) -> f64 {
     PLANNED_LOAD * bitrate / (nodes as f64 * classic_bits(STATE_BYTES) as f64)
 }
 
+/// Time of a frame of CAN FD with an 11-bit id and `bytes` data bytes, s: worst-case stuffing, fixed stuff bits of the CRC field, and
+/// interframe space included. Rates of arbitration and data phase in bit/s.
+pub(super) fn fd_time(bytes: u64, (arbitration, data): (f64, f64)) -> f64 {
+    let crc_field = if bytes > 16 { 32 } else { 27 };
+    33.0 / arbitration + (7 + 10 * bytes + crc_field) as f64 / data
+}
+
+/// Highest tick rate (Hz) at 70 % load for `nodes` with states of so many components on CAN FD with these rates (bit/s).
+pub(super) fn highest_fd_rate(nodes: usize, components: usize, rates: (f64, f64)) -> f64 {
+    // A state has eight components at most.
+    let bytes = STATE_FD_BYTES.get(components.saturating_sub(1)).copied().unwrap_or(48);
+    PLANNED_LOAD / (nodes as f64 * fd_time(bytes, rates))
+}
+
 /// The load that the scenario would put on classic CAN; a failure only where the bus is a real one.
 pub(super) fn finding(scenario: &Scenario) -> Finding {
     // Every component has a frame of its own.
     let nodes = scenario.nodes.len() * scenario.components();
     let rate = 1.0 / scenario.time.tick_s();
     let (slow, fast) = (highest_rate(nodes, 5e5), highest_rate(nodes, 1e6));
+    let fd = highest_fd_rate(scenario.nodes.len(), scenario.components(), FD_RATES);
     let load = PLANNED_LOAD * rate / fast;
     let over = scenario.bus.model != BusModel::Ideal && rate > fast;
     let text = format!(
         "no limit on the ideal bus; classic CAN at 1 Mbit/s would be loaded to {} % by a tick of {} Hz, and carries {} Hz at \
-         70 % ({} Hz at 500 kbit/s)",
+         70 % ({} Hz at 500 kbit/s; CAN FD with 2 Mbit/s in the data phase: {} Hz)",
         figure(100.0 * load),
         figure(rate),
         figure(fast.floor()),
-        figure(slow.floor())
+        figure(slow.floor()),
+        figure(fd.floor())
     );
     let values = json!({
         "tick_hz": rate,
         "can_1m_load": load,
         "can_1m_highest_hz": fast,
         "can_500k_highest_hz": slow,
+        "can_fd_1m_2m_highest_hz": fd,
     });
     let found = Finding::new("capacity", "Capacity", text, values);
     match over {

@@ -117,6 +117,27 @@ fn capacity_is_that_of_the_wire() {
     }
 }
 
+/// The frame of 16 bytes counted bit by bit, at rates at which each bit of a phase takes 1 s.
+#[test]
+fn capacity_of_can_fd_is_that_of_the_wire() {
+    let arbitration = ["SOF", "RRS", "IDE", "FDF", "res", "BRS"].len() + 11;
+    let end = ["ACK", "ACK delimiter"].len() + 7 + 3;
+    let data = ["ESI", "CRC delimiter"].len() + 4 + 8 * 16;
+    // A stuff bit after every four bits from the start of the frame to the end of the data; before the count of stuff bits and after every
+    // four bits of it and of the CRC, a fixed one.
+    let stuffed = (arbitration - 1) / 4;
+    let stuffed_data = (arbitration + data - 2) / 4 - stuffed;
+    let checks = |crc: usize| 4 + crc + (4 + crc).div_ceil(4);
+    let (slow, fast) = (arbitration + stuffed + end, data + stuffed_data + checks(17));
+    assert_eq!(capacity::fd_time(16, (1.0, f64::INFINITY)), slow as f64);
+    assert_eq!(capacity::fd_time(16, (f64::INFINITY, 1.0)), fast as f64);
+    let longer = capacity::fd_time(20, (f64::INFINITY, 1.0)) - fast as f64;
+    assert_eq!(longer, (4 * 8 + 4 * 2 + checks(21) - checks(17)) as f64);
+    for (nodes, rate) in [(5, 1949.0), (20, 487.0), (64, 152.0), (127, 76.0)] {
+        assert_eq!(capacity::highest_fd_rate(nodes, 1, (1e6, 5e6)).floor(), rate);
+    }
+}
+
 #[test]
 fn what_is_not_predicted_is_said_and_not_guessed() {
     for (file, sets, words) in [

@@ -2,6 +2,7 @@
 
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnel_protocol::config::ConfigError;
+use funnel_protocol::service::{StageError, StoreError};
 use std::path::PathBuf;
 use std::time::Duration;
 use std::{fmt, io};
@@ -85,6 +86,29 @@ pub enum HubError {
         /// Why.
         reason: ConfigError,
     },
+    /// A node has not staged its configuration.
+    NotStaged {
+        /// Its id.
+        node: u8,
+        /// Why.
+        reason: StageError,
+    },
+    /// A node has not erased what it stores.
+    NotErased {
+        /// Its id.
+        node: u8,
+        /// Why.
+        reason: StoreError,
+    },
+    /// A node has another configuration than the one that it was given.
+    Checksum {
+        /// Its id.
+        node: u8,
+        /// Checksum of what it was given.
+        expected: u32,
+        /// Checksum of what it has, 0 where that is nothing.
+        found: u32,
+    },
     /// A node ran another tick than the one it was asked for.
     OutOfStep {
         /// Its id.
@@ -165,6 +189,8 @@ impl HubError {
             | Self::Silent { node, .. }
             | Self::Leapt { node, .. }
             | Self::Lost { node, .. }
+            | Self::Checksum { node, .. }
+            | Self::NotErased { node, .. }
             | Self::WireVersion { node, .. } => Some(node),
             _ => None,
         }
@@ -210,6 +236,16 @@ impl fmt::Display for HubError {
                 funnel_protocol::WIRE_VERSION
             ),
             Self::Refused { node, reason } => write!(f, "node {node} refused its configuration: {reason}"),
+            Self::NotStaged { node, reason } => {
+                write!(f, "node {node} has not staged its configuration: {reason}")
+            }
+            Self::NotErased { node, reason } => {
+                write!(f, "node {node} has not erased what it stores: {reason}")
+            }
+            Self::Checksum { node, expected, found } => write!(
+                f,
+                "node {node} has the configuration with checksum {found:08x} and not {expected:08x}, which it was given"
+            ),
             Self::OutOfStep { node, tick, found } => {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")
             }

@@ -6,6 +6,7 @@
 //! are carried in real time instead (`own_clock`).
 
 mod absence;
+mod commission;
 mod error;
 mod halt;
 mod link;
@@ -15,6 +16,7 @@ mod readers;
 mod recording;
 
 pub use absence::{Absence, OnLoss};
+pub use commission::{Commissioned, Commissioning, Failed};
 pub use error::HubError;
 pub use halt::Halted;
 pub use link::{Link, Received, SLICE, Stream};
@@ -113,18 +115,8 @@ struct HubNode {
 impl HubNode {
     /// Takes note of who it is, if it is who it should be.
     fn meet(&mut self, identity: Identity) -> Result<(), HubError> {
-        let id = self.link.id();
         self.identity = Some(identity);
-        if identity.wire_version != WIRE_VERSION {
-            return Err(HubError::WireVersion { node: id, found: identity.wire_version });
-        }
-        match self.uid.filter(|&uid| uid != identity.uid) {
-            Some(expected) => {
-                let place = self.link.place().to_owned();
-                Err(HubError::Uid { node: id, place, expected, found: identity.uid })
-            }
-            None => Ok(()),
-        }
+        check_identity(&self.link, &identity, self.uid)
     }
 
     fn configure(&mut self, config: &NodeConfig, patience: Duration) -> Result<(), HubError> {
@@ -414,7 +406,7 @@ impl Hub {
                 None => {}
             });
         }
-        for_can.iter().try_for_each(|frame| self.relay_to_can(frame))
+        self.relay_to_can(&for_can)
     }
 
     /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
@@ -556,6 +548,21 @@ impl Hub {
 const START: Message = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
 /// Ends the run on every node.
 const STOP: Message = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
+
+/// Whether the node behind `link` speaks this wire, and has the unique number `uid` if one is expected.
+fn check_identity(link: &Link, identity: &Identity, uid: Option<u64>) -> Result<(), HubError> {
+    let node = link.id();
+    if identity.wire_version != WIRE_VERSION {
+        return Err(HubError::WireVersion { node, found: identity.wire_version });
+    }
+    match uid.filter(|&uid| uid != identity.uid) {
+        Some(expected) => {
+            let place = link.place().to_owned();
+            Err(HubError::Uid { node, place, expected, found: identity.uid })
+        }
+        None => Ok(()),
+    }
+}
 
 /// Asks a node who it is, again and again, until it answers.
 ///

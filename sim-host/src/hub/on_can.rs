@@ -5,8 +5,8 @@
 //! bits of loopback here too (docs/notes/2026-11-24-real-nodes.md).
 
 use super::{FrameBytes, Hub, HubError, HubNode, Received, SLICE};
-use crate::can::{CanPort, Heard, Traffic};
-use funnel_protocol::message::Message;
+use crate::can::{AnyFormat, CanPort, Heard, Traffic};
+use funnel_protocol::message::{Message, NodeId};
 use funnel_protocol::serial::{self, Frame};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant, SystemTime};
@@ -31,6 +31,9 @@ pub struct CanCounts {
 pub struct CanSide {
     interface: String,
     port: CanPort,
+    /// What is said and what is heard; two of them, since each may have begun something.
+    saying: AnyFormat,
+    hearing: AnyFormat,
     /// By source: nodes of this run on CAN.
     heard: BTreeMap<u8, VecDeque<(Message, SystemTime)>>,
     /// Nodes of this run on serial lines: what is heard from them was said by this program.
@@ -43,11 +46,13 @@ pub struct CanSide {
 }
 
 impl CanSide {
-    /// The bus on `interface`, open as `port`.
-    pub fn new(interface: String, port: CanPort) -> Self {
+    /// The bus on `interface`, open as `port`, for frames of CAN FD if `fd`.
+    pub fn new(interface: String, port: CanPort, fd: bool) -> Self {
         Self {
             interface,
             port,
+            saying: AnyFormat::new(fd),
+            hearing: AnyFormat::new(fd),
             heard: BTreeMap::new(),
             relayed: Vec::new(),
             said: Vec::new(),
@@ -60,8 +65,32 @@ impl CanSide {
         HubError::Can { interface: self.interface.clone(), source }
     }
 
-    fn say(&self, message: &Message) -> Result<(), HubError> {
-        self.port.say(message, ROOM).map_err(|error| self.failed(error))
+    /// Says it now, or with what follows in the same frame.
+    fn say(&mut self, message: &Message) -> Result<(), HubError> {
+        let frames = self.saying.pack(message);
+        self.port.send_all(&frames, ROOM).map_err(|error| self.failed(error))
+    }
+
+    /// Says what was begun.
+    fn finish(&mut self) -> Result<(), HubError> {
+        let last = self.saying.flush();
+        self.port.send_all(last.as_slice(), ROOM).map_err(|error| self.failed(error))
+    }
+
+    /// What a frame from a serial line says to the nodes on CAN, if that is the host's to relay and was not said yet.
+    fn take_for_relay(&mut self, frame: &FrameBytes) -> Option<Message> {
+        if self.said.contains(frame) {
+            return None;
+        }
+        let mut bytes = frame.clone();
+        // Without its final zero, as this program has encoded it.
+        bytes.pop();
+        let Ok(Frame::RealTime(message)) = serial::decode(&mut bytes) else { return None };
+        if self.heard.contains_key(&source(&message)?.get()) {
+            return None;
+        }
+        self.said.push(frame.clone());
+        Some(message)
     }
 
     /// Takes everything that has come.
@@ -80,21 +109,20 @@ impl CanSide {
             }
             Traffic::Frame { .. } | Traffic::Other(_) => self.counts.frames += 1,
         }
-        match heard.message() {
-            Ok(message) => self.sort_message(message, heard.at),
-            Err(Some(_)) => self.counts.unreadable += 1,
-            Err(None) => {}
+        for message in heard.messages(&mut self.hearing) {
+            match message {
+                Ok(message) => self.sort_message(message, heard.at),
+                Err(_) => self.counts.unreadable += 1,
+            }
         }
     }
 
     fn sort_message(&mut self, message: Message, at: SystemTime) {
-        let source = match message {
-            Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
-                source.get()
-            }
+        let source = match (source(&message), &message) {
+            (Some(source), _) => source.get(),
+            (None, Message::Sync { source: Some(_), .. }) => return self.counts.strangers += 1,
             // Of this program.
-            Message::Ctrl { .. } | Message::Sync { source: None, .. } => return,
-            Message::Sync { .. } => return self.counts.strangers += 1,
+            (None, _) => return,
         };
         match self.heard.get_mut(&source) {
             Some(queue) => queue.push_back((message, at)),
@@ -139,24 +167,13 @@ impl Hub {
         }
     }
 
-    /// Relays a frame from a node on a serial line to those on CAN, once.
-    pub(super) fn relay_to_can(&mut self, frame: &FrameBytes) -> Result<(), HubError> {
-        let Some(side) = self.can.as_mut().filter(|side| !side.said.contains(frame)) else { return Ok(()) };
-        let mut bytes = frame.clone();
-        // Without its final zero, as this program has encoded it.
-        bytes.pop();
-        let Ok(Frame::RealTime(message)) = serial::decode(&mut bytes) else { return Ok(()) };
-        let source = match message {
-            Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
-                source.get()
-            }
-            Message::Ctrl { .. } | Message::Sync { .. } => return Ok(()),
-        };
-        if side.heard.contains_key(&source) {
-            return Ok(());
-        }
-        side.said.push(frame.clone());
-        side.say(&message)
+    /// Relays frames from nodes on serial lines to those on CAN, each once.
+    pub(super) fn relay_to_can(&mut self, frames: &[FrameBytes]) -> Result<(), HubError> {
+        let Some(side) = &mut self.can else { return Ok(()) };
+        let mut messages: Vec<_> = frames.iter().filter_map(|frame| side.take_for_relay(frame)).collect();
+        messages.sort_by_key(place);
+        messages.iter().try_for_each(|message| side.say(message))?;
+        side.finish()
     }
 
     /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead; with its bus time.
@@ -194,6 +211,24 @@ impl Hub {
             queue.clear();
         }
         Ok(())
+    }
+}
+
+/// The node that says of itself what a message says; a command or a SYNC has none.
+fn source(message: &Message) -> Option<NodeId> {
+    match *message {
+        Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
+            Some(source)
+        }
+        Message::Ctrl { .. } | Message::Sync { .. } => None,
+    }
+}
+
+/// Where a message belongs among those of a tick: the components of a state one after the other, since CAN FD has one frame for them.
+fn place(message: &Message) -> Option<(NodeId, u8)> {
+    match *message {
+        Message::State { source, component, .. } => Some((source, component.get())),
+        _ => None,
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::exit::Exit;
 use crate::hub::HubError;
 use crate::record::RecordError;
+use funnel_protocol::service::StageError;
 use std::fmt;
 
 /// Why a run did not come to an end.
@@ -30,6 +31,11 @@ impl RunError {
         Self { message: format!("{}\n{line}", self.message), ..self }
     }
 
+    /// What nodes have done, in the words of the error.
+    pub fn of_nodes(error: HubError) -> Self {
+        Self { message: error.to_string(), exit: exit(&error) }
+    }
+
     /// The user stopped the run.
     pub fn interrupted() -> Self {
         Self { message: "interrupted; no output was written".to_owned(), exit: Exit::Interrupted }
@@ -54,7 +60,7 @@ impl From<HubError> for RunError {
     fn from(error: HubError) -> Self {
         match error {
             HubError::Interrupted => Self::interrupted(),
-            error => Self { message: error.to_string(), exit: exit(&error) },
+            error => Self::of_nodes(error),
         }
     }
 }
@@ -63,7 +69,9 @@ impl From<HubError> for RunError {
 fn exit(error: &HubError) -> Exit {
     match error {
         HubError::WithWords { cause, .. } => exit(cause),
-        HubError::Refused { .. } => Exit::BadInput,
+        HubError::Refused { .. } | HubError::NotStaged { reason: StageError::Config(_), .. } => {
+            Exit::BadInput
+        }
         HubError::OutOfStep { .. } | HubError::Leapt { .. } => Exit::Defect,
         HubError::Interrupted => Exit::Interrupted,
         HubError::NoQemu { .. }
@@ -76,6 +84,9 @@ fn exit(error: &HubError) -> Exit {
         | HubError::Port { .. }
         | HubError::Can { .. }
         | HubError::NoCan { .. }
+        | HubError::NotStaged { .. }
+        | HubError::NotErased { .. }
+        | HubError::Checksum { .. }
         | HubError::Uid { .. }
         | HubError::WireVersion { .. }
         | HubError::Io { .. } => Exit::NoHardware,

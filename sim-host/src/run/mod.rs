@@ -2,6 +2,7 @@
 
 mod bench;
 mod collect;
+mod commission;
 mod error;
 mod fidelity;
 mod options;
@@ -10,6 +11,7 @@ mod output;
 mod own_clock;
 mod reference;
 
+pub use commission::{commission, erase};
 pub use error::RunError;
 pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::Outcome;

@@ -16,7 +16,7 @@ use rustix::pty::{self, OpenptFlags};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -48,6 +48,7 @@ pub struct Board {
     pub path: String,
     quit: Arc<AtomicBool>,
     states: Arc<AtomicU32>,
+    noise: Arc<AtomicU64>,
     thread: JoinHandle<Option<Phase>>,
 }
 
@@ -78,6 +79,7 @@ impl Board {
         let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
         let port = File::from(port);
         let (quit, states) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
+        let noise = Arc::new(AtomicU64::new(0));
         let session = Session::new(identity);
         let mut played = Played {
             port,
@@ -86,6 +88,7 @@ impl Board {
             rate,
             script,
             states: states.clone(),
+            noise: noise.clone(),
             hung: false,
             quit: quit.clone(),
         };
@@ -93,7 +96,7 @@ impl Board {
             played.run();
             played.session.node().map(|node| node.phase())
         });
-        Self { path, quit, states, thread }
+        Self { path, quit, states, noise, thread }
     }
 
     pub fn good(uid: u64) -> Self {
@@ -103,6 +106,11 @@ impl Board {
     /// Waits until it ticks.
     pub fn wait_until_running(&self) {
         wait("ticks", || self.states.load(Ordering::Relaxed) > 10);
+    }
+
+    /// Bytes of noise that its line has taken.
+    pub fn noise(&self) -> u64 {
+        self.noise.load(Ordering::Relaxed)
     }
 
     /// Whether it has announced its state.
@@ -125,6 +133,7 @@ struct Played {
     rate: f64,
     script: Script,
     states: Arc<AtomicU32>,
+    noise: Arc<AtomicU64>,
     hung: bool,
     quit: Arc<AtomicBool>,
 }
@@ -163,7 +172,7 @@ impl Played {
                 Output::Send(message) => self.send(&message),
                 Output::Reply(reply) => self.reply(&reply),
                 // A bench never asks for these.
-                Output::Store | Output::Erase => {}
+                Output::Keep => {}
                 Output::Report(_) => {}
                 Output::Safe | Output::Sample | Output::Actuate => {}
             }
@@ -186,6 +195,7 @@ impl Played {
                 Act::Flood => {
                     while !self.quit.load(Ordering::Relaxed) {
                         self.put(&[0x55; 200]);
+                        self.noise.fetch_add(200, Ordering::Relaxed);
                     }
                 }
             }

@@ -3,7 +3,9 @@
 use core::hint::black_box;
 
 use funnel_core::{Action, Node, Params};
+use funnel_link::{Fd, Format};
 use funnel_protocol::can::{self, CanFrame};
+use funnel_protocol::can_fd::{self, FdFrame};
 use funnel_protocol::config::{
     BreachPolicy, CouplingConfig, EdgeConfig, GainConfig, NodeConfig, TickSource, scalar,
 };
@@ -25,7 +27,9 @@ type SerialFrame = Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
 struct Bench {
     node: Node,
     deframer: Deframer,
+    format: Fd,
     now: u64,
+    fd: [FdFrame; NEIGHBOURS.len()],
     can: [CanFrame; NEIGHBOURS.len()],
     serial: [SerialFrame; NEIGHBOURS.len()],
 }
@@ -41,7 +45,9 @@ impl Bench {
         while node.poll(0).is_some() {}
         let none = (can::encode(&start), SerialFrame::new());
         let (can, serial) = (NEIGHBOURS.map(|_| none.0), NEIGHBOURS.map(|_| none.1.clone()));
-        let mut bench = Self { node, deframer: Deframer::new(), now: 0, can, serial };
+        let fd = NEIGHBOURS.map(|_| can_fd::encode(&start));
+        let mut bench =
+            Self { node, deframer: Deframer::new(), format: Fd::default(), now: 0, fd, can, serial };
         // The first tick reports its new neighbours, which later ones do not.
         bench.prepare_can();
         bench.tick_can();
@@ -66,6 +72,11 @@ impl Bench {
     }
 
     #[inline(never)]
+    fn prepare_fd(&mut self) {
+        self.fd = self.states().map(|state| can_fd::encode(&state));
+    }
+
+    #[inline(never)]
     fn prepare_serial(&mut self) {
         self.serial = self.states().map(|state| serial::encode(&state));
     }
@@ -83,6 +94,26 @@ impl Bench {
                 black_box(can::encode(&message));
             }
         }
+    }
+
+    /// As a link in this format does it.
+    #[inline(never)]
+    fn tick_fd(&mut self) {
+        for frame in black_box(&self.fd) {
+            self.format.receive(frame.id(), frame.data());
+            while let Some(heard) = self.format.unpack() {
+                match heard {
+                    Ok(message) => drop(self.node.on_message(&message, self.now)),
+                    Err(reason) => self.node.refuse(reason),
+                }
+            }
+        }
+        while let Some(action) = self.node.poll(self.now) {
+            if let Action::Send(message) = action {
+                black_box(self.format.pack(&message));
+            }
+        }
+        black_box(self.format.flush());
     }
 
     #[inline(never)]
@@ -140,12 +171,14 @@ fn config(sines: usize) -> NodeConfig {
 
 /// Whole ticks over CAN and over the serial link.
 pub fn ticks(table: &Table) {
-    let (by_can, by_serial) =
-        ([Bench::prepare_can, Bench::tick_can], [Bench::prepare_serial, Bench::tick_serial]);
+    let by_can = [Bench::prepare_can, Bench::tick_can];
+    let by_fd = [Bench::prepare_fd, Bench::tick_fd];
+    let by_serial = [Bench::prepare_serial, Bench::tick_serial];
     let what = "4 frames decoded and heard, law, field step, 1 frame encoded";
     for (name, sines, limit, calls) in [
         ("node tick, CAN, affine and 3 sines", 3, Some(TICK_LIMIT), by_can),
         ("node tick, CAN, affine", 0, Some(TICK_LIMIT), by_can),
+        ("node tick, CAN FD, affine and 3 sines", 3, None, by_fd),
         ("node tick, serial, affine and 3 sines", 3, None, by_serial),
         ("node tick, serial, affine", 0, None, by_serial),
     ] {

@@ -1,0 +1,196 @@
+//! Gives nodes a configuration that survives a restart, or takes it from them: all of them, or none.
+//!
+//! Every node stages its configuration beside the one that it has. Only when all have, with the checksum that this program expects, are they
+//! told to commit (protocol/README.md, "Commit").
+
+use super::{Attached, HubError, Link, Received, STOP, check_identity, identify};
+use super::{Device, Patience};
+use funnel_protocol::NodeConfig;
+use funnel_protocol::message::{Command, Message, Target};
+use funnel_protocol::serial;
+use funnel_protocol::service::{Identity, Reply, Request};
+use std::fmt;
+
+/// Makes what is staged the configuration of a node, at once where it does not run.
+const COMMIT: Message = Message::Ctrl { target: Target::All, command: Command::Commit, arg: 0, at_tick: 0 };
+
+/// A node that was given a configuration, or that lost it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Commissioned {
+    /// Its id in the bench file.
+    pub node: u8,
+    /// What it was reached by.
+    pub place: String,
+    /// Who it said it was, before.
+    pub before: Identity,
+    /// Who it says it is now; `None` where it will be blank at its next start.
+    pub after: Option<Identity>,
+}
+
+impl fmt::Display for Commissioned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { node, place, before, after } = self;
+        write!(f, "node {node}: {place}, uid = \"{:016x}\": was {}, ", before.uid, Has(before))?;
+        match after {
+            Some(after) => write!(f, "is {}", Has(after)),
+            None => f.write_str("will be blank at its next start"),
+        }
+    }
+}
+
+/// What a node says of its configuration.
+struct Has<'a>(&'a Identity);
+
+impl fmt::Display for Has<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.id {
+            serial::HOST => f.write_str("blank")?,
+            id => write!(f, "id {id} with configuration {:08x}", self.0.checksum)?,
+        }
+        if self.0.has_key { f.write_str(" and a key") } else { Ok(()) }
+    }
+}
+
+/// Nodes that are being commissioned.
+pub struct Commissioning {
+    nodes: Vec<Candidate>,
+    patience: Patience,
+}
+
+struct Candidate {
+    link: Link,
+    device: Box<dyn Device>,
+    before: Identity,
+}
+
+impl Commissioning {
+    /// Asks each node who it is, and stops it if it runs.
+    ///
+    /// # Errors
+    /// A node that does not answer in time, another wire version, another chip, an interrupt. Nothing has changed then.
+    pub fn new(attached: Vec<Attached>, patience: Patience) -> Result<Self, HubError> {
+        let candidate = |Attached { mut link, mut device, uid }: Attached| {
+            let met = meet(&mut link, uid, patience);
+            let before = met.map_err(|error| explain(error, device.as_mut()))?;
+            Ok(Candidate { link, device, before })
+        };
+        Ok(Self { nodes: attached.into_iter().map(candidate).collect::<Result<_, _>>()?, patience })
+    }
+
+    /// Stages one configuration per node, compares all checksums, and commits.
+    ///
+    /// # Errors
+    /// [`Failed::Before`] the first commit: every node has what it had. [`Failed::After`] it: some have the new one.
+    pub fn commission(mut self, configs: &[NodeConfig]) -> Result<Vec<Commissioned>, Failed> {
+        for (node, config) in self.nodes.iter_mut().zip(configs) {
+            let staged = node.stage(config, self.patience);
+            staged.map_err(|error| Failed::Before(explain(error, node.device.as_mut())))?;
+        }
+        self.nodes.iter().try_for_each(|node| node.link.check_interrupt()).map_err(Failed::Before)?;
+        let patience = self.patience;
+        let commit = |(node, config): (&mut Candidate, &NodeConfig)| node.commit(config, patience);
+        let done = collect(self.nodes.iter_mut().zip(configs).map(commit));
+        done.map_err(|(error, done)| self.fail(error, done))
+    }
+
+    /// Makes all nodes blank at their next start.
+    ///
+    /// # Errors
+    /// [`Failed::Before`] where the first one refuses; [`Failed::After`] where a later one does.
+    pub fn erase(mut self) -> Result<Vec<Commissioned>, Failed> {
+        let patience = self.patience;
+        let done = collect(self.nodes.iter_mut().map(|node| node.erase(patience)));
+        done.map_err(|(error, done)| self.fail(error, done))
+    }
+
+    fn fail(&mut self, error: HubError, done: Vec<u8>) -> Failed {
+        let named = error.node().and_then(|id| self.nodes.iter_mut().find(|node| node.link.id() == id));
+        let error = match named {
+            Some(node) => explain(error, node.device.as_mut()),
+            None => error,
+        };
+        if done.is_empty() { Failed::Before(error) } else { Failed::After { error, done } }
+    }
+}
+
+impl Candidate {
+    fn stage(&mut self, config: &NodeConfig, patience: Patience) -> Result<(), HubError> {
+        self.link.request(&Request::Stage(config.clone()))?;
+        let answer = self.link.wait_for(patience.answer, "staged", |received| match received {
+            Received::Reply(Reply::Staged(answer)) => Some(answer),
+            _ => None,
+        })?;
+        let node = self.link.id();
+        let found = answer.map_err(|reason| HubError::NotStaged { node, reason })?;
+        let expected = config.checksum();
+        if found == expected { Ok(()) } else { Err(HubError::Checksum { node, expected, found }) }
+    }
+
+    fn commit(&mut self, config: &NodeConfig, patience: Patience) -> Result<Commissioned, HubError> {
+        self.link.write(&serial::encode(&COMMIT))?;
+        // It answers when it has committed.
+        let after = identify(&mut self.link, patience.answer)?;
+        let (node, expected) = (self.link.id(), config.checksum());
+        if (after.id, after.checksum) != (config.id, expected) {
+            return Err(HubError::Checksum { node, expected, found: after.checksum });
+        }
+        Ok(self.done(Some(after)))
+    }
+
+    fn erase(&mut self, patience: Patience) -> Result<Commissioned, HubError> {
+        self.link.request(&Request::Erase)?;
+        let answer = self.link.wait_for(patience.answer, "erased", |received| match received {
+            Received::Reply(Reply::Erased(answer)) => Some(answer),
+            _ => None,
+        })?;
+        answer.map_err(|reason| HubError::NotErased { node: self.link.id(), reason })?;
+        Ok(self.done(None))
+    }
+
+    fn done(&self, after: Option<Identity>) -> Commissioned {
+        Commissioned { node: self.link.id(), place: self.link.place().to_owned(), before: self.before, after }
+    }
+}
+
+/// Why nodes were not all commissioned.
+#[derive(Debug)]
+pub enum Failed {
+    /// Nothing has changed on any of them.
+    Before(HubError),
+    /// Some were done.
+    After {
+        /// What happened.
+        error: HubError,
+        /// Ids of the nodes that were done.
+        done: Vec<u8>,
+    },
+}
+
+/// All of them, or the first error and the ids of those before it.
+fn collect(
+    done: impl Iterator<Item = Result<Commissioned, HubError>>,
+) -> Result<Vec<Commissioned>, (HubError, Vec<u8>)> {
+    let mut nodes: Vec<Commissioned> = Vec::new();
+    for one in done {
+        match one {
+            Ok(node) => nodes.push(node),
+            Err(error) => return Err((error, nodes.iter().map(|node| node.node).collect())),
+        }
+    }
+    Ok(nodes)
+}
+
+fn meet(link: &mut Link, uid: Option<u64>, patience: Patience) -> Result<Identity, HubError> {
+    let identity = identify(link, patience.boot)?;
+    check_identity(link, &identity, uid)?;
+    if identity.id != serial::HOST {
+        // It may run still; then it would refuse.
+        link.write(&serial::encode(&STOP))?;
+    }
+    Ok(identity)
+}
+
+fn explain(error: HubError, device: &mut dyn Device) -> HubError {
+    let words = device.last_words(matches!(error, HubError::Died { .. }));
+    error.with_words(words.join("\n"))
+}
