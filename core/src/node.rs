@@ -423,30 +423,38 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 true
             }
             Schedule::At(due) if now >= due => {
-                let late = now >= due + self.params.tick_ns;
+                let next = due + self.params.tick_ns;
+                let late = now >= next;
+                self.schedule = Schedule::At(next);
                 if late {
-                    count(&mut self.counters.overruns);
-                }
-                if late && !self.late {
-                    self.report_event(Event::Overrun { tick: self.tick });
+                    self.came_late(now, due);
                 }
                 self.late = late;
-                let missed = self.beyond_measuring(now, due);
-                self.skip(missed);
-                self.schedule = Schedule::At(due + (u64::from(missed) + 1) * self.params.tick_ns);
                 true
             }
             Schedule::At(_) => false,
         }
     }
 
+    /// Counts a tick due at `due` (ns) that comes when the next one is due already, and moves on over those that can be run no more.
+    #[cold]
+    fn came_late(&mut self, now: u64, due: u64) {
+        count(&mut self.counters.overruns);
+        if !self.late {
+            self.report_event(Event::Overrun { tick: self.tick });
+        }
+        let missed = self.beyond_measuring(now, due);
+        self.skip(missed);
+        self.schedule = Schedule::At(due + (u64::from(missed) + 1) * self.params.tick_ns);
+    }
+
     /// Ticks, from the one due at `due` (ns) on, whose time is over at `now` (ns). A virtual node makes up for them; a plant cannot be
     /// measured in the past.
     fn beyond_measuring(&self, now: u64, due: u64) -> u32 {
-        let late_by = now.saturating_sub(due);
-        if self.plant.is_none() || late_by < self.params.tick_ns {
+        if self.plant.is_none() {
             return 0;
         }
+        let late_by = now.saturating_sub(due);
         late_by.checked_div(self.params.tick_ns).map_or(0, |ticks| u32::try_from(ticks).unwrap_or(u32::MAX))
     }
 
@@ -692,6 +700,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.step = Step::Stop;
     }
 
+    #[cold]
     fn fault(&mut self, code: FaultCode) {
         self.fail(code, u16::from(self.params.id.get()));
     }
@@ -719,6 +728,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.report_event(Event::Fault(code));
     }
 
+    #[cold]
     fn report_event(&mut self, event: Event) {
         // A full queue keeps the oldest events: they tell the cause.
         let _ = self.events.push_back(event);
