@@ -1,30 +1,65 @@
-//! Which of several copies of a number is new. On a ring each frame comes from both sides, and an old one may come late.
+//! Which SYNC is new. Where lines make a ring each one comes from both sides, and an old one may come late.
 
-/// How long a number is remembered, ms. A ring must take less than that to go round: 127 nodes at 115,200 bit/s take 0.2 s.
+use funnel_protocol::message::TickStamp;
+
+/// How long a node remembers what it has passed on, ms: longer than anything needs to go round. 127 nodes at 115,200 bit/s take 0.2 s.
 pub const FORGET_MS: u64 = 2_000;
+/// Bits of the tick in a SYNC.
+const BITS: u32 = 24;
 
-/// The newest of numbers that wrap. Only a newer one is new: so whatever goes round comes to an end, however much is on its way.
+/// The newest SYNC. Only a newer one is new, so whatever goes round comes to an end, however much is on its way.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Newest {
-    /// The number, and when it was new, ms.
-    last: Option<(u64, u64)>,
+    /// Its tick, and when it was new, ms.
+    last: Option<(u32, u64)>,
 }
 
 impl Newest {
-    /// Nothing has come yet.
+    /// None has come yet.
     pub const NONE: Self = Self { last: None };
 
-    /// Whether `number`, of `bits` bits (1 to 63), is ahead of the last one by less than half of their range, at `now` (ms); it is the last
-    /// one then. After [`FORGET_MS`] without a new one every number is new: a host may have started anew.
-    pub fn take(&mut self, number: u64, bits: u8, now: u64) -> bool {
-        let range = 1_u64 << bits.min(63);
+    /// Whether `tick` is ahead of the last one by less than half of what 24 bits can tell, at `now` (ms); it is the last one then. After
+    /// [`FORGET_MS`] without a new one every tick is new: the host may have begun anew.
+    pub fn take(&mut self, tick: TickStamp, now: u64) -> bool {
+        let tick = tick.value();
         let is_new = self.last.is_none_or(|(last, at)| {
-            let ahead = number.wrapping_sub(last) & (range - 1);
-            (ahead > 0 && ahead < range / 2) || now.saturating_sub(at) >= FORGET_MS
+            let ahead = tick.wrapping_sub(last) & ((1 << BITS) - 1);
+            (ahead > 0 && ahead < 1 << (BITS - 1)) || now.saturating_sub(at) >= FORGET_MS
         });
         if is_new {
-            self.last = Some((number, now));
+            self.last = Some((tick, now));
         }
         is_new
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn takes(newest: &mut Newest, tick: u32, now: u64) -> bool {
+        newest.take(TickStamp::low(tick, 24), now)
+    }
+
+    #[test]
+    fn only_what_is_ahead_is_new_also_where_the_number_wraps() {
+        let mut newest = Newest::NONE;
+        // All ones before tick 0.
+        assert!(takes(&mut newest, u32::MAX, 0));
+        assert!(!takes(&mut newest, u32::MAX, 0));
+        assert!(takes(&mut newest, 0, 1));
+        assert!(!takes(&mut newest, u32::MAX, 2));
+        assert!(takes(&mut newest, 1_000, 2));
+        assert!(!takes(&mut newest, 999, 2));
+        assert!(!takes(&mut newest, 1_000 + (1 << 23), 2));
+        assert!(takes(&mut newest, 1_000 + (1 << 23) - 1, 2));
+    }
+
+    #[test]
+    fn after_two_seconds_without_a_new_one_every_one_is() {
+        let mut newest = Newest::NONE;
+        assert!(takes(&mut newest, 500, 0));
+        assert!(!takes(&mut newest, 0, FORGET_MS - 1));
+        assert!(takes(&mut newest, 0, FORGET_MS));
     }
 }
