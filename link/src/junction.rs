@@ -11,34 +11,35 @@ use funnel_protocol::message::{Command, Message, TickStamp};
 
 /// The line to the host, by index.
 pub const HOST_LINE: usize = 0;
-/// Most lines of a node.
-pub const MAX_LINES: usize = Lines::BITS as usize;
+/// Most lines of a node to neighbours.
+pub const MAX_PEERS: usize = Lines::BITS as usize - 1;
 /// Commands within [`FORGET_MS`](crate::FORGET_MS) that are passed on at most.
 pub const COMMANDS: usize = 16;
 /// Faults within [`FORGET_MS`](crate::FORGET_MS) that are passed on at most: all nodes have one at once where a host dies.
 pub const FAULTS: usize = 128;
 
-/// The lines of one node, of which [`HOST_LINE`] leads to the host. Sans-IO: what a line has received goes in by [`Junction::hear`], and
+/// The lines of one node: [`HOST_LINE`] leads to the host, 1 to `PEERS` each to a neighbour. Sans-IO: what a line has received goes in by [`Junction::hear`], and
 /// what it is to send comes out of [`Junction::take`].
 #[derive(Debug)]
-pub struct Junction<const LINES: usize> {
+pub struct Junction<const PEERS: usize> {
     commands: Flood<COMMANDS>,
     faults: Flood<FAULTS>,
     sync: Newest,
-    latest: [Latest; LINES],
+    for_host: Latest,
+    for_peers: [Latest; PEERS],
     dropped: u32,
 }
 
-impl<const LINES: usize> Default for Junction<LINES> {
+impl<const PEERS: usize> Default for Junction<PEERS> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const LINES: usize> Junction<LINES> {
+impl<const PEERS: usize> Junction<PEERS> {
     const ALL: Lines = {
-        assert!(LINES >= 1 && LINES <= MAX_LINES);
-        Lines::MAX >> (MAX_LINES - LINES)
+        assert!(PEERS <= MAX_PEERS);
+        Lines::MAX >> (MAX_PEERS - PEERS)
     };
     const PEERS: Lines = Self::ALL & !bit(HOST_LINE);
 
@@ -48,7 +49,8 @@ impl<const LINES: usize> Junction<LINES> {
             commands: Flood::new(),
             faults: Flood::new(),
             sync: Newest::NONE,
-            latest: [const { Latest::new() }; LINES],
+            for_host: Latest::new(),
+            for_peers: [const { Latest::new() }; PEERS],
             dropped: 0,
         }
     }
@@ -97,7 +99,7 @@ impl<const LINES: usize> Junction<LINES> {
     /// The frame that `line` sends next: commands before faults before the rest.
     pub fn take(&mut self, line: usize) -> Option<Message> {
         let urgent = self.commands.take(bit(line)).or_else(|| self.faults.take(bit(line)));
-        urgent.or_else(|| self.latest.get_mut(line)?.take())
+        urgent.or_else(|| self.latest().nth(line)?.take())
     }
 
     /// Frames so far that should have gone on and for which there was no room, saturating.
@@ -108,15 +110,19 @@ impl<const LINES: usize> Junction<LINES> {
     /// After a start the ticks begin anew. A SYNC of before that came after it would move the node to its tick.
     fn begin_anew(&mut self) {
         self.sync = Newest::NONE;
-        self.latest.iter_mut().for_each(Latest::drop_sync);
+        self.latest().for_each(Latest::drop_sync);
     }
 
     fn put_latest(&mut self, message: &Message, lines: Lines) {
-        for (line, latest) in self.latest.iter_mut().enumerate() {
-            if lines & bit(line) != 0 && !latest.put(*message) {
-                self.dropped = self.dropped.saturating_add(1);
-            }
-        }
+        let lost =
+            self.latest().enumerate().map(|(line, latest)| lines & bit(line) != 0 && !latest.put(*message));
+        let lost = lost.filter(|&lost| lost).count() as u32;
+        self.dropped = self.dropped.saturating_add(lost);
+    }
+
+    /// Line by line.
+    fn latest(&mut self) -> impl Iterator<Item = &mut Latest> {
+        core::iter::once(&mut self.for_host).chain(&mut self.for_peers)
     }
 
     /// The node itself takes also what it cannot remember: a stop always stops.
@@ -129,7 +135,7 @@ impl<const LINES: usize> Junction<LINES> {
 }
 
 const fn bit(line: usize) -> Lines {
-    if line < MAX_LINES { 1 << line } else { 0 }
+    if line <= MAX_PEERS { 1 << line } else { 0 }
 }
 
 /// A fault with as much of its tick as a serial line carries, so that it equals its copies.
