@@ -61,7 +61,7 @@ impl<const ROOM: usize> Flood<ROOM> {
     pub fn put_own(&mut self, frame: Message, lines: Lines, now: u64) -> Put {
         self.forget(now);
         if self.frames.is_full() {
-            self.frames.remove(0);
+            self.drop_first(|_| true);
         }
         self.put(frame, lines, now)
     }
@@ -83,11 +83,20 @@ impl<const ROOM: usize> Flood<ROOM> {
     /// Forgets what is old and waits for no line; where that makes no room, the oldest that waits for a line which does not take it.
     fn forget(&mut self, now: u64) {
         self.frames.retain(|each| each.lines != 0 || each.is_young(now));
-        if self.frames.is_full()
-            && let Some(old) = self.frames.iter().position(|each| !each.is_young(now))
-        {
-            self.frames.remove(old);
+        if self.frames.is_full() {
+            self.drop_first(|each| !each.is_young(now));
         }
+    }
+
+    /// Drops the oldest frame of this kind, if there is one.
+    fn drop_first(&mut self, is_one: impl Fn(&Remembered) -> bool) {
+        let mut dropped = false;
+        // Not `remove`, which can panic.
+        self.frames.retain(|each| {
+            let stays = dropped || !is_one(each);
+            dropped |= !stays;
+            stays
+        });
     }
 }
 
