@@ -484,6 +484,82 @@ fn five_emulated_nodes_behind_pseudo_terminals_run_the_bits_of_loopback() {
     assert_eq!(summary["bench"]["nodes"].as_array().unwrap().len(), 5);
 }
 
+/// The five agents on emulators of the bench's own, some of them wired to each other.
+fn wired(wires: &[&str], settle: &str, duration: &str) -> serde_json::Value {
+    let entries = vec!["emulator = true".to_owned(); 5];
+    let wires: String = wires.iter().map(|ids| format!("[[wire]]\nbetween = {ids}\n")).collect();
+    let last = entries.len() - 1;
+    let entries: Vec<_> = entries.iter().enumerate().map(|(n, entry)| match n {
+        _ if n == last => format!("{entry}\n{wires}"),
+        _ => entry.clone(),
+    });
+    let bench = Bench::new(&five(), &entries.collect::<Vec<_>>()).with(&format!("settle = \"{settle}\""));
+    let ended = bench.run(&["--image", IMAGE, "--set", &format!("time.duration={duration}")]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.out.contains(" from node to node, "), "{}", ended.out);
+    bench.summary()
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn a_ring_of_wires_between_emulators_runs_the_bits_of_loopback() {
+    let summary = wired(&["[1, 2]", "[2, 3]", "[3, 4]", "[4, 5]", "[5, 1]"], "20ms", "500ms");
+    let wires = &summary["bench"]["wires"];
+    assert_eq!(
+        (&wires["count"], &wires["settle_s"], &wires["extrapolated"]),
+        (&5.into(), &0.02.into(), &0.into())
+    );
+    assert_eq!(summary["bench"]["bit_for_bit"], true, "{summary}");
+    assert_eq!(summary["bench"]["nodes"][0]["unreadable"], 0);
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn wires_and_relayed_states_can_be_mixed() {
+    let summary = wired(&["[1, 2]", "[3, 4]"], "20ms", "200ms");
+    assert_eq!(summary["bench"]["wires"]["extrapolated"], 0, "{summary}");
+    assert_eq!(summary["bench"]["bit_for_bit"], true, "{summary}");
+}
+
+/// Whether a SYNC overtakes a state then is up to the machine; that is seen or it has not happened.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn states_without_time_to_settle_are_counted_where_they_come_too_late() {
+    let summary = wired(&["[1, 2]", "[2, 3]", "[3, 4]", "[4, 5]", "[5, 1]"], "1ns", "500ms");
+    let none_late = summary["bench"]["wires"]["extrapolated"] == 0;
+    assert_eq!(summary["bench"]["bit_for_bit"], none_late, "{summary}");
+}
+
+#[test]
+fn between_nodes_that_are_wired_to_each_other_nothing_is_relayed() {
+    let boards = three();
+    let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    // Played boards have one line each, so this wire carries nothing.
+    entries[2].push_str("\n[[wire]]\nbetween = [1, 2]");
+    let bench = Bench::new(SCENARIO, &entries);
+    let ended = bench.run(&["--set", "bus.loss=0.1"]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.err.contains("whose lines are real: bus.loss"), "{}", ended.err);
+    let summary = bench.summary();
+    assert_eq!(summary["bench"]["wires"]["count"], 1);
+    let first = |node: usize| summary["bench"]["nodes"][node]["first_difference"].clone();
+    assert_eq!((first(0), first(1)), (0.into(), 0.into()), "{summary}");
+}
+
+#[test]
+fn a_wire_that_is_no_edge_is_refused_before_any_node_is_touched() {
+    let boards = three();
+    let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    entries[2].push_str("\n[[wire]]\nbetween = [1, 3]");
+    let bench = Bench::new(SCENARIO, &entries);
+    for more in [&[][..], &["--commission"]] {
+        bench
+            .run(more)
+            .failed(2, &["bench.toml:", "wire.between = [1, 3]: must be an edge", "has none between"]);
+    }
+    assert_eq!(boards.map(Board::end), [None; 3]);
+}
+
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
 fn emulators_of_its_own_and_terminals_can_be_mixed() {
