@@ -342,6 +342,28 @@ fn of_what_waits_the_latest_counts_and_a_state_leaves_before_the_sync_that_came_
 }
 
 #[test]
+fn on_a_line_that_is_too_slow_for_both_state_and_sync_take_turns() {
+    let mut junction: Junction<1> = Junction::new();
+    let sent = (1..=6).filter_map(|tick| {
+        assert!(junction.hear(HOST_LINE, &sync(tick), 0));
+        junction.send(&state(0, 0, tick), 0);
+        junction.take(1)
+    });
+    let sent: Vec<_> = sent.collect();
+    assert_eq!(sent, [sync(1), state(0, 0, 2), sync(3), state(0, 0, 4), sync(5), state(0, 0, 6)]);
+}
+
+#[test]
+fn what_makes_a_node_speak_leaves_before_what_it_says() {
+    for cause in [ctrl(Command::Start, 1), sync(3)] {
+        let mut junction: Junction<1> = Junction::new();
+        assert!(junction.hear(HOST_LINE, &cause, 0));
+        junction.send(&state(0, 0, 4), 0);
+        assert_eq!([junction.take(1), junction.take(1)], [Some(cause), Some(state(0, 0, 4))]);
+    }
+}
+
+#[test]
 fn a_command_and_a_fault_overtake_values() {
     let mut junction: Junction<2> = Junction::new();
     junction.send(&state(0, 0, 1), 0);

@@ -486,14 +486,10 @@ fn five_emulated_nodes_behind_pseudo_terminals_run_the_bits_of_loopback() {
 
 /// The five agents on emulators of the bench's own, some of them wired to each other.
 fn wired(wires: &[&str], settle: &str, duration: &str) -> serde_json::Value {
-    let entries = vec!["emulator = true".to_owned(); 5];
-    let wires: String = wires.iter().map(|ids| format!("[[wire]]\nbetween = {ids}\n")).collect();
-    let last = entries.len() - 1;
-    let entries: Vec<_> = entries.iter().enumerate().map(|(n, entry)| match n {
-        _ if n == last => format!("{entry}\n{wires}"),
-        _ => entry.clone(),
-    });
-    let bench = Bench::new(&five(), &entries.collect::<Vec<_>>()).with(&format!("settle = \"{settle}\""));
+    let mut entries = vec!["emulator = true".to_owned(); 5];
+    entries.last_mut().unwrap().push('\n');
+    entries.last_mut().unwrap().extend(wires.iter().map(|ids| format!("[[wire]]\nbetween = {ids}\n")));
+    let bench = Bench::new(&five(), &entries).with(&format!("settle = \"{settle}\""));
     let ended = bench.run(&["--image", IMAGE, "--set", &format!("time.duration={duration}")]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert!(ended.out.contains(" from node to node, "), "{}", ended.out);
