@@ -126,6 +126,22 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Link for Peers<
     }
 }
 
+/// Buffers of a driver, for a line to a neighbour. A longer one to send would hold values that are not the latest any more; the one to receive is 5 ms at 1 Mbit/s.
+pub struct PeerBuffers {
+    transmit: [u8; 64],
+    receive: [u8; 512],
+}
+
+impl PeerBuffers {
+    /// Empty ones.
+    pub const NEW: Self = Self { transmit: [0; 64], receive: [0; 512] };
+
+    /// The one to send, and the one to receive.
+    pub fn halves(&mut self) -> (&mut [u8], &mut [u8]) {
+        (&mut self.transmit, &mut self.receive)
+    }
+}
+
 /// Whether a message is for the node, which is told where there was no room to pass it on.
 fn hear<const PEERS: usize>(junction: &mut Junction<PEERS>, line: usize, message: &Message) -> bool {
     let before = junction.dropped();
