@@ -1,5 +1,5 @@
 #!/bin/sh
-# The first process of the guest kernel: a virtual CAN bus, the job on it, and the end of the guest.
+# The first process of the guest kernel: virtual CAN buses, the job on them, and the end of the guest.
 #
 # The host's files are all there, and none can be written but those of the work folder, which is mounted on /mnt. A kernel that is
 # a process gives no exit status, so it goes into a file, which appears whole. WORK and SECONDS_LEFT come from the kernel's command line.

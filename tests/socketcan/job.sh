@@ -1,5 +1,5 @@
 #!/bin/sh
-# The benches that sim-host/tests/socketcan.rs judges, on vcan0, with its files in the work folder.
+# The benches that sim-host/tests/socketcan judges, on vcan0 and vcan1, with its files in the work folder.
 # The program is $1; the folder with the scenarios is $2.
 program=$1 scenarios=$2
 
@@ -17,6 +17,9 @@ process_of() {
     done
 }
 
+# The scenario $1, expecting nothing.
+unjudged() { sed '/^\[expect\]/,/^$/d' "$scenarios/$1"; }
+
 # Where a reference is expected, it is computed first, while the nodes wait.
 sed '/^reference_error/d' "$scenarios/five-agents.toml" >five.toml
 
@@ -29,7 +32,7 @@ sleep 0.2
 kill $listener
 
 # States of two components in frames of CAN FD, and the same on a bus that cannot.
-sed '/^\[expect\]/,/^$/d' "$scenarios/vector-oscillators.toml" >vector.toml
+unjudged vector-oscillators.toml >vector.toml
 candump -L vcan0 >candump-fd.log &
 listener=$!
 sleep 0.5
@@ -39,8 +42,38 @@ kill $listener
 benches=fd-mixed.toml bench fd-mixed vector.toml --set time.duration=200ms
 benches=no-fd.toml bench no-fd vector.toml --set time.duration=200ms
 
-# Two nodes on lines of their own, three on the bus.
-benches=mixed.toml bench mixed five.toml --set time.duration=200ms
+# Two nodes on lines of their own, three on the bus; for more ticks than the eight bits of a classic frame tell apart.
+benches=mixed.toml bench mixed five.toml --set time.duration=600ms
+
+# Two nodes on each of two buses, and one on a line.
+candump -L vcan0 >candump-two-0.log &
+listeners=$!
+candump -L vcan1 >candump-two-1.log &
+listeners="$listeners $!"
+sleep 0.5
+benches=two.toml bench two five.toml --set time.duration=600ms
+sleep 0.2
+kill $listeners
+
+# Nodes that tick by their own clock: all on one bus, with somebody listening; no two neighbours on the same bus; two on lines in CAN FD.
+# Ticks are long, since a guest kernel on a busy computer keeps a process waiting for a tenth of a second; nothing is expected of a node that
+# then is late, but that it is counted.
+unjudged five-agents.toml >unjudged.toml
+unjudged five-agents-path.toml >path.toml
+candump -L vcan0 >candump-own.log &
+listener=$!
+sleep 0.5
+benches=own.toml bench own unjudged.toml --set time.tick=50ms --set time.duration=3s --every 50ms
+sleep 0.2
+kill $listener
+benches=own-apart.toml bench own-apart path.toml --set time.tick=50ms --set time.duration=3s --set bus.latency=25ms
+benches=own-fd-mixed.toml bench own-fd-mixed vector.toml --set time.tick=50ms --set time.duration=3s
+
+# Whoever is on the bus can stop it, without the program.
+benches=own.toml bench halted five.toml --set time.tick=50ms --set time.duration=10min &
+sleep 2
+cansend vcan0 000#02000000
+wait $!
 
 # What a real bus does not do is skipped, and said to be.
 bench skipped "$scenarios/lossy-ring.toml" --set graph.nodes=5 --set time.duration=100ms

@@ -1,6 +1,5 @@
 //! Whose clock the nodes of a bench tick by, and for how long clocks of their own agree.
 
-use super::file::BenchNode;
 use crate::hub::OnLoss;
 use crate::scenario::Problem;
 use crate::scenario::reader::{Choice, Log, ready};
@@ -24,17 +23,11 @@ pub enum Clock {
 }
 
 /// Reports what does not go together with clocks of their own, at the key.
-pub(super) fn check(key: &Item, on_loss: OnLoss, nodes: &[BenchNode], log: &Log) {
-    let refuse = |why: &str| log.report(key.diagnostic(Problem::Value, why));
+pub(super) fn check(key: &Item, on_loss: OnLoss, log: &Log) {
     if on_loss == OnLoss::GoOn {
-        refuse(
+        log.report(key.diagnostic(Problem::Value,
             "must be \"host\" with on_loss = \"go-on\": a start cannot tell a node the tick that the others are at",
-        );
-    }
-    if nodes.iter().any(|node| node.can) {
-        refuse(
-            "must be \"host\" with nodes on CAN: this version carries frames in real time between lines only",
-        );
+        ));
     }
 }
 
@@ -71,9 +64,6 @@ mod tests {
     fn what_does_not_go_together_with_clocks_of_their_own_is_refused() {
         let error = parse("clock = \"own\"\non_loss = \"go-on\"").unwrap_err();
         assert!(error.contains("bench.toml:2:9: clock = \"own\": must be \"host\" with on_loss"), "{error}");
-        let node = "[[node]]\nid = 2\nhost = true\ncan = true";
-        let error = parse(&format!("clock = \"own\"\ncan = \"can0\"\n{node}")).unwrap_err();
-        assert!(error.contains("must be \"host\" with nodes on CAN"), "{error}");
         assert!(parse("clock = \"host\"\non_loss = \"go-on\"").is_ok());
     }
 

@@ -4,7 +4,7 @@ use super::clock::{self, CLOCKS, Clock};
 use super::wires::{self, Wire};
 use crate::hub::{OnLoss, Patience};
 use crate::scenario::reader::{Choice, Log, Section, ready};
-use crate::scenario::tree::{self, Item};
+use crate::scenario::tree::{self, Item, Value};
 use crate::scenario::{Diagnostic, Diagnostics, LARGEST_RUN, Problem, Scenario, read_text};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -43,8 +43,8 @@ pub struct BenchNode {
     pub at: Where,
     /// The unique number that its chip must have.
     pub uid: Option<u64>,
-    /// Its states travel on the file's CAN interface, and only the service plane on its line.
-    pub can: bool,
+    /// The CAN interface of the file that its states travel on; then only the service plane is on its line.
+    pub can: Option<String>,
     /// File that a process keeps its configuration in.
     pub storage: Option<PathBuf>,
 }
@@ -62,9 +62,9 @@ pub struct BenchFile {
     pub on_loss: OnLoss,
     /// Whose clock the nodes tick by.
     pub clock: Clock,
-    /// The CAN interface of this computer, for the nodes that are on CAN.
-    pub can: Option<String>,
-    /// Frames on it are those of CAN FD.
+    /// The CAN interfaces of this computer, for the nodes that are on CAN.
+    pub can: Vec<String>,
+    /// Frames on them are those of CAN FD.
     pub can_fd: bool,
     /// The nodes, in the order of the file.
     pub nodes: Vec<BenchNode>,
@@ -101,9 +101,9 @@ impl BenchFile {
         };
         let on_loss = file.choice("on_loss", &ON_LOSS, Some(OnLoss::Stop)).unwrap_or_default();
         let clock = file.choice("clock", &CLOCKS, Some(Clock::Host)).unwrap_or_default();
-        let can = file.text("can");
+        let can = file.value("can", Vec::new(), read_interfaces);
         let can_fd = file.value("can_fd", false, |item| must_be_true(item).map(|()| true));
-        if let Some(key) = root.get("can_fd").filter(|_| can_fd && can.is_none()) {
+        if let Some(key) = root.get("can_fd").filter(|_| can_fd && root.get("can").is_none()) {
             let allowed = "must come with can, the name of an interface such as \"can0\"";
             log.report(key.diagnostic(Problem::Value, allowed));
         }
@@ -115,13 +115,13 @@ impl BenchFile {
             );
         }
         let nodes: Vec<_> =
-            items.iter().filter_map(|item| Some((item, read_node(item, can.is_some(), &log)?))).collect();
+            items.iter().filter_map(|item| Some((item, read_node(item, &can, &log)?))).collect();
         distinct(&nodes, &log);
         let nodes: Vec<_> = nodes.into_iter().map(|(_, node)| node).collect();
         let (wires, settle) = wires::read(&mut file, &nodes, clock);
         file.finish();
         if let Some(key) = root.get("clock").filter(|_| clock == Clock::Own) {
-            clock::check(key, on_loss, &nodes, &log);
+            clock::check(key, on_loss, &log);
         }
         log.checkpoint()?;
         Ok(Self {
@@ -144,9 +144,11 @@ impl BenchFile {
         self.nodes.iter().find(|node| node.id == id)
     }
 
-    /// The interface that a node's states travel on.
-    pub fn can_of(&self, node: &BenchNode) -> Option<&str> {
-        self.can.as_deref().filter(|_| node.can)
+    /// The CAN interfaces that one of `ids` is on, in the order of the file.
+    pub fn interfaces(&self, ids: &[u8]) -> Vec<&String> {
+        let nodes: Vec<_> = ids.iter().filter_map(|&id| self.node(id)).collect();
+        let is_used = |interface: &&String| nodes.iter().any(|node| node.can.as_ref() == Some(interface));
+        self.can.iter().filter(is_used).collect()
     }
 
     /// Whether these two nodes are wired to each other.
@@ -190,14 +192,14 @@ impl BenchFile {
     }
 }
 
-fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
+fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode> {
     let mut section = Section::open(item, log)?;
     let id = section.integer("id", None, (1, LARGEST_RUN as u64), "the node's id in the scenario");
     let serial = section.text("serial").map(Where::Serial);
     let usb_serial = section.text("usb_serial").map(Where::UsbSerial);
     let emulator = section.value("emulator", None, |item| must_be_true(item).map(|()| Some(Where::Emulator)));
     let host = section.value("host", None, |item| must_be_true(item).map(|()| Some(Where::Host)));
-    let can = section.value("can", false, |item| must_be_true(item).map(|()| true));
+    let can = section.value("can", None, |item| which_interface(item, interfaces).map(Some));
     let storage = section.text("storage").map(PathBuf::from);
     if let (Some(item), None) = (item.get("storage"), host.as_ref()) {
         let allowed = "must come with host = true: boards have a storage of their own";
@@ -209,11 +211,8 @@ fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
             uid.diagnostic(Problem::Value, "must not be there with emulator = true: it has no number"),
         );
     }
-    if let (Some(item), true) = (item.get("can"), can && (emulator.is_some() || !has_can)) {
-        let allowed = match has_can {
-            true => "must not be there with emulator = true: the emulated board has no CAN controller",
-            false => "must come with the file's can, the name of an interface such as \"can0\"",
-        };
+    if let (Some(item), true) = (item.get("can"), can.is_some() && emulator.is_some()) {
+        let allowed = "must not be there with emulator = true: the emulated board has no CAN controller";
         log.report(item.diagnostic(Problem::Value, allowed));
     }
     let mut places = [serial, usb_serial, emulator, host].into_iter().flatten();
@@ -235,6 +234,42 @@ fn read_node(item: &Item, has_can: bool, log: &Log) -> Option<BenchNode> {
     section.finish();
     // Within 1 to LARGEST_RUN.
     Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can, storage })
+}
+
+/// The file's interfaces: a name, or several in an array.
+fn read_interfaces(item: &Item) -> Result<Vec<String>, Box<Diagnostic>> {
+    let allowed = "must be the name of a CAN interface, such as \"can0\", or an array of several, each once";
+    let wrong = |item: &Item| item.diagnostic(Problem::Value, allowed);
+    let items = match &item.value {
+        Value::Array(items) if !items.is_empty() => items.as_slice(),
+        _ => std::slice::from_ref(item),
+    };
+    let mut names: Vec<String> = Vec::new();
+    for item in items {
+        match item.text() {
+            Some(name) if !name.is_empty() && !names.iter().any(|other| other == name) => {
+                names.push(name.to_owned());
+            }
+            _ => return Err(wrong(item)),
+        }
+    }
+    Ok(names)
+}
+
+/// The interface that a node is on: one of the file's by its name, or the file's only one.
+fn which_interface(item: &Item, interfaces: &[String]) -> Result<String, Box<Diagnostic>> {
+    let named = interfaces.iter().find(|name| item.text() == Some(name));
+    let only = interfaces.first().filter(|_| item.raw == "true" && interfaces.len() == 1);
+    if let Some(name) = named.or(only) {
+        return Ok(name.clone());
+    }
+    let names = || interfaces.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+    let allowed = match interfaces {
+        [] => "must come with the file's can, the name of an interface such as \"can0\"".to_owned(),
+        [name] => format!("must be true or {name:?}, or left out"),
+        _ => format!("must be one of the file's interfaces {}, or left out", names()),
+    };
+    Err(item.diagnostic(Problem::Value, allowed))
 }
 
 fn must_be_true(item: &Item) -> Result<(), Box<Diagnostic>> {
@@ -289,7 +324,7 @@ mod tests {
     fn every_way_to_reach_a_node_is_read() {
         let file = BenchFile::parse(FILE, Path::new("bench.toml")).unwrap();
         assert_eq!((file.baud, file.answer), (115_200, Duration::from_secs(2)));
-        let node = |id, at, uid| BenchNode { id, at, uid, can: false, storage: None };
+        let node = |id, at, uid| BenchNode { id, at, uid, can: None, storage: None };
         let expected = [
             node(1, Where::Serial("/dev/ttyACM0".into()), Some(0x0123_4567_89AB_CDEF)),
             node(2, Where::UsbSerial("066AFF".into()), None),
@@ -306,9 +341,38 @@ mod tests {
         let can =
             can.replace("emulator = true", "host = true\ncan = true").replace("AFF\"", "AFF\"\ncan = true");
         let can = BenchFile::parse(&can, Path::new("bench.toml")).unwrap();
-        assert_eq!(can.can.as_deref(), Some("can0"));
-        assert_eq!(can.nodes.iter().map(|node| node.can).collect::<Vec<_>>(), [false, true, true]);
+        assert_eq!((can.can.as_slice(), can.can_fd), (&["can0".to_owned()][..], false));
+        let on = |file: &BenchFile| file.nodes.iter().map(|node| node.can.clone()).collect::<Vec<_>>();
+        assert_eq!(on(&can), [None, Some("can0".into()), Some("can0".into())]);
         assert_eq!(can.nodes[2].at, Where::Host);
+    }
+
+    #[test]
+    fn nodes_are_on_one_of_several_interfaces() {
+        let two = FILE.replacen("version = 1", "version = 1\ncan = [\"can0\", \"can1\"]\ncan_fd = true", 1);
+        let two = two.replace("emulator = true", "host = true\ncan = \"can1\"");
+        let file = BenchFile::parse(&two, Path::new("bench.toml")).unwrap();
+        assert_eq!((file.can.len(), file.can_fd), (2, true));
+        assert_eq!(file.nodes[2].can.as_deref(), Some("can1"));
+        // Only those that are needed.
+        assert_eq!(
+            (file.interfaces(&[1, 2, 3]), file.interfaces(&[1, 2])),
+            (vec![&"can1".to_owned()], vec![])
+        );
+        let cases = [
+            (("can = \"can1\"", "can = true"), "must be one of the file's interfaces \"can0\", \"can1\""),
+            (("can = \"can1\"", "can = \"can2\""), "node.3.can = \"can2\": must be one of the file's"),
+            (("\"can0\", \"can1\"]", "\"can1\", \"can1\"]"), "or an array of several, each once"),
+            (("[\"can0\", \"can1\"]", "[]"), "must be the name of a CAN interface"),
+            (("[\"can0\", \"can1\"]", "7"), "can = 7: must be the name of a CAN interface"),
+            (("[\"can0\", \"can1\"]", "\"can0\""), "node.3.can = \"can1\": must be true or \"can0\""),
+            (("can = [\"can0\", \"can1\"]\n", ""), "can_fd = true: must come with can"),
+        ];
+        for ((from, to), expected) in cases {
+            assert!(two.contains(from), "{from}");
+            let text = errors(&two.replacen(from, to, 1));
+            assert!(text.contains(expected), "no '{expected}' in: {text}");
+        }
     }
 
     #[test]

@@ -21,23 +21,18 @@ struct HostProcess {
     errors: File,
 }
 
-/// Starts the node of this entry, on the interface `can` if there is one, in frames of CAN FD if `fd`. Its chip's number is its id.
+/// Starts the node of this entry, on CAN if it is on an interface, in frames of CAN FD if `fd`. Its chip's number is its id.
 ///
 /// # Errors
 /// The operating system's.
-pub fn attach(
-    node: &BenchNode,
-    can: Option<&str>,
-    fd: bool,
-    options: &EmulatorOptions,
-) -> Result<Attached, HubError> {
+pub fn attach(node: &BenchNode, fd: bool, options: &EmulatorOptions) -> Result<Attached, HubError> {
     let (ours, theirs) = UnixStream::pair().map_err(HubError::io("make a pair of sockets"))?;
     let slow = ours.set_read_timeout(Some(SLICE)).and_then(|()| ours.set_write_timeout(Some(SLICE)));
     slow.map_err(HubError::io("use a pair of sockets"))?;
     let program = std::env::current_exe().map_err(HubError::io("find this program"))?;
     let mut command = Command::new(program);
     command.args(["node", "--inherited", "--uid", &format!("{:x}", node.id)]);
-    if let Some(interface) = can {
+    if let Some(interface) = &node.can {
         command.args(["--can", interface]).args(fd.then_some("--can-fd"));
     }
     if let Some(storage) = &node.storage {

@@ -23,18 +23,17 @@ use crate::can::{CanPort, Own};
 use crate::emulator::{self, EmulatorOptions, Sockets};
 use crate::hub::{Attached, CanSide, HubError};
 
-/// Opens the CAN interface of the file, if one of `ids` is on it.
+/// Opens those CAN interfaces of the file that one of `ids` is on, in the order of the file.
 ///
 /// # Errors
-/// It cannot be used.
-pub fn can_side(file: &BenchFile, ids: &[u8]) -> Result<Option<CanSide>, HubError> {
-    let Some(interface) = &file.can else { return Ok(None) };
-    if !ids.iter().filter_map(|&id| file.node(id)).any(|node| node.can) {
-        return Ok(None);
-    }
-    let port = CanPort::open(interface, Own::Heard, file.can_fd);
-    let port = port.map_err(|error| HubError::NoCan { problem: error.to_string() })?;
-    Ok(Some(CanSide::new(interface.clone(), port, file.can_fd)))
+/// The first that cannot be used.
+pub fn can_sides(file: &BenchFile, ids: &[u8]) -> Result<Vec<CanSide>, HubError> {
+    let open = |interface: &String| {
+        let port = CanPort::open(interface, Own::Heard, file.can_fd);
+        let port = port.map_err(|error| HubError::NoCan { problem: error.to_string() })?;
+        Ok(CanSide::new(interface.clone(), port, file.can_fd))
+    };
+    file.interfaces(ids).into_iter().map(open).collect()
 }
 
 /// Opens what the bench file names for `ids`, in that order; other entries of the file are left alone.
@@ -53,7 +52,7 @@ pub fn attach(file: &BenchFile, ids: &[u8], options: &EmulatorOptions) -> Result
     for node in ids.iter().filter_map(|&id| file.node(id)) {
         let one = match &node.at {
             Where::Emulator => vec![emulator::attach_wired(node.id, &sockets, options)?],
-            Where::Host => vec![host::attach(node, file.can_of(node), file.can_fd, options)?],
+            Where::Host => vec![host::attach(node, file.can_fd, options)?],
             Where::Serial(path) => vec![port::attach(node, path, file.baud, &options.interrupt)?],
             Where::UsbSerial(number) => {
                 let path = port::find(node.id, number)?;

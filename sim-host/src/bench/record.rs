@@ -1,4 +1,4 @@
-//! `can.log`: every frame that was on the bus, as `candump -L` writes it. `bench.csv`: when the host sent and read what belongs to each tick of each node.
+//! `can.log`: every frame that was on a bus, as `candump -L` writes it. `bench.csv`: when the host sent and read what belongs to each tick of each node.
 
 use crate::can::Heard;
 use crate::hub::Stamps;
@@ -55,7 +55,7 @@ fn seconds(stamp: Option<Duration>) -> String {
     stamp.map_or(String::new(), |stamp| format!("{:.6}", stamp.as_secs_f64()))
 }
 
-/// Writes the bus's frames line by line; it gets its name on [`finish`](Self::finish).
+/// Writes the buses' frames line by line; it gets its name on [`finish`](Self::finish).
 pub struct CanLog(AtomicFile);
 
 impl CanLog {
@@ -67,12 +67,15 @@ impl CanLog {
         AtomicFile::create(path).map(Self)
     }
 
-    /// Appends what was heard on `interface`.
+    /// Appends what was heard, each with its interface.
     ///
     /// # Errors
     /// [`RecordError`].
-    pub fn heard(&mut self, interface: &str, heard: &[Heard]) -> Result<(), RecordError> {
-        let mut lines = heard.iter().filter_map(|heard| heard.log_line(interface));
+    pub fn heard<'a>(
+        &mut self,
+        heard: impl IntoIterator<Item = (&'a str, &'a Heard)>,
+    ) -> Result<(), RecordError> {
+        let mut lines = heard.into_iter().filter_map(|(interface, heard)| heard.log_line(interface));
         self.0.write(|out| lines.try_for_each(|line| writeln!(out, "{line}")))
     }
 

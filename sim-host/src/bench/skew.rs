@@ -5,7 +5,7 @@ use std::time::Duration;
 
 /// The largest time between the first and the last node that sent what a tick came to.
 ///
-/// As the host has read them, with the spread of the start, the ways of the frames and what the host's system takes: all of this
+/// As the host has read them, or by the time on their bus where they are on CAN, with the spread of the start, the ways of the frames and what the host's system takes: all of this
 /// shortens the time that a frame has to reach its tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skew {
@@ -16,7 +16,7 @@ pub struct Skew {
 impl Skew {
     /// Takes the stamps of a tick; nodes that were lost or have stopped have none.
     pub fn tick(&mut self, k: u64, stamps: &[Stamps]) {
-        let times = || stamps.iter().filter_map(|stamps| stamps.state);
+        let times = || stamps.iter().filter_map(|stamps| stamps.bus.or(stamps.state));
         let (Some(first), Some(last)) = (times().min(), times().max()) else { return };
         let skew = last - first;
         if self.largest.is_none_or(|(_, largest)| skew > largest) {

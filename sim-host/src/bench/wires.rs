@@ -104,8 +104,8 @@ fn refusal(wire: &Wire, before: &[&Wire], nodes: &[BenchNode], clock: Clock) -> 
         let Some(node) = nodes.iter().find(|node| node.id == id) else {
             return Some(format!("must be nodes of the file; there is no [[node]] with id {id}"));
         };
-        if node.at == Where::Host || node.can {
-            let why = if node.can { "has its states on CAN" } else { "is a process with one line" };
+        if node.at == Where::Host || node.can.is_some() {
+            let why = if node.can.is_some() { "has its states on CAN" } else { "is a process with one line" };
             return Some(format!("must be boards with lines to neighbours, or emulators; node {id} {why}"));
         }
         let wired = before.iter().filter(|other| other.ends().contains(&id)).count();

@@ -130,7 +130,7 @@ impl Hub {
         node.link.write(&serial::encode(&START))?;
         node.stopped = false;
         node.next_state = config.initial_state.to_vec();
-        if node.on_can {
+        if node.on_can.is_some() {
             // Stamped tick 0, which nobody could use any more.
             return (0..config.initial_state.len()).try_for_each(|_| self.wait_on_can(index).map(|_| ()));
         }

@@ -25,6 +25,8 @@ pub struct Halted {
 impl Hub {
     /// Tells all nodes to stop, first, and only then waits for each to confirm it, a second at most for all of them.
     pub fn halt(&mut self) -> Halted {
+        // Whether or not it is there any more; their lines are told, too.
+        let _ = self.stop_on_can();
         let ask = |node: &mut super::HubNode| {
             node.link.hurry(WRITE);
             node.link.write(&serial::encode(&STOP)).and_then(|()| node.link.request(&Request::Report))

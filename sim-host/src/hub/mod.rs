@@ -98,8 +98,8 @@ struct HubNode {
     config: NodeConfig,
     /// Set while it is lost and the others go on.
     away: Option<Away>,
-    /// Its states travel on CAN.
-    on_can: bool,
+    /// The bus that its states travel on, by index; `None` for one that is on its line only.
+    on_can: Option<usize>,
     /// State at the tick that comes next, by component.
     next_state: Vec<f32>,
     /// It has said that it stopped, and is not waited for any more.
@@ -143,7 +143,8 @@ pub struct Hub {
     begin: Instant,
     /// The same instant by the clock that the kernel stamps frames with.
     begin_on_bus: SystemTime,
-    can: Option<CanSide>,
+    /// The buses of nodes on CAN.
+    can: Vec<CanSide>,
     /// Time before each SYNC for states on lines from node to node, where there are some.
     settle: Option<Duration>,
     /// Where nodes do not tick by SYNC.
@@ -175,7 +176,7 @@ impl Hub {
                 identity: None,
                 config: config.clone(),
                 away: None,
-                on_can: false,
+                on_can: None,
                 next_state,
                 stopped: false,
                 ticked: false,
@@ -201,7 +202,7 @@ impl Hub {
             tick: 0,
             begin,
             begin_on_bus: SystemTime::now(),
-            can: None,
+            can: Vec::new(),
             settle: None,
             own: None,
             stamps,
@@ -235,7 +236,7 @@ impl Hub {
     fn announce(&mut self) -> Result<(), HubError> {
         (self.begin, self.begin_on_bus) = (Instant::now(), SystemTime::now());
         self.say_on_can(&START)?;
-        for node in self.nodes.iter_mut().filter(|node| !node.on_can) {
+        for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none()) {
             node.link.write(&serial::encode(&START))?;
         }
         for index in 0..self.nodes.len() {
@@ -305,7 +306,7 @@ impl Hub {
             return Ok(());
         }
         if !node.stopped {
-            if !node.on_can {
+            if node.on_can.is_none() {
                 node.link.queue(&sync);
             }
             stamps.sync = Some(self.begin.elapsed());
@@ -323,6 +324,7 @@ impl Hub {
 
     fn stop(&mut self) -> Result<Vec<Report>, HubError> {
         // All of them first: nodes with clocks of their own tick on until they hear it.
+        self.stop_on_can()?;
         for index in 0..self.nodes.len() {
             let told = self.tell_to_stop(index);
             told.or_else(|error| self.lose(index, error))?;
@@ -333,6 +335,7 @@ impl Hub {
             let reported = self.ask_for_report(index);
             reports.push(reported.or_else(|error| self.lose(index, error).map(|()| Report::default()))?);
         }
+        self.listen_on_can()?;
         Ok(reports)
     }
 
@@ -418,17 +421,21 @@ impl Hub {
     }
 
     fn deliver_before(&mut self, now: u64) -> Result<(), HubError> {
-        let mut for_can = Vec::new();
         while self.bus.next_arrival().is_some_and(|at| at < now) {
+            // Several receivers on a bus are one.
+            let mut for_can: Vec<(usize, FrameBytes)> = Vec::new();
             let nodes = &mut self.nodes;
-            self.bus.deliver(|receiver, frame| match nodes.get_mut(receiver) {
-                Some(node) if node.away.is_some() => {}
-                Some(node) if node.on_can => for_can.push(frame.clone()),
-                Some(node) => node.link.queue(frame),
-                None => {}
+            self.bus.deliver(|receiver, frame| {
+                let Some(node) = nodes.get_mut(receiver).filter(|node| node.away.is_none()) else { return };
+                match node.on_can {
+                    None => node.link.queue(frame),
+                    Some(bus) if for_can.iter().any(|&(other, _)| other == bus) => {}
+                    Some(bus) => for_can.push((bus, frame.clone())),
+                }
             });
+            for_can.iter().try_for_each(|(bus, frame)| self.relay_to_can(*bus, frame))?;
         }
-        self.relay_to_can(&for_can)
+        Ok(())
     }
 
     /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
@@ -437,8 +444,8 @@ impl Hub {
         while left > 0 {
             let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { break };
             let message = match node.on_can {
-                true => self.wait_on_can(index)?.0,
-                false => node.link.wait_for(self.patience.answer, "state", announcement)?,
+                Some(_) => self.wait_on_can(index)?.0,
+                None => node.link.wait_for(self.patience.answer, "state", announcement)?,
             };
             // A warning says nothing about the state.
             left -= usize::from(matches!(message, Message::State { .. }));
@@ -456,7 +463,7 @@ impl Hub {
         node.ticked = false;
         (node.states, node.telemetries) = (0, 0);
         let state = node.next_state.clone();
-        if node.on_can {
+        if node.on_can.is_some() {
             self.take_states_on_can(index, now)?;
         }
         loop {
@@ -467,7 +474,7 @@ impl Hub {
             let awaited = if node.ticked { "telemetry" } else { "state" };
             match node.link.wait_for(self.patience.answer, awaited, Some)? {
                 // A fault, which most often has been heard on the bus. A twin's state there may have been taken for the node's.
-                Received::Message(message) if node.on_can => {
+                Received::Message(message) if node.on_can.is_some() => {
                     if matches!(message, Message::Fault { .. }) && !node.stopped {
                         self.take_message(index, message, now);
                     }
@@ -552,6 +559,13 @@ impl Hub {
         self.put_on_bus(index, message, now);
     }
 
+    /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
+    fn rebuilt(&self, index: usize, stamp: TickStamp) -> Option<u32> {
+        let telling = self.own.as_ref().map_or(self.tick, |own| own.telling(index));
+        let awaited = telling.wrapping_add(1);
+        stamp.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
+    }
+
     fn note_fault(&mut self, index: usize, code: FaultCode, severity: Severity, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         node.stopped = severity == Severity::Stopped;
@@ -560,12 +574,18 @@ impl Hub {
         }
     }
 
-    fn put_on_bus(&mut self, index: usize, message: Message, now: u64) {
+    /// A stamp of eight bits, from CAN, would be taken for a whole one by who reads sixteen, so what is relayed has its whole tick.
+    fn put_on_bus(&mut self, index: usize, mut message: Message, now: u64) {
+        if let Message::State { tick, .. } | Message::Fault { tick, .. } = &mut message {
+            *tick = self.rebuilt(index, *tick).map_or(*tick, TickStamp::full);
+        }
         let message = self.noise.disturb(index, message);
         self.bus.send(now, index, serial::encode(&message));
     }
 }
 
+/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
+const STAMP_REACH: u32 = 100;
 /// Begins the run on every node.
 const START: Message = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
 /// Ends the run on every node.

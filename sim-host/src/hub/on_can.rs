@@ -1,7 +1,7 @@
-//! Nodes whose states travel on CAN, with this program as one more participant of their bus.
+//! Nodes whose states travel on CAN, with this program as one more participant of their buses.
 //!
-//! They hear each other without it. It says START and SYNC there, hears every state, and relays to and from nodes that are on serial
-//! lines only. SYNC of a tick follows all states of that tick on the one bus, so every node has heard them before it: lockstep has the
+//! Those of one bus hear each other without it. It says START and SYNC on each, hears every state, and relays to and from nodes that are on
+//! another bus or on serial lines only. SYNC of a tick follows all states of that tick on the one bus, so every node has heard them before it: lockstep has the
 //! bits of loopback here too (docs/notes/2026-11-24-real-nodes.md).
 
 use super::{FrameBytes, Hub, HubError, HubNode, Received, SLICE};
@@ -9,6 +9,8 @@ use crate::can::{AnyFormat, CanPort, Heard, Traffic};
 use funnel_protocol::message::{Message, NodeId};
 use funnel_protocol::serial::{self, Frame};
 use std::collections::{BTreeMap, VecDeque};
+use std::io;
+use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 /// How long the host waits for room in its transmit queue: some 500 frames at the lowest bit rate.
@@ -23,23 +25,27 @@ pub struct CanCounts {
     pub strangers: u64,
     /// Frames that are none of the real-time plane.
     pub unreadable: u64,
+    /// States that were not relayed in a frame of CAN FD, since a component of them was lost on its way here.
+    pub incomplete: u64,
     /// Errors that the controller reported, and the last of them.
     pub errors: (u64, Option<String>),
 }
 
-/// The bus as this program sees it.
+/// A bus as this program sees it.
 pub struct CanSide {
     interface: String,
-    port: CanPort,
+    port: Arc<CanPort>,
     /// What is said and what is heard; two of them, since each may have begun something.
     saying: AnyFormat,
     hearing: AnyFormat,
-    /// By source: nodes of this run on CAN.
+    /// By source: nodes of this run on this bus.
     heard: BTreeMap<u8, VecDeque<(Message, SystemTime)>>,
-    /// Nodes of this run on serial lines: what is heard from them was said by this program.
+    /// Nodes of this run elsewhere: what is heard from them was said by this program.
     relayed: Vec<u8>,
-    /// Frames of this tick that were relayed to CAN: several receivers are one there.
-    said: Vec<FrameBytes>,
+    /// Components of a state.
+    components: usize,
+    /// By source: components of a state that is to be relayed in one frame and of which not all have come.
+    incomplete: BTreeMap<u8, Vec<Message>>,
     counts: CanCounts,
     /// What was heard and not [taken](Hub::take_heard) yet.
     log: Vec<Heard>,
@@ -50,18 +56,19 @@ impl CanSide {
     pub fn new(interface: String, port: CanPort, fd: bool) -> Self {
         Self {
             interface,
-            port,
+            port: Arc::new(port),
             saying: AnyFormat::new(fd),
             hearing: AnyFormat::new(fd),
             heard: BTreeMap::new(),
             relayed: Vec::new(),
-            said: Vec::new(),
+            components: 1,
+            incomplete: BTreeMap::new(),
             counts: CanCounts::default(),
             log: Vec::new(),
         }
     }
 
-    fn failed(&self, source: std::io::Error) -> HubError {
+    fn failed(&self, source: io::Error) -> HubError {
         HubError::Can { interface: self.interface.clone(), source }
     }
 
@@ -77,27 +84,65 @@ impl CanSide {
         self.port.send_all(last.as_slice(), ROOM).map_err(|error| self.failed(error))
     }
 
-    /// What a frame from a serial line says to the nodes on CAN, if that is the host's to relay and was not said yet.
-    fn take_for_relay(&mut self, frame: &FrameBytes) -> Option<Message> {
-        if self.said.contains(frame) {
-            return None;
-        }
+    /// Says what a frame from elsewhere says, if that is the host's to relay.
+    fn relay(&mut self, frame: &FrameBytes) -> Result<(), HubError> {
         let mut bytes = frame.clone();
         // Without its final zero, as this program has encoded it.
         bytes.pop();
-        let Ok(Frame::RealTime(message)) = serial::decode(&mut bytes) else { return None };
-        if self.heard.contains_key(&source(&message)?.get()) {
-            return None;
+        let Ok(Frame::RealTime(message)) = serial::decode(&mut bytes) else { return Ok(()) };
+        if source(&message).is_none_or(|source| self.heard.contains_key(&source.get())) {
+            return Ok(());
         }
-        self.said.push(frame.clone());
-        Some(message)
+        let complete = self.complete(message);
+        complete.iter().try_for_each(|message| self.say(message))?;
+        self.finish()
+    }
+
+    /// What can be said with this message: in CAN FD a state waits for its last component, since a frame has all of them.
+    fn complete(&mut self, message: Message) -> Vec<Message> {
+        let (AnyFormat::Fd(_), Message::State { source, tick, .. }) = (&self.saying, message) else {
+            return vec![message];
+        };
+        let state = self.incomplete.entry(source.get()).or_default();
+        // A component of the tick before was lost on its way, and with it the frame.
+        if state
+            .first()
+            .is_some_and(|first| matches!(*first, Message::State { tick: first, .. } if first != tick))
+        {
+            state.clear();
+            self.counts.incomplete += 1;
+        }
+        state.push(message);
+        if state.len() < self.components {
+            return Vec::new();
+        }
+        // Whatever was delayed.
+        state.sort_by_key(component);
+        std::mem::take(state)
+    }
+
+    /// The port, for a thread that listens.
+    pub(super) fn port(&self) -> Arc<CanPort> {
+        Arc::clone(&self.port)
+    }
+
+    /// Takes what a thread has heard.
+    pub(super) fn take(&mut self, heard: io::Result<Heard>) -> Result<(), HubError> {
+        let heard = heard.map_err(|error| self.failed(error))?;
+        self.sort(&heard);
+        self.log.push(heard);
+        Ok(())
+    }
+
+    /// The next message of a node on this bus that nobody has taken, with its bus time.
+    fn next_of(&mut self, id: u8) -> Option<(Message, SystemTime)> {
+        self.heard.get_mut(&id)?.pop_front()
     }
 
     /// Takes everything that has come.
     fn listen(&mut self) -> Result<(), HubError> {
-        while let Some(heard) = self.port.receive().map_err(|error| self.failed(error))? {
-            self.sort(&heard);
-            self.log.push(heard);
+        while let Some(heard) = self.port.receive().transpose() {
+            self.take(heard)?;
         }
         Ok(())
     }
@@ -133,63 +178,80 @@ impl CanSide {
 }
 
 impl Hub {
-    /// With those nodes on this bus whose index `on_can` holds for.
-    pub fn with_can(mut self, mut side: CanSide, on_can: impl Fn(usize) -> bool) -> Self {
+    /// With these buses; `on_can` says which of them a node is on, both by index.
+    pub fn with_can(mut self, mut sides: Vec<CanSide>, on_can: impl Fn(usize) -> Option<usize>) -> Self {
         for (index, node) in self.nodes.iter_mut().enumerate() {
             node.on_can = on_can(index);
-            match node.on_can {
-                true => drop(side.heard.insert(node.link.id(), VecDeque::new())),
-                false => side.relayed.push(node.link.id()),
+            for (bus, side) in sides.iter_mut().enumerate() {
+                side.components = node.next_state.len();
+                match node.on_can == Some(bus) {
+                    true => drop(side.heard.insert(node.link.id(), VecDeque::new())),
+                    false => side.relayed.push(node.link.id()),
+                }
             }
         }
-        Self { can: Some(side), ..self }
+        Self { can: sides, ..self }
     }
 
-    /// Interface and counts, where there is a bus.
-    pub fn can(&self) -> Option<(&str, &CanCounts)> {
-        self.can.as_ref().map(|side| (side.interface.as_str(), &side.counts))
+    /// Interface and counts of each bus.
+    pub fn can(&self) -> impl Iterator<Item = (&str, &CanCounts)> {
+        self.can.iter().map(|side| (side.interface.as_str(), &side.counts))
     }
 
-    /// What was heard on CAN since the last call, in order.
-    pub fn take_heard(&mut self) -> Vec<Heard> {
-        self.can.as_mut().map_or_else(Vec::new, |side| std::mem::take(&mut side.log))
+    /// What was heard on CAN since the last call, with the index of the bus; in order of bus time, those of one bus in the order in which they came.
+    pub fn take_heard(&mut self) -> Vec<(usize, Heard)> {
+        let logs = self.can.iter_mut().map(|side| std::mem::take(&mut side.log));
+        let mut heard: Vec<_> =
+            logs.enumerate().flat_map(|(bus, log)| log.into_iter().map(move |heard| (bus, heard))).collect();
+        if self.can.len() > 1 {
+            heard.sort_by_key(|(_, heard)| heard.at);
+        }
+        heard
     }
 
-    /// Says `message` once to all nodes on CAN; nothing where there are none that run.
+    /// Says `message` once on each bus with nodes that run.
     pub(super) fn say_on_can(&mut self, message: &Message) -> Result<(), HubError> {
-        let runs = |node: &HubNode| node.on_can && node.away.is_none() && !node.stopped;
-        match &mut self.can {
-            Some(side) if self.nodes.iter().any(runs) => {
-                side.said.clear();
-                side.say(message)
-            }
-            _ => Ok(()),
-        }
+        let nodes = &self.nodes;
+        let runs =
+            |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.away.is_none() && !node.stopped);
+        let mut sides = self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus));
+        sides.try_for_each(|(_, side)| side.say(message))
     }
 
-    /// Relays frames from nodes on serial lines to those on CAN, each once.
-    pub(super) fn relay_to_can(&mut self, frames: &[FrameBytes]) -> Result<(), HubError> {
-        let Some(side) = &mut self.can else { return Ok(()) };
-        let mut messages: Vec<_> = frames.iter().filter_map(|frame| side.take_for_relay(frame)).collect();
-        messages.sort_by_key(place);
-        messages.iter().try_for_each(|message| side.say(message))?;
-        side.finish()
+    /// Relays a frame from elsewhere to the nodes of a bus.
+    pub(super) fn relay_to_can(&mut self, bus: usize, frame: &FrameBytes) -> Result<(), HubError> {
+        self.can.get_mut(bus).map_or(Ok(()), |side| side.relay(frame))
+    }
+
+    /// Takes everything that has come on any bus.
+    pub(super) fn listen_on_can(&mut self) -> Result<(), HubError> {
+        self.can.iter_mut().try_for_each(CanSide::listen)
+    }
+
+    /// The next message of a node on CAN that nobody has taken, with its bus time.
+    pub(super) fn next_on_its_bus(&mut self, index: usize) -> Option<(Message, SystemTime)> {
+        let (node, side) = self.on_its_bus(index)?;
+        side.next_of(node.link.id())
+    }
+
+    /// A node, and the bus that it is on.
+    fn on_its_bus(&mut self, index: usize) -> Option<(&mut HubNode, &mut CanSide)> {
+        let node = self.nodes.get_mut(index)?;
+        let side = self.can.get_mut(node.on_can?)?;
+        Some((node, side))
     }
 
     /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead; with its bus time.
     pub(super) fn wait_on_can(&mut self, index: usize) -> Result<(Message, SystemTime), HubError> {
-        let begin = Instant::now();
+        let (begin, waited) = (Instant::now(), self.patience.answer);
         loop {
-            let (Some(side), Some(node)) = (&mut self.can, self.nodes.get_mut(index)) else {
-                return Err(HubError::Interrupted);
-            };
+            let Some((node, side)) = self.on_its_bus(index) else { return Err(HubError::Interrupted) };
             side.listen()?;
             let id = node.link.id();
-            if let Some(message) = side.heard.get_mut(&id).and_then(VecDeque::pop_front) {
+            if let Some(message) = side.next_of(id) {
                 return Ok(message);
             }
-            if begin.elapsed() > self.patience.answer {
-                let waited = self.patience.answer;
+            if begin.elapsed() > waited {
                 return Err(HubError::NoAnswer { node: id, awaited: "state on CAN", waited });
             }
             side.port.wait(SLICE);
@@ -205,7 +267,7 @@ impl Hub {
 
     /// Forgets what a node has said on CAN.
     pub(super) fn forget_heard(&mut self, index: usize) -> Result<(), HubError> {
-        let (Some(side), Some(node)) = (&mut self.can, self.nodes.get(index)) else { return Ok(()) };
+        let Some((node, side)) = self.on_its_bus(index) else { return Ok(()) };
         side.listen()?;
         if let Some(queue) = side.heard.get_mut(&node.link.id()) {
             queue.clear();
@@ -224,10 +286,10 @@ fn source(message: &Message) -> Option<NodeId> {
     }
 }
 
-/// Where a message belongs among those of a tick: the components of a state one after the other, since CAN FD has one frame for them.
-fn place(message: &Message) -> Option<(NodeId, u8)> {
+/// The component that a state is of.
+fn component(message: &Message) -> Option<u8> {
     match *message {
-        Message::State { source, component, .. } => Some((source, component.get())),
+        Message::State { component, .. } => Some(component.get()),
         _ => None,
     }
 }

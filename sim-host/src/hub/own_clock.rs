@@ -3,19 +3,16 @@
 //!
 //! Nothing here waits for one node. A row is closed when all have told their tick.
 
-use super::readers::{Readers, Reading};
+use super::readers::{Readers, Reading, What};
 use super::recording::{Leap, Recording};
-use super::{Hub, HubError, Received, SLICE, START};
+use super::{CanSide, Hub, HubError, Received, SLICE, START, STOP};
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_protocol::TickStamp;
 use funnel_protocol::message::{Component, Message, Severity};
 use funnel_protocol::report::Telemetry;
 use funnel_protocol::serial;
 use funnel_protocol::service::Reply;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
-/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
-const STAMP_REACH: u32 = 100;
 /// Ticks for which a node may be silent before its tick is no measure of its clock any more.
 const SILENT_TICKS: u32 = 3;
 
@@ -39,6 +36,13 @@ struct Watched {
     outside: u32,
 }
 
+impl OwnClock {
+    /// First tick of which a node may still tell something.
+    pub(super) fn telling(&self, node: usize) -> u32 {
+        self.recording.telling(node)
+    }
+}
+
 impl Hub {
     /// With nodes that tick by their own clock.
     pub fn with_own_clock(self) -> Self {
@@ -56,7 +60,9 @@ impl Hub {
         };
         let nodes = (0..count).map(watched).collect();
         let components = self.nodes.first().map_or(0, |node| node.next_state.len());
-        let recording = Recording::new(count, components);
+        let mut recording = Recording::new(count, components);
+        let on_can = self.nodes.iter().enumerate().filter(|(_, node)| node.on_can.is_some());
+        on_can.for_each(|(index, _)| recording.set_apart(index));
         let own = OwnClock { readers: None, recording, nodes, start_spread: Duration::ZERO };
         Self { own: Some(own), ..self }
     }
@@ -71,14 +77,16 @@ impl Hub {
         self.own.as_ref().map_or(0, |own| own.recording.missed(node))
     }
 
-    /// Starts all nodes, as close together as their lines allow.
+    /// Starts all nodes, as close together as their lines and buses allow.
     pub(super) fn start_clocks(&mut self) -> Result<(), HubError> {
-        let readers = Readers::start(self.nodes.iter().map(|node| &node.link))?;
+        let lines = self.nodes.iter().map(|node| &node.link);
+        let readers = Readers::start(lines, self.can.iter().map(CanSide::port))?;
         let start = serial::encode(&START);
-        self.begin = Instant::now();
-        for node in &mut self.nodes {
+        (self.begin, self.begin_on_bus) = (Instant::now(), SystemTime::now());
+        for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none()) {
             node.link.write(&start)?;
         }
+        self.say_on_can(&START)?;
         let (begin, start_spread) = (self.begin, self.begin.elapsed());
         if let Some(own) = &mut self.own {
             own.nodes.iter_mut().for_each(|node| node.heard = begin);
@@ -103,12 +111,26 @@ impl Hub {
     /// Ends the threads that read: from here on lines are read as they are asked.
     pub(super) fn end_readers(&mut self) {
         let readers = self.own.as_mut().and_then(|own| own.readers.take());
-        for Reading { node, bytes, .. } in readers.map_or_else(Vec::new, Readers::end) {
-            if let Some(node) = self.nodes.get_mut(node) {
-                // A line that is gone says so again to whoever asks it.
-                let _ = node.link.take(bytes.as_deref().map_err(|error| error.kind().into()));
-            }
+        for Reading { what, .. } in readers.map_or_else(Vec::new, Readers::end) {
+            // A line or a bus that is gone says so again to whoever asks it.
+            let _ = self.take_from_reader(what);
         }
+    }
+
+    /// Gives what a thread has read to the line or the bus that it is from.
+    fn take_from_reader(&mut self, what: What) -> Result<(), HubError> {
+        match what {
+            What::Bytes(index, bytes) => self
+                .nodes
+                .get_mut(index)
+                .map_or(Ok(()), |node| node.link.take(bytes.as_deref().map_err(|error| error.kind().into()))),
+            What::Heard(bus, heard) => self.can.get_mut(bus).map_or(Ok(()), |side| side.take(heard)),
+        }
+    }
+
+    /// Tells the nodes on CAN to stop, where they tick by their own clock: nodes that hear each other need no line for going on.
+    pub(super) fn stop_on_can(&mut self) -> Result<(), HubError> {
+        if self.own.is_some() { self.say_on_can(&STOP) } else { Ok(()) }
     }
 
     fn close_row(&mut self) -> bool {
@@ -130,15 +152,41 @@ impl Hub {
         u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
-    fn take_reading(&mut self, Reading { node: index, at, bytes }: Reading) -> Result<(), HubError> {
+    fn take_reading(&mut self, Reading { at, what }: Reading) -> Result<(), HubError> {
         let at = at.saturating_duration_since(self.begin);
-        let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
-        node.link.take(bytes.as_deref().map_err(|error| error.kind().into()))?;
+        let node = match what {
+            What::Bytes(index, _) => Some(index),
+            What::Heard(..) => None,
+        };
+        self.take_from_reader(what)?;
+        match node {
+            Some(index) => self.take_from_line(index, at),
+            None => self.take_from_buses(at),
+        }
+    }
+
+    fn take_from_line(&mut self, index: usize, at: Duration) -> Result<(), HubError> {
         while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.link.next_received()) {
+            let on_can = self.nodes.get(index).is_some_and(|node| node.on_can.is_some());
             match received {
-                Received::Message(message) => self.take_own(index, message, at)?,
+                // A node on CAN says the others there.
+                Received::Message(message) if on_can && !matches!(message, Message::Fault { .. }) => {}
+                Received::Message(message) => self.take_own(index, message, (at, None))?,
                 Received::Reply(Reply::Telemetry(told)) => self.record(index, &told, at)?,
                 Received::Reply(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn take_from_buses(&mut self, at: Duration) -> Result<(), HubError> {
+        for index in 0..self.nodes.len() {
+            while let Some((message, on_bus)) = self.next_on_its_bus(index) {
+                // It says a fault on its line, too, and earlier where it is off the bus.
+                if !matches!(message, Message::Fault { .. }) {
+                    let on_bus = on_bus.duration_since(self.begin_on_bus).ok();
+                    self.take_own(index, message, (at, on_bus))?;
+                }
             }
         }
         Ok(())
@@ -147,18 +195,29 @@ impl Hub {
     fn record(&mut self, index: usize, told: &Telemetry, at: Duration) -> Result<(), HubError> {
         self.note_heard(index);
         let (Some(own), Some(node)) = (&mut self.own, self.nodes.get(index)) else { return Ok(()) };
+        // A node whose states do not come has come so far all the same.
+        if let Some(watched) = own.nodes.get_mut(index).filter(|_| node.on_can.is_some()) {
+            watched.newest = watched.newest.max(told.tick.saturating_add(1));
+        }
         let leapt = |Leap { from, to }| HubError::Leapt { node: node.link.id(), from, to };
         own.recording.telemetry(index, told, at).map_err(leapt)
     }
 
-    /// Takes a message that a node has sent, and puts it on the bus.
-    fn take_own(&mut self, index: usize, message: Message, at: Duration) -> Result<(), HubError> {
-        self.note_heard(index);
+    /// Takes a message that a node has sent, read at `at` and perhaps on CAN before, and puts it on the bus of those who do not hear it themselves.
+    fn take_own(
+        &mut self,
+        index: usize,
+        message: Message,
+        (at, on_bus): (Duration, Option<Duration>),
+    ) -> Result<(), HubError> {
+        if on_bus.is_none() {
+            self.note_heard(index);
+        }
         let now = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
         match message {
             Message::State { component, tick, x, .. } => {
                 if let Some(tick) = self.rebuilt(index, tick) {
-                    self.record_state(index, (tick, component, x), at)?;
+                    self.record_state(index, (tick, component, x), (at, on_bus))?;
                 }
             }
             Message::Fault { tick, code, severity, .. } => {
@@ -174,26 +233,21 @@ impl Hub {
         Ok(())
     }
 
+    /// The telemetry of a node is what is waited for, so a node on CAN is heard by its line.
     fn note_heard(&mut self, index: usize) {
         if let Some(node) = self.own.as_mut().and_then(|own| own.nodes.get_mut(index)) {
             node.heard = Instant::now();
         }
     }
 
-    /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
-    fn rebuilt(&self, index: usize, tick: TickStamp) -> Option<u32> {
-        let awaited = self.own.as_ref()?.recording.telling(index).wrapping_add(1);
-        tick.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
-    }
-
     fn record_state(
         &mut self,
         index: usize,
         (tick, component, x): (u32, Component, f32),
-        at: Duration,
+        (at, on_bus): (Duration, Option<Duration>),
     ) -> Result<(), HubError> {
         let Some(own) = &mut self.own else { return Ok(()) };
-        own.recording.state(index, (tick, component.get(), x), at, None);
+        own.recording.state(index, (tick, component.get(), x), at, on_bus);
         if component == Component::FIRST { self.compare_clocks(index, tick) } else { Ok(()) }
     }
 

@@ -1,7 +1,8 @@
-//! A thread per line that reads, so that no line waits for another one.
+//! A thread per line and per bus that reads, so that none waits for another one.
 
 use super::link::is_pause;
-use super::{HubError, Link};
+use super::{HubError, Link, SLICE};
+use crate::can::{CanPort, Heard};
 use std::io::{self, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,14 +10,20 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What was read from a line.
+/// What was read.
 pub(super) struct Reading {
-    /// Whose line, by index.
-    pub(super) node: usize,
     /// When.
     pub(super) at: Instant,
-    /// No bytes are its end.
-    pub(super) bytes: io::Result<Vec<u8>>,
+    /// What.
+    pub(super) what: What,
+}
+
+/// Of a line or of a bus, by index.
+pub(super) enum What {
+    /// From a node's line; no bytes are its end.
+    Bytes(usize, io::Result<Vec<u8>>),
+    /// On a bus.
+    Heard(usize, io::Result<Heard>),
 }
 
 /// The threads; dropping them ends them, within [`SLICE`](super::SLICE).
@@ -27,19 +34,36 @@ pub(super) struct Readers {
 }
 
 impl Readers {
-    /// A thread for each of these lines, by index.
+    /// A thread for each of these lines and buses, by index.
     ///
     /// # Errors
     /// The operating system's.
-    pub(super) fn start<'a>(lines: impl IntoIterator<Item = &'a Link>) -> Result<Self, HubError> {
+    pub(super) fn start<'a>(
+        lines: impl IntoIterator<Item = &'a Link>,
+        buses: impl IntoIterator<Item = Arc<CanPort>>,
+    ) -> Result<Self, HubError> {
         let (sender, readings) = mpsc::channel();
         let mut readers = Self { readings, quit: Arc::default(), threads: Vec::new() };
         for (node, link) in lines.into_iter().enumerate() {
-            let (line, sender, quit) = (link.reader()?, sender.clone(), Arc::clone(&readers.quit));
-            let thread = std::thread::Builder::new().spawn(move || read(node, line, &sender, &quit));
-            readers.threads.push(thread.map_err(HubError::io("start a thread for a line"))?);
+            let (line, sender) = (link.reader()?, sender.clone());
+            readers.spawn("start a thread for a line", move |quit| read(node, line, &sender, quit))?;
+        }
+        for (bus, port) in buses.into_iter().enumerate() {
+            let sender = sender.clone();
+            readers.spawn("start a thread for a CAN bus", move |quit| listen(bus, &port, &sender, quit))?;
         }
         Ok(readers)
+    }
+
+    fn spawn(
+        &mut self,
+        task: &'static str,
+        work: impl FnOnce(&AtomicBool) + Send + 'static,
+    ) -> Result<(), HubError> {
+        let quit = Arc::clone(&self.quit);
+        let thread = std::thread::Builder::new().spawn(move || work(&quit));
+        self.threads.push(thread.map_err(HubError::io(task))?);
+        Ok(())
     }
 
     /// The next thing that was read, if one comes within `limit`.
@@ -77,8 +101,27 @@ fn read(node: usize, mut line: Box<dyn Read + Send>, to: &Sender<Reading>, quit:
             read => read.map(|length| bytes.get(..length).unwrap_or(&bytes).to_vec()),
         };
         let last = !matches!(&read, Ok(bytes) if !bytes.is_empty());
-        if to.send(Reading { node, at: Instant::now(), bytes: read }).is_err() || last {
+        if !send(to, What::Bytes(node, read)) || last {
             return;
         }
     }
+}
+
+/// The same for a bus.
+fn listen(bus: usize, port: &CanPort, to: &Sender<Reading>, quit: &AtomicBool) {
+    while !quit.load(Ordering::Relaxed) {
+        let Some(heard) = port.receive().transpose() else {
+            port.wait(SLICE);
+            continue;
+        };
+        let last = heard.is_err();
+        if !send(to, What::Heard(bus, heard)) || last {
+            return;
+        }
+    }
+}
+
+/// `false` once nobody takes it any more.
+fn send(to: &Sender<Reading>, what: What) -> bool {
+    to.send(Reading { at: Instant::now(), what }).is_ok()
 }

@@ -2,6 +2,7 @@
 //!
 //! Tick `k` of a node is its state stamped `k` and its telemetry of `k`, whenever they come. Lines keep order, so a part that has not come
 //! when the node tells a later tick was lost, or was never sent: a node that is late makes up for ticks and tells only the last of them.
+//! States on CAN come on another way than the telemetry, so the outcome of a tick is waited for until the node tells the next one.
 
 use super::{Stamps, observation};
 use funnel_core::Observation;
@@ -30,6 +31,10 @@ struct Track {
     telling: u32,
     /// First tick that it has not run, once it has stopped.
     end: Option<u32>,
+    /// Its states come on another way than its telemetry.
+    apart: bool,
+    /// Tick of its newest state that has come whole.
+    newest: u32,
     missed: u64,
 }
 
@@ -57,6 +62,13 @@ impl Recording {
         Self { components, tick: 0, tracks: vec![Track::default(); nodes] }
     }
 
+    /// With the states of a node on another way than its telemetry.
+    pub(super) fn set_apart(&mut self, node: usize) {
+        if let Some(track) = self.tracks.get_mut(node) {
+            track.apart = true;
+        }
+    }
+
     /// First tick of which a node may still tell something.
     pub(super) fn telling(&self, node: usize) -> u32 {
         self.tracks.get(node).map_or(0, |track| track.telling)
@@ -79,6 +91,11 @@ impl Recording {
             self.cell(node, tick).and_then(|cell| Some((cell.x.get_mut(usize::from(component))?, x)))
         {
             *slot.0 = Some(slot.1);
+        }
+        if let Some(track) =
+            self.tracks.get_mut(node).filter(|_| usize::from(component) + 1 >= self.components)
+        {
+            track.newest = track.newest.max(tick);
         }
         // It is what the tick before has come to.
         if let Some(cell) = tick.checked_sub(1).and_then(|tick| self.cell(node, tick)) {
@@ -123,7 +140,7 @@ impl Recording {
     /// was lost stays the last one, and stamps by index.
     pub(super) fn close(&mut self, observations: &mut [Observation<f32>], stamps: &mut [Stamps]) -> bool {
         let tick = self.tick;
-        if self.tracks.iter().any(|track| track.telling <= tick && track.end.is_none_or(|end| tick < end)) {
+        if self.tracks.iter().any(|track| track.is_open(tick)) {
             return false;
         }
         let slots = observations.chunks_mut(self.components.max(1)).zip(stamps);
@@ -151,6 +168,17 @@ impl Recording {
 impl Track {
     fn awaited(&self) -> bool {
         self.end.is_none_or(|end| self.telling < end)
+    }
+
+    /// Whether something of a row may still come.
+    fn is_open(&self, tick: u32) -> bool {
+        if self.end.is_some_and(|end| end <= tick) {
+            return false;
+        }
+        let next = tick.wrapping_add(1);
+        // The last tick of a node comes to nothing.
+        let outcome = !self.apart || self.newest >= next || self.telling > next || self.end == Some(next);
+        self.telling <= tick || !outcome
     }
 }
 
@@ -259,6 +287,32 @@ mod tests {
         assert!(!rows.recording.awaits(0));
         assert!(rows.close() && rows.close() && rows.close());
         assert_eq!((rows.last(0), rows.recording.missed(0)), ((0, 0.0, 0.0), 0));
+    }
+
+    #[test]
+    fn a_state_on_another_way_is_waited_for_until_the_next_tick_is_told() {
+        let mut rows = Rows::of(1);
+        rows.recording.set_apart(0);
+        rows.state(0, 0);
+        rows.told(0, 0);
+        assert!(!rows.close(), "what the tick came to has not come");
+        rows.state(0, 1);
+        assert!(rows.close());
+        assert_eq!(rows.stamps[0].state, Some(AT));
+        // That of 2 comes after what is told of 2, and still belongs to its rows.
+        rows.told(0, 1);
+        assert!(!rows.close());
+        rows.told(0, 2);
+        assert!(rows.close() && !rows.close());
+        rows.state(0, 2);
+        rows.state(0, 3);
+        assert!(rows.close());
+        assert_eq!((rows.last(0), rows.recording.missed(0)), ((2, 2.0, 2.0), 0));
+        // The last tick comes to nothing.
+        rows.recording.stop(0, 4);
+        rows.told(0, 3);
+        assert!(rows.close());
+        assert_eq!((rows.last(0), rows.recording.missed(0)), ((3, 3.0, 3.0), 0));
     }
 
     #[test]

@@ -14,8 +14,8 @@ pub use junit::junit;
 pub use number::{Precision, shortest};
 pub use summary::{
     AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary, Expectation,
-    FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, ReferenceSummary, Summary,
-    SyncSummary, WiresSummary,
+    FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface, ReferenceSummary,
+    Summary, SyncSummary, WiresSummary,
 };
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

@@ -137,9 +137,9 @@ pub struct BenchSummary {
     /// The lines from node to node; left out where there were none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wires: Option<WiresSummary>,
-    /// The CAN interface; left out where no node was on one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub can: Option<CanSummary>,
+    /// The CAN interfaces; left out where no node was on one.
+    #[serde(skip_serializing_if = "PerInterface::is_empty")]
+    pub can: PerInterface,
     /// By id.
     pub nodes: Vec<BenchNodeSummary>,
 }
@@ -194,10 +194,31 @@ pub struct CanSummary {
     pub strangers: u64,
     /// Frames that were none of the real-time plane.
     pub unreadable: u64,
+    /// States that were not relayed in a frame of CAN FD, since a component of them was lost on its way to this program.
+    pub incomplete: u64,
     /// Errors that the controller reported.
     pub errors: u64,
     /// The last of them.
     pub last_error: Option<String>,
+}
+
+/// One per CAN interface, in the order of the bench file: an object where there is one, an array where there are several.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PerInterface(pub Vec<CanSummary>);
+
+impl PerInterface {
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl Serialize for PerInterface {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0.as_slice() {
+            [interface] => interface.serialize(serializer),
+            interfaces => interfaces.serialize(serializer),
+        }
+    }
 }
 
 /// The time that a node was away.

@@ -6,12 +6,12 @@ use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
 use crate::bench::{
-    BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_side,
+    BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
 };
 use crate::configure::node_configs;
-use crate::hub::{Absence, Hub, Link};
+use crate::hub::{Absence, CanCounts, Hub, Link};
 use crate::noise::Noise;
-use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, WiresSummary};
+use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, PerInterface, WiresSummary};
 use crate::scenario::Scenario;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Identity;
@@ -25,24 +25,24 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let configs = configs(scenario, file)?;
     let comparison = Comparison::new(engine(scenario)?);
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
-    let on_can = |index: usize| ids.get(index).and_then(|&id| file.node(id)).is_some_and(|node| node.can);
     // Before any node is touched.
-    let can = can_side(file, &ids)?;
+    let can = can_sides(file, &ids)?;
     let wired = wires(file, &ids);
-    let skipped = if can.is_some() || wired > 0 { skipped(scenario) } else { Vec::new() };
+    let skipped = if can.is_empty() && wired == 0 { Vec::new() } else { skipped(scenario) };
     tell_skipped(&skipped, options);
     warn_of_drift(scenario, file, options);
-    let files = Files::create(options, can.is_some())?;
+    let files = Files::create(options, !can.is_empty())?;
     let attached = attach(file, &ids, &options.emulator())?;
     let id = |index: usize| ids.get(index).copied().unwrap_or(0);
     let bus = bus_between(scenario, |from, to| !file.is_wired(id(from), id(to)));
     let hub = Hub::new(attached, &configs, bus, file.patience())?;
     let hub = if wired > 0 { hub.with_wires(file.settle) } else { hub };
     let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
-    let hub = match can {
-        Some(side) => hub.with_can(side, on_can),
-        None => hub,
-    };
+    let interfaces = file.interfaces(&ids);
+    let hub = hub.with_can(can, |index| {
+        let interface = ids.get(index).and_then(|&id| file.node(id))?.can.as_ref()?;
+        interfaces.iter().position(|&other| other == interface)
+    });
     let mut hub = match file.clock {
         Clock::Host => hub,
         Clock::Own => hub.with_own_clock(),
@@ -115,14 +115,19 @@ impl Files {
         if let Some(file) = &mut self.stampings {
             file.tick(k, hub.members().map(|(link, _)| link.id()).zip(hub.stamps()))?;
         }
-        let heard = hub.take_heard();
-        if let (Some(file), Some((interface, _))) = (&mut self.can, hub.can()) {
-            file.heard(interface, &heard)?;
-        }
-        Ok(())
+        self.log(hub)
     }
 
-    fn finish(self) -> Result<(), RunError> {
+    fn log(&mut self, hub: &mut Hub) -> Result<(), RunError> {
+        let heard = hub.take_heard();
+        let interfaces: Vec<_> = hub.can().map(|(interface, _)| interface).collect();
+        let named = heard.iter().filter_map(|(bus, heard)| Some((*interfaces.get(*bus)?, heard)));
+        self.can.as_mut().map_or(Ok(()), |file| file.heard(named).map_err(RunError::from))
+    }
+
+    /// With what was on the buses after the last tick.
+    fn finish(mut self, hub: &mut Hub) -> Result<(), RunError> {
+        self.log(hub)?;
         self.stampings.map_or(Ok(()), Stampings::finish)?;
         Ok(self.can.map_or(Ok(()), CanLog::finish)?)
     }
@@ -159,7 +164,7 @@ fn compared(
         skew.tick(k, hub.stamps());
         files.tick(k, hub)
     })?;
-    files.finish()?;
+    files.finish(hub)?;
     let own_clock = (clock == Clock::Own).then(|| own_clock::summary(hub, skew, &outcome.counters));
     Ok(Outcome { bench: Some(BenchSummary { own_clock, ..summary(hub, &comparison) }), ..outcome })
 }
@@ -214,18 +219,19 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
         to_tick: absence.to,
         why: absence.why.lines().next().unwrap_or_default().to_owned(),
     };
-    let can = hub.can().map(|(interface, counts)| CanSummary {
+    let can = |(interface, counts): (&str, &CanCounts)| CanSummary {
         interface: interface.to_owned(),
         frames: counts.frames,
         strangers: counts.strangers,
         unreadable: counts.unreadable,
+        incomplete: counts.incomplete,
         errors: counts.errors.0,
         last_error: counts.errors.1.clone(),
-    });
+    };
     BenchSummary {
         own_clock: None,
         wires: None,
-        can,
+        can: PerInterface(hub.can().map(can).collect()),
         skipped: Vec::new(),
         absences: hub.absences().iter().map(absence).collect(),
         bit_for_bit: differences.iter().all(|difference| difference.first.is_none()),
