@@ -39,19 +39,22 @@ pub(super) fn read(file: &mut Section<'_>, nodes: &[BenchNode], clock: Clock) ->
     let wires: Vec<_> = items.iter().filter_map(|item| read_wire(item, log)).collect();
     for (n, (key, wire)) in wires.iter().enumerate() {
         let others: Vec<_> = wires.iter().take(n).map(|(_, other)| other).collect();
-        if let Some(allowed) = refusal(wire, &others, nodes, clock) {
+        if let Some(allowed) = refusal(wire, &others, nodes) {
             log.report(key.diagnostic(Problem::Value, allowed));
         }
     }
-    let settle_ns = match file.take("settle") {
-        Some(key) if items.is_empty() => {
-            log.report(
-                key.diagnostic(Problem::Value, "must come with [[wire]]: there is nothing to wait for"),
-            );
-            SETTLE_NS
+    let needless = match clock {
+        Clock::Own => Some("must not be there with clock = \"own\": nobody waits before a tick"),
+        Clock::Host => items.is_empty().then_some("must come with [[wire]]: there is nothing to wait for"),
+    };
+    let settle_ns = match (file.take("settle"), needless) {
+        (Some(key), Some(why)) => {
+            log.report(key.diagnostic(Problem::Value, why));
+            0
         }
-        Some(_) => file.duration_within("settle", SETTLE_LIMITS_NS, "before each SYNC"),
-        None => SETTLE_NS,
+        (Some(_), None) => file.duration_within("settle", SETTLE_LIMITS_NS, "before each SYNC"),
+        (None, _) if clock == Clock::Own => 0,
+        (None, _) => SETTLE_NS,
     };
     (wires.into_iter().map(|(_, wire)| wire).collect(), Duration::from_nanos(settle_ns))
 }
@@ -89,13 +92,7 @@ fn read_ids(key: &Item) -> Result<(u8, u8), Box<Diagnostic>> {
 }
 
 /// Why a wire cannot be there.
-fn refusal(wire: &Wire, before: &[&Wire], nodes: &[BenchNode], clock: Clock) -> Option<String> {
-    if clock == Clock::Own {
-        return Some(
-            "must not be there with clock = \"own\": nothing would stop the nodes if this program died"
-                .to_owned(),
-        );
-    }
+fn refusal(wire: &Wire, before: &[&Wire], nodes: &[BenchNode]) -> Option<String> {
     if before.iter().any(|other| other.between == wire.between) {
         return Some("another [[wire]] has it already".to_owned());
     }
@@ -197,14 +194,12 @@ mod tests {
             let error = parse(head, &wires).unwrap_err();
             assert!(error.contains(expected), "no '{expected}' in: {error}");
         }
-        let own = "version = 1\nclock = \"own\"\n[[wire]]\nbetween = [1, 2]\n[[node]]\nid = 1\nemulator = true\n[[node]]\nid = 2\nemulator = true\n";
+        let own = "version = 1\nclock = \"own\"\nsettle = \"2ms\"\n[[wire]]\nbetween = [1, 2]\n[[node]]\nid = 1\nemulator = true\n[[node]]\nid = 2\nemulator = true\n";
         let error = BenchFile::parse(own, Path::new("bench.toml")).unwrap_err().to_string();
-        assert!(
-            error.contains(
-                "bench.toml:4:11: wire[0].between = [1, 2]: must not be there with clock = \"own\""
-            ),
-            "{error}"
-        );
+        assert!(error.contains("bench.toml:3:10: settle = \"2ms\": must not be there with clock"), "{error}");
+        let own =
+            BenchFile::parse(&own.replacen("settle = \"2ms\"\n", "", 1), Path::new("bench.toml")).unwrap();
+        assert_eq!((own.wires.len(), own.settle), (1, Duration::ZERO));
     }
 
     #[test]
