@@ -14,7 +14,8 @@ which is what a panic in them would pass on as its location. Stack overflow is n
 
 Driving crates call drivers of flash and pins, which may panic. They are judged by their own lines: a finding is a call of
 core::panicking from one of them, directly or by the language's library. Every `async fn` has a panic for the case that it is polled
-after its end, which nobody does who awaits it: these calls are no findings, and may leave the name of its file in the image.
+after its end, which nobody does who awaits it: these calls are no findings, and may leave the name of its file in the image. Where such an
+`async fn` ends, the debug information may still name the line of another crate that was inlined before.
 In the same way the panics of the dependency's own lines are counted; more than LIMIT are too many.
 """
 
@@ -76,7 +77,7 @@ def findings(image, owners):
     resumed = {start for start, name in image.names.items() if RESUMED.search(name)}
     by_library = reaching(panics - resumed, [site for site in image.sites if of[site] == {"library"} and site.function not in resumed])
     strict, driving, foreign = ([site for site in image.sites if who in of[site]] for who in ("strict", "driving", "dependency"))
-    bad = [site for site in strict if site.target is None or site.target in by_anyone]
+    bad = [site for site in strict if site.target is None or site.target in by_anyone - resumed]
     bad += [site for site in driving if site.target in by_library]
     return bad, len(strict) + len(driving), [site for site in foreign if site.target in by_library]
 

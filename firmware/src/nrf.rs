@@ -1,5 +1,6 @@
-//! Reset cause and watchdog of an nRF52840.
+//! Number, clocks, reset cause and watchdog of an nRF52840.
 
+use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::wdt::{self, WatchdogHandle};
 use embassy_nrf::{Peri, pac, peripherals::WDT};
 use funnel_protocol::service::ResetCause;
@@ -8,6 +9,20 @@ use crate::watchdog::{PERIOD, Watchdog};
 
 /// Counts of the watchdog's clock per second.
 const COUNTS_PER_S: u32 = 32_768;
+
+/// The chip's number, from its factory information.
+pub fn uid() -> u64 {
+    let [low, high] = [0, 1].map(|half| u64::from(pac::FICR.deviceid(half).read()));
+    low | high << 32
+}
+
+/// Both clocks from the board's crystals: ticks of nodes that run by their own timers drift apart as their clocks do.
+pub fn clocks() -> Config {
+    let mut config = Config::default();
+    config.hfclk_source = HfclkSource::ExternalXtal;
+    config.lfclk_source = LfclkSource::ExternalXtal;
+    config
+}
 
 /// What the chip says of the last reset; asked once, since the answer is cleared. Product specification, POWER.RESETREAS.
 pub fn cause() -> ResetCause {

@@ -1,9 +1,23 @@
-//! Reset cause and watchdog of an RP2040.
+//! Reset cause, watchdog and flash of a Raspberry Pi Pico.
 
-use embassy_rp::{Peri, pac, peripherals::WATCHDOG, watchdog};
+use embassy_rp::flash::{Blocking, Flash};
+use embassy_rp::peripherals::{FLASH, WATCHDOG};
+use embassy_rp::{Peri, pac, watchdog};
 use funnel_protocol::service::ResetCause;
 
 use crate::watchdog::{PERIOD, Watchdog};
+
+/// Of the Pico's external flash, bytes.
+const FLASH_SIZE: usize = 2 << 20;
+
+/// The Pico's external flash.
+pub type PicoFlash = Flash<'static, FLASH, Blocking, FLASH_SIZE>;
+
+/// The flash's number, since the chip has none; 0 where it cannot be read.
+pub fn uid(flash: &mut PicoFlash) -> u64 {
+    let mut number = [0; 8];
+    flash.blocking_unique_id(&mut number).map_or(0, |()| u64::from_be_bytes(number))
+}
 
 /// What the chip says of the last reset. Data sheet, WATCHDOG.REASON and CHIP_RESET. The flag of power-on stays through later resets of the core
 /// alone and stands for brown-out, too: it tells nothing.

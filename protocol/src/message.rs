@@ -201,7 +201,7 @@ pub enum Message {
         target: Target,
         /// What to do.
         command: Command,
-        /// Reserved for the command; 0 now.
+        /// Its number: nodes on lines to each other pass it on once; 0 is for the receiver alone.
         arg: u8,
         /// Start: tick periods to wait before tick 0 (timer as tick source; ignored with SYNC as the source). Commit: low 16 bits of
         /// the tick.

@@ -16,7 +16,9 @@ use crate::flash_file::FileStorage;
 use crate::host_node::{self, End};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
-use crate::record::{BenchNodeSummary, BenchSummary, Expectation, OwnClockSummary, PerComponent, Summary};
+use crate::record::{
+    BenchNodeSummary, BenchSummary, Expectation, OwnClockSummary, PerComponent, Summary, WiresSummary,
+};
 use crate::run::{self, Fidelity, RunError, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
@@ -449,6 +451,12 @@ fn text(summary: &Summary) -> String {
         line("bench", beside_loopback(bench));
         if let Some(clocks) = &bench.own_clock {
             line("clocks", own_clocks(clocks));
+        }
+        if let Some(WiresSummary { count, extrapolated, .. }) = bench.wires {
+            line(
+                "wires",
+                format!("{count} from node to node, {extrapolated} values came too late for their tick"),
+            );
         }
     }
     if let Some(hash) = &summary.trace_hash {

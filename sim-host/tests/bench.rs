@@ -484,6 +484,102 @@ fn five_emulated_nodes_behind_pseudo_terminals_run_the_bits_of_loopback() {
     assert_eq!(summary["bench"]["nodes"].as_array().unwrap().len(), 5);
 }
 
+/// All edges of the five agents' graph.
+const RING: [&str; 5] = ["[1, 2]", "[2, 3]", "[3, 4]", "[4, 5]", "[5, 1]"];
+
+/// The five agents on emulators of the bench's own, some of them wired to each other.
+fn wired(wires: &[&str], head: &str, settings: &[&str]) -> serde_json::Value {
+    let mut entries = vec!["emulator = true".to_owned(); 5];
+    entries.last_mut().unwrap().push('\n');
+    entries.last_mut().unwrap().extend(wires.iter().map(|ids| format!("[[wire]]\nbetween = {ids}\n")));
+    let bench = Bench::new(&five(), &entries).with(head);
+    let sets = settings.iter().flat_map(|setting| ["--set", setting]);
+    let ended = bench.run(&["--image", IMAGE].into_iter().chain(sets).collect::<Vec<_>>());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.out.contains(" from node to node, "), "{}", ended.out);
+    bench.summary()
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn a_ring_of_wires_between_emulators_runs_the_bits_of_loopback() {
+    let summary = wired(&RING, "settle = \"100ms\"", &["time.duration=100ms"]);
+    let wires = &summary["bench"]["wires"];
+    assert_eq!((&wires["count"], &wires["settle_s"]), (&5.into(), &0.1.into()));
+    assert_eq!(
+        (&wires["extrapolated"], &summary["bench"]["bit_for_bit"]),
+        (&0.into(), &true.into()),
+        "{summary}"
+    );
+    assert_eq!(summary["bench"]["nodes"][0]["unreadable"], 0);
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn wires_and_relayed_states_can_be_mixed() {
+    let summary = wired(&["[1, 2]", "[3, 4]"], "settle = \"100ms\"", &["time.duration=60ms"]);
+    assert_eq!(summary["bench"]["wires"]["extrapolated"], 0, "{summary}");
+    assert_eq!(summary["bench"]["bit_for_bit"], true, "{summary}");
+}
+
+/// Whether a SYNC overtakes a state then is up to the machine; that is seen or it has not happened.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn states_without_time_to_settle_are_counted_where_they_come_too_late() {
+    let summary = wired(&RING, "settle = \"1ns\"", &["time.duration=500ms"]);
+    let none_late = summary["bench"]["wires"]["extrapolated"] == 0;
+    assert_eq!(summary["bench"]["bit_for_bit"], none_late, "{summary}");
+}
+
+/// Emulators share a busy computer, so states may be late; without the wires each node would go its own way.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn a_ring_of_wires_between_emulators_runs_by_clocks_of_its_own() {
+    let summary = wired(&RING, "clock = \"own\"", &["time.tick=20ms", "time.duration=2s"]);
+    let (ticks, bench) = (100, &summary["bench"]);
+    assert_eq!(
+        (&summary["ticks"], &summary["stopped"]),
+        (&ticks.into(), &serde_json::json!([])),
+        "{summary}"
+    );
+    assert_eq!((&bench["wires"]["count"], &bench["wires"]["settle_s"]), (&5.into(), &0.0.into()));
+    // A neighbour that was never heard is not extrapolated.
+    let late = bench["wires"]["extrapolated"].as_u64().unwrap();
+    assert!(late < 5 * 2 * ticks / 4, "{summary}");
+    let deviations = bench["nodes"].as_array().unwrap().iter().map(|node| node["largest_deviation"].as_f64());
+    assert!(deviations.flatten().all(|deviation| deviation < 1.0), "{summary}");
+}
+
+#[test]
+fn between_nodes_that_are_wired_to_each_other_nothing_is_relayed() {
+    let boards = three();
+    let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    // Played boards have one line each, so this wire carries nothing.
+    entries[2].push_str("\n[[wire]]\nbetween = [1, 2]");
+    let bench = Bench::new(SCENARIO, &entries);
+    let ended = bench.run(&["--set", "bus.loss=0.1"]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.err.contains("whose lines are real: bus.loss"), "{}", ended.err);
+    let summary = bench.summary();
+    assert_eq!(summary["bench"]["wires"]["count"], 1);
+    let first = |node: usize| summary["bench"]["nodes"][node]["first_difference"].clone();
+    assert_eq!((first(0), first(1)), (0.into(), 0.into()), "{summary}");
+}
+
+#[test]
+fn a_wire_that_is_no_edge_is_refused_before_any_node_is_touched() {
+    let boards = three();
+    let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
+    entries[2].push_str("\n[[wire]]\nbetween = [1, 3]");
+    let bench = Bench::new(SCENARIO, &entries);
+    for more in [&[][..], &["--commission"]] {
+        bench
+            .run(more)
+            .failed(2, &["bench.toml:", "wire.between = [1, 3]: must be an edge", "has none between"]);
+    }
+    assert_eq!(boards.map(Board::end), [None; 3]);
+}
+
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
 fn emulators_of_its_own_and_terminals_can_be_mixed() {

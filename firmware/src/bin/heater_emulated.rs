@@ -17,7 +17,10 @@ use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::heater::{self, Block, FULL, SENSOR};
 use firmware::link::serial::Serial;
-use firmware::mps2::{time, uart::Uart0};
+use firmware::mps2::{
+    time,
+    uart::{UART_0, Uart},
+};
 use firmware::panic;
 use firmware::storage::Absent;
 use funnel_core::Model;
@@ -127,7 +130,7 @@ impl SetDutyCycle for Pin {
 }
 
 #[embassy_executor::task]
-async fn node(link: Uart0) {
+async fn node(link: Uart) {
     let plant = heater::plant(Converter, Pin, Placed);
     app::run(Serial::new(link), Absent, plant, Chip::UNKNOWN).await
 }
@@ -137,7 +140,7 @@ async fn node(link: Uart0) {
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     time::start();
-    let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
+    let link = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
     let node = node(link).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }

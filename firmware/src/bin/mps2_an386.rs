@@ -9,7 +9,10 @@ use defmt_semihosting as _;
 use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
-use firmware::mps2::{time, uart::Uart0};
+use firmware::mps2::{
+    time,
+    uart::{UART_0, Uart},
+};
 use firmware::reset::{self, Start};
 use firmware::storage::Absent;
 use firmware::{panic, watchdog};
@@ -21,7 +24,7 @@ use static_cell::StaticCell;
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn node(link: Uart0, start: Start) {
+async fn node(link: Uart, start: Start) {
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
     app::run(Serial::new(link), Absent, Virtual, chip).await
@@ -34,7 +37,7 @@ fn main() -> ! {
     // The board's hardware does not tell.
     let start = reset::begin(ResetCause::Unknown);
     time::start();
-    let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
+    let link = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
     let node = node(link, start).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }

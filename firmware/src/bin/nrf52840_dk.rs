@@ -7,9 +7,8 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use defmt_rtt as _;
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
-use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::nvmc::Nvmc;
-use embassy_nrf::{bind_interrupts, pac, peripherals, uarte};
+use embassy_nrf::{bind_interrupts, peripherals, uarte};
 use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
@@ -29,29 +28,15 @@ async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>, chip: Chip<Wdt
     app::run(Serial::new(uart), storage, Virtual, chip).await
 }
 
-/// The chip's number, from its factory information.
-fn uid() -> u64 {
-    let [low, high] = [0, 1].map(|half| u64::from(pac::FICR.deviceid(half).read()));
-    low | high << 32
-}
-
-/// Both clocks from the board's crystals: ticks of nodes that run by their own timers drift apart as their clocks do.
-fn clocks() -> Config {
-    let mut config = Config::default();
-    config.hfclk_source = HfclkSource::ExternalXtal;
-    config.lfclk_source = LfclkSource::ExternalXtal;
-    config
-}
-
 #[entry]
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
-    let chip = embassy_nrf::init(clocks());
+    let chip = embassy_nrf::init(nrf::clocks());
     let start = reset::begin(nrf::cause());
-    let of_node = Chip { uid: uid(), start, watchdog: Wdt::Idle(chip.WDT) };
+    let of_node = Chip { uid: nrf::uid(), start, watchdog: Wdt::Idle(chip.WDT) };
     let mut config = uarte::Config::default();
     config.baudrate = uarte::Baudrate::Baud1m;
     let (receive, transmit) = (RECEIVE.take(), TRANSMIT.take());

@@ -9,18 +9,14 @@ use defmt_rtt as _;
 use embassy_stm32::can::config::NominalBitTiming;
 use embassy_stm32::can::{CanConfigurator, IT0InterruptHandler, IT1InterruptHandler};
 use embassy_stm32::flash::{self, Flash};
-use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv, PllSource, Sysclk,
-    mux,
-};
-use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
-use embassy_stm32::{Config, bind_interrupts, peripherals};
+use embassy_stm32::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
 use firmware::panic;
+use firmware::stm32::clocks::clocks;
 use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::service_plane;
@@ -48,26 +44,6 @@ async fn node(
     // In the second bank, while the program runs in the first.
     let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
     app::run(link, storage, Virtual, chip).await
-}
-
-/// 160 MHz, and 80 MHz for FDCAN, both from the crystal (24 MHz): the RC oscillator is too inaccurate for CAN.
-fn clocks() -> Config {
-    let mut config = Config::default();
-    config.rcc.hse = Some(Hse { freq: Hertz(24_000_000), mode: HseMode::Oscillator });
-    config.rcc.pll = Some(Pll {
-        source: PllSource::HSE,
-        prediv: PllPreDiv::DIV6,
-        mul: PllMul::MUL80,
-        divp: None,
-        divq: Some(PllQDiv::DIV4),
-        divr: Some(PllRDiv::DIV2),
-    });
-    config.rcc.sys = Sysclk::PLL1_R;
-    config.rcc.boost = true; // above 150 MHz
-    (config.rcc.ahb_pre, config.rcc.apb1_pre, config.rcc.apb2_pre) =
-        (AHBPrescaler::DIV1, APBPrescaler::DIV1, APBPrescaler::DIV1);
-    config.rcc.mux.fdcansel = mux::Fdcansel::PLL1_Q;
-    config
 }
 
 #[entry]

@@ -6,13 +6,13 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
-use embassy_rp::flash::{self, Flash};
+use embassy_rp::flash;
 use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
-use firmware::rp::{self, Timer};
+use firmware::rp::{self, PicoFlash, Timer};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
 use funnel_plant::Virtual;
@@ -22,9 +22,6 @@ bind_interrupts!(struct Interrupts {
     UART0_IRQ => uart::BufferedInterruptHandler<peripherals::UART0>;
 });
 
-/// Of the Pico's external flash, bytes.
-const FLASH_SIZE: usize = 2 << 20;
-type PicoFlash = Flash<'static, peripherals::FLASH, flash::Blocking, FLASH_SIZE>;
 /// Bit/s.
 const BIT_RATE: u32 = 1_000_000;
 
@@ -32,12 +29,6 @@ const BIT_RATE: u32 = 1_000_000;
 async fn node(uart: BufferedUart, flash: PicoFlash, chip: Chip<Timer>) {
     let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
     app::run(Serial::new(uart), storage, Virtual, chip).await
-}
-
-/// The flash's number, since the chip has none; 0 where it cannot be read.
-fn uid(flash: &mut PicoFlash) -> u64 {
-    let mut number = [0; 8];
-    flash.blocking_unique_id(&mut number).map_or(0, |()| u64::from_be_bytes(number))
 }
 
 #[entry]
@@ -50,7 +41,7 @@ fn main() -> ! {
     let start = reset::begin(rp::cause());
     // Before anything else runs: the flash cannot be executed from while it is asked.
     let mut flash = PicoFlash::new_blocking(chip.FLASH);
-    let of_node = Chip { uid: uid(&mut flash), start, watchdog: Timer::new(chip.WATCHDOG) };
+    let of_node = Chip { uid: rp::uid(&mut flash), start, watchdog: Timer::new(chip.WATCHDOG) };
     let mut config = uart::Config::default();
     config.baudrate = BIT_RATE;
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());

@@ -11,7 +11,7 @@ use firmware::mps2::{
     flash::{self, Flash},
     interrupt::{self, Interrupt},
     time,
-    uart::{self, Uart0},
+    uart::{UART_0, Uart},
     watchdog::Apb,
 };
 use firmware::storage::flash::{Blocking, InFlash};
@@ -23,9 +23,9 @@ use static_cell::StaticCell;
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn test(link: Uart0, chip: Chip<Apb>) {
+async fn test(link: Uart, chip: Chip<Apb>) {
     let storage = InFlash::open(Blocking(Flash), 0..flash::SIZE as u32).await;
-    let Ok(()) = selftest::run(link, storage, chip, || uart::lost().in_buffer, time::counts).await;
+    let Ok(()) = selftest::run(link, storage, chip, || UART_0.lost().in_buffer, time::counts).await;
 }
 
 #[entry]
@@ -36,8 +36,8 @@ fn main() -> ! {
     let start = reset::begin(ResetCause::Unknown);
     time::start();
     // Some drivers do so; it must not last (self-test `i`).
-    interrupt::defer(Interrupt::Timer1);
-    let link = Uart0::take(BIT_RATE).expect("nobody else takes the UART");
+    interrupt::defer(Interrupt::TIMER_1);
+    let link = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
     let test = test(link, Chip { uid: 0, start, watchdog: Apb }).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(test))
 }

@@ -1,7 +1,9 @@
-//! What carries frames between a session and the world: a serial line ([`serial`]), or CAN with a serial line for the
-//! service plane ([`can`]).
+//! What carries frames between a session and the world: a serial line ([`serial`]), one and others to neighbours ([`peers`]), or CAN with
+//! a serial line for the service plane ([`can`]).
 
 pub mod can;
+pub mod peers;
+mod receiving;
 pub mod serial;
 
 use funnel_link::{BusState, Change};

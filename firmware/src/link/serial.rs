@@ -1,19 +1,17 @@
 //! Both planes on a serial line.
 
-use embassy_time::Timer;
 use embedded_io_async::{Read, Write};
 use funnel_protocol::message::Message;
-use funnel_protocol::serial::{self, Deframer};
+use funnel_protocol::serial::{self, MAX_FRAME};
 use funnel_protocol::service::{MAX_REPLY_BODY, Reply};
 
+use super::receiving::Receiving;
 use super::{Health, Input, Link};
 
 /// Longest reply before COBS: kind, source, body, CRC.
 const MAX_RAW: usize = 2 + MAX_REPLY_BODY + 2;
 /// Longest reply on the wire: COBS adds one byte in 254, and the final zero.
-const MAX_REPLY: usize = MAX_RAW + 2;
-/// Pause after a failed read: one that fails at once, again and again, must leave time for the ticks.
-const PAUSE_MS: u64 = 1;
+pub(super) const MAX_REPLY: usize = MAX_RAW + 2;
 
 /// Frames on a UART whose `read` loses nothing when it is dropped.
 ///
@@ -21,19 +19,14 @@ const PAUSE_MS: u64 = 1;
 /// before it has been taken.
 pub struct Serial<U> {
     uart: U,
-    deframer: Deframer,
-    bytes: [u8; 64],
-    /// Bytes of `bytes` that are not deframed yet.
-    waiting: core::ops::Range<usize>,
-    /// Whether the deframer holds the beginning of a frame.
-    inside: bool,
+    receiving: Receiving<MAX_FRAME>,
     failures: u32,
 }
 
 impl<U: Read + Write> Serial<U> {
     /// A link on this UART.
     pub fn new(uart: U) -> Self {
-        Self { uart, deframer: Deframer::new(), bytes: [0; 64], waiting: 0..0, inside: false, failures: 0 }
+        Self { uart, receiving: Receiving::new(), failures: 0 }
     }
 
     /// What is lost of a frame fails its check at the receiver; here it is only counted.
@@ -42,39 +35,24 @@ impl<U: Read + Write> Serial<U> {
             self.failures = self.failures.saturating_add(1);
         }
     }
+}
 
-    fn byte(&mut self) -> Option<u8> {
-        self.bytes.get(self.waiting.next()?).copied()
+/// Puts a reply of the node `source` into `frame`; gives its length.
+pub(super) fn encode_reply(reply: &Reply, source: u8, frame: &mut [u8; MAX_REPLY]) -> usize {
+    let length = serial::encode_service(reply, source, &mut [0; MAX_RAW], frame);
+    if length.is_none() {
+        defmt::error!("a reply does not fit its frame; not sent");
     }
+    length.unwrap_or(0)
 }
 
 impl<U: Read + Write> Link for Serial<U> {
     async fn wait(&mut self) {
-        if !self.waiting.is_empty() {
-            return;
-        }
-        match self.uart.read(&mut self.bytes).await {
-            Ok(count) => self.waiting = 0..count,
-            Err(_) => {
-                self.failures = self.failures.saturating_add(1);
-                Timer::after_millis(PAUSE_MS).await;
-            }
-        }
+        self.receiving.wait(&mut self.uart).await;
     }
 
     fn next(&mut self) -> Option<Input<'_>> {
-        while let Some(byte) = self.byte() {
-            // Zeros between frames are idle.
-            if byte == 0 && self.inside {
-                self.inside = false;
-                return self.deframer.push(byte).map(Input::Frame);
-            }
-            if byte != 0 {
-                self.inside = true;
-                let _ = self.deframer.push(byte);
-            }
-        }
-        None
+        self.receiving.next().map(Input::Frame)
     }
 
     async fn send(&mut self, message: &Message) {
@@ -82,14 +60,12 @@ impl<U: Read + Write> Link for Serial<U> {
     }
 
     async fn reply(&mut self, reply: &Reply, source: u8) {
-        let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_REPLY]);
-        match serial::encode_service(reply, source, &mut scratch, &mut frame) {
-            Some(length) => self.write(frame.get(..length).unwrap_or(&frame)).await,
-            None => defmt::error!("a reply does not fit its frame; not sent"),
-        }
+        let mut frame = [0; MAX_REPLY];
+        let length = encode_reply(reply, source, &mut frame);
+        self.write(frame.get(..length).unwrap_or(&frame)).await;
     }
 
     fn health(&self) -> Health {
-        Health { failures: self.failures, ..Health::default() }
+        Health { failures: self.failures.saturating_add(self.receiving.failures()), ..Health::default() }
     }
 }

@@ -6,24 +6,35 @@ use cortex_m::peripheral::{NVIC, SCB};
 
 use super::{time, uart};
 
-/// Interrupts of the AN386 that are used here.
+/// An interrupt of the AN386, by number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u16)]
-pub enum Interrupt {
-    /// UART 0 has received a byte.
-    Uart0Receive = 0,
-    /// UART 0 has sent a byte.
-    Uart0Transmit = 1,
+pub struct Interrupt(u16);
+
+impl Interrupt {
     /// Timer 1 has run out.
-    Timer1 = 9,
+    pub const TIMER_1: Self = Self(9);
     /// UART 0, 1 or 2 has lost a byte.
-    UartOverrun = 12,
+    pub const UART_OVERRUN: Self = Self(12);
+
+    /// UART `N` has received a byte.
+    pub const fn uart_receive(uart: usize) -> Self {
+        Self([0, 2, 4, 18, 20][uart])
+    }
+
+    /// UART `N` has sent a byte.
+    pub const fn uart_transmit(uart: usize) -> Self {
+        Self(Self::uart_receive(uart).0 + 1)
+    }
+
+    const fn place(self) -> usize {
+        self.0 as usize
+    }
 }
 
-// SAFETY: the numbers are those of the AN386 manual, each used once, and stay the same.
+// SAFETY: the numbers are those of the AN386 manual, below 32, and stay the same.
 unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
-        self as u16
+        self.0
     }
 }
 
@@ -36,7 +47,7 @@ pub fn enable(interrupt: Interrupt) {
 /// Lets all others precede the interrupt.
 pub fn defer(interrupt: Interrupt) {
     // SAFETY: as above.
-    unsafe { (*NVIC::PTR).ipr[interrupt as usize].write(0xFF) };
+    unsafe { (*NVIC::PTR).ipr[interrupt.place()].write(0xFF) };
 }
 
 /// An entry of the vector table.
@@ -50,19 +61,27 @@ static __INTERRUPTS: [Handler; 32] = table();
 
 const fn table() -> [Handler; 32] {
     let mut table: [Handler; 32] = [unexpected; 32];
-    table[Interrupt::Uart0Receive as usize] = uart0_receive;
-    table[Interrupt::Uart0Transmit as usize] = uart0_transmit;
-    table[Interrupt::Timer1 as usize] = timer1;
-    table[Interrupt::UartOverrun as usize] = uart_overrun;
+    (table[Interrupt::uart_receive(0).place()], table[Interrupt::uart_transmit(0).place()]) = handlers::<0>();
+    (table[Interrupt::uart_receive(1).place()], table[Interrupt::uart_transmit(1).place()]) = handlers::<1>();
+    (table[Interrupt::uart_receive(2).place()], table[Interrupt::uart_transmit(2).place()]) = handlers::<2>();
+    (table[Interrupt::uart_receive(3).place()], table[Interrupt::uart_transmit(3).place()]) = handlers::<3>();
+    (table[Interrupt::uart_receive(4).place()], table[Interrupt::uart_transmit(4).place()]) = handlers::<4>();
+    table[Interrupt::TIMER_1.place()] = timer1;
+    table[Interrupt::UART_OVERRUN.place()] = uart_overrun;
     table
 }
 
-extern "C" fn uart0_receive() {
-    uart::on_receive();
+/// For reception and transmission of a UART.
+const fn handlers<const N: usize>() -> (Handler, Handler) {
+    (uart_receive::<N>, uart_transmit::<N>)
 }
 
-extern "C" fn uart0_transmit() {
-    uart::on_transmit();
+extern "C" fn uart_receive<const N: usize>() {
+    uart::on_receive(N);
+}
+
+extern "C" fn uart_transmit<const N: usize>() {
+    uart::on_transmit(N);
 }
 
 extern "C" fn uart_overrun() {

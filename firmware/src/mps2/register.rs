@@ -15,7 +15,7 @@ impl Register {
     /// Reads the register, with whatever side effect the device attaches to that.
     #[inline(always)]
     pub fn read(&self) -> u32 {
-        // SAFETY: `self` is a register of a live device, see `timer` and `uart0`: valid and aligned.
+        // SAFETY: `self` is a register of a live device, see `timer` and `uart`: valid and aligned.
         unsafe { self.0.get().read_volatile() }
     }
 
@@ -65,11 +65,15 @@ pub fn timer<const N: usize>() -> &'static Timer {
     unsafe { &*((0x4000_0000 + N * 0x1000) as *const Timer) }
 }
 
-/// UART 0 of the AN386.
+/// Number of UARTs of the AN386.
+pub const UARTS: usize = 5;
+
+/// UART `number` of the AN386.
 #[inline(always)]
-pub fn uart0() -> &'static Uart {
-    // SAFETY: AN386 has a CMSDK UART at this address, word aligned, always powered.
-    unsafe { &*(0x4000_4000 as *const Uart) }
+pub fn uart(number: usize) -> &'static Uart {
+    const BASES: [usize; UARTS] = [0x4000_4000, 0x4000_5000, 0x4000_6000, 0x4000_7000, 0x4000_9000];
+    // SAFETY: AN386 has CMSDK UARTs at these addresses, word aligned, always powered.
+    unsafe { &*(BASES[number] as *const Uart) }
 }
 
 /// The watchdog of the AN386.

@@ -111,7 +111,7 @@ pub fn start() {
     timer::<1>().reload.write(0);
     DRIVER.started.store(true, Ordering::Relaxed);
     DRIVER.with(State::arm);
-    interrupt::enable(Interrupt::Timer1);
+    interrupt::enable(Interrupt::TIMER_1);
 }
 
 /// Interrupt handler of timer 1.

@@ -3,6 +3,8 @@
 #[cfg(feature = "nucleo-f446re")]
 pub mod bxcan;
 #[cfg(feature = "nucleo-g474re")]
+pub mod clocks;
+#[cfg(feature = "nucleo-g474re")]
 mod ecc;
 #[cfg(feature = "nucleo-g474re")]
 pub mod fdcan;
@@ -26,8 +28,13 @@ fn uid() -> u64 {
 
 /// The line to the debugger's virtual COM port: 115,200 bit/s.
 pub fn service_plane() -> usart::Config {
+    line(115_200)
+}
+
+/// A serial line, bit/s.
+pub fn line(bit_rate: u32) -> usart::Config {
     let mut config = usart::Config::default();
-    config.baudrate = 115_200;
+    config.baudrate = bit_rate;
     config
 }
 

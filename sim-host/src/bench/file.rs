@@ -1,6 +1,7 @@
 //! `bench.toml`: which node is where (docs/bench.md).
 
 use super::clock::{self, CLOCKS, Clock};
+use super::wires::{self, Wire};
 use crate::hub::{OnLoss, Patience};
 use crate::scenario::reader::{Choice, Log, Section, ready};
 use crate::scenario::tree::{self, Item, Value};
@@ -67,6 +68,10 @@ pub struct BenchFile {
     pub can_fd: bool,
     /// The nodes, in the order of the file.
     pub nodes: Vec<BenchNode>,
+    /// Nodes that are wired to each other.
+    pub wires: Vec<Wire>,
+    /// Time before each SYNC in which their states get there.
+    pub settle: Duration,
 }
 
 impl BenchFile {
@@ -111,9 +116,10 @@ impl BenchFile {
         }
         let nodes: Vec<_> =
             items.iter().filter_map(|item| Some((item, read_node(item, &can, &log)?))).collect();
-        file.finish();
         distinct(&nodes, &log);
         let nodes: Vec<_> = nodes.into_iter().map(|(_, node)| node).collect();
+        let (wires, settle) = wires::read(&mut file, &nodes, clock);
+        file.finish();
         if let Some(key) = root.get("clock").filter(|_| clock == Clock::Own) {
             clock::check(key, on_loss, &log);
         }
@@ -128,6 +134,8 @@ impl BenchFile {
             can,
             can_fd,
             nodes,
+            wires,
+            settle,
         })
     }
 
@@ -141,6 +149,11 @@ impl BenchFile {
         let nodes: Vec<_> = ids.iter().filter_map(|&id| self.node(id)).collect();
         let is_used = |interface: &&String| nodes.iter().any(|node| node.can.as_ref() == Some(interface));
         self.can.iter().filter(is_used).collect()
+    }
+
+    /// Whether these two nodes are wired to each other.
+    pub fn is_wired(&self, one: u8, other: u8) -> bool {
+        self.wires.iter().any(|wire| wire.joins(one, other))
     }
 
     /// How long the hub waits for these nodes.
@@ -158,15 +171,16 @@ impl BenchFile {
         u64::try_from(self.answer.as_nanos() * (waits + 1)).unwrap_or(u64::MAX)
     }
 
-    /// Checks that every node of `scenario` has an entry. Entries of other nodes are allowed: one file per bench will do.
+    /// Checks that every node of `scenario` has an entry, and that its wires are edges of its graph. Entries of other nodes are allowed: one
+    /// file per bench will do.
     ///
     /// # Errors
-    /// The ids that are missing, in one sentence.
+    /// The ids that are missing, or a wire that is no edge, in one sentence.
     pub fn covers(&self, scenario: &Scenario) -> Result<(), String> {
         let here = |id: u16| self.nodes.iter().any(|node| u16::from(node.id) == id);
         let missing: Vec<_> = scenario.nodes.iter().map(|node| node.id).filter(|&id| !here(id)).collect();
         if missing.is_empty() {
-            return Ok(());
+            return wires::fit(&self.wires, scenario);
         }
         let ids: Vec<_> = missing.iter().map(u16::to_string).collect();
         Err(format!(

@@ -8,6 +8,7 @@ mod list;
 mod port;
 mod record;
 mod skew;
+mod wires;
 
 pub use clock::{Clock, ticks_until_apart};
 pub use compare::{Comparison, Difference};
@@ -16,9 +17,10 @@ pub use list::{Listed, list};
 pub use port::open as open_port;
 pub use record::{CanLog, Stampings};
 pub use skew::Skew;
+pub use wires::Wire;
 
 use crate::can::{CanPort, Own};
-use crate::emulator::{self, EmulatorOptions};
+use crate::emulator::{self, EmulatorOptions, Sockets};
 use crate::hub::{Attached, CanSide, HubError};
 
 /// Opens those CAN interfaces of the file that one of `ids` is on, in the order of the file.
@@ -39,10 +41,17 @@ pub fn can_sides(file: &BenchFile, ids: &[u8]) -> Result<Vec<CanSide>, HubError>
 /// # Errors
 /// The first port or emulator that cannot be used.
 pub fn attach(file: &BenchFile, ids: &[u8], options: &EmulatorOptions) -> Result<Vec<Attached>, HubError> {
+    let pairs = file
+        .wires
+        .iter()
+        .map(|wire| wire.between)
+        .filter(|(one, other)| ids.contains(one) && ids.contains(other));
+    // Until all are connected.
+    let sockets = Sockets::new(pairs)?;
     let mut attached: Vec<Attached> = Vec::new();
     for node in ids.iter().filter_map(|&id| file.node(id)) {
         let one = match &node.at {
-            Where::Emulator => emulator::attach(&[node.id], options)?,
+            Where::Emulator => vec![emulator::attach_wired(node.id, &sockets, options)?],
             Where::Host => vec![host::attach(node, file.can_fd, options)?],
             Where::Serial(path) => vec![port::attach(node, path, file.baud, &options.interrupt)?],
             Where::UsbSerial(number) => {

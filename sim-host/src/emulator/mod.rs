@@ -2,8 +2,10 @@
 
 pub mod log;
 mod process;
+mod sockets;
 
 pub use log::decode as decode_log;
+pub use sockets::Sockets;
 
 use crate::hub::{Attached, Device, HubError, Link, Patience};
 use crate::interrupt::Interrupt;
@@ -13,6 +15,10 @@ use std::time::Duration;
 
 /// How long the hub waits for emulated nodes.
 pub const PATIENCE: Patience = Patience { boot: Duration::from_secs(10), answer: Duration::from_secs(5) };
+/// Lines to neighbours of the emulated board, in the image that has them.
+pub const LINES: usize = 4;
+/// That image, beside the one without them.
+const WITH_LINES: &str = "mps2_peers";
 /// How much later than the end of its serial line a dead emulator's exit status may come.
 const EXIT: Duration = Duration::from_secs(1);
 /// Lines of a node's log that an error quotes.
@@ -40,20 +46,37 @@ struct Emulated {
 /// # Errors
 /// No emulator, no image, an emulator that ends or does not connect in time.
 pub fn attach(ids: &[u8], options: &EmulatorOptions) -> Result<Vec<Attached>, HubError> {
-    if !options.image.is_file() {
-        return Err(HubError::NoImage { path: options.image.clone() });
-    }
+    check_image(options)?;
     let mut processes = Vec::new();
     for &id in ids {
-        processes.push((id, Process::start(id, options)?));
+        processes.push((id, Process::start(id, &[], options)?));
     }
-    let connect = |(id, mut process): (u8, Process)| {
-        let stream = process.connect(PATIENCE.boot, &options.interrupt)?;
-        let link = Link::new(id, "the emulator".to_owned(), Box::new(stream), options.interrupt.clone());
-        let device = Box::new(Emulated { process, image: options.image.clone() });
-        Ok(Attached { link, device, uid: None })
-    };
-    processes.into_iter().map(connect).collect()
+    processes.into_iter().map(|(id, process)| connect(id, process, options)).collect()
+}
+
+/// Starts and connects one emulator whose further lines lead to other ones, where it is wired.
+///
+/// # Errors
+/// As for [`attach`].
+pub fn attach_wired(id: u8, sockets: &Sockets, options: &EmulatorOptions) -> Result<Attached, HubError> {
+    let lines = sockets.lines_of(id);
+    let mut options = options.clone();
+    if !lines.is_empty() && options.image.ends_with("mps2_an386") {
+        options.image.set_file_name(WITH_LINES);
+    }
+    check_image(&options)?;
+    connect(id, Process::start(id, &lines, &options)?, &options)
+}
+
+fn check_image(options: &EmulatorOptions) -> Result<(), HubError> {
+    if options.image.is_file() { Ok(()) } else { Err(HubError::NoImage { path: options.image.clone() }) }
+}
+
+fn connect(id: u8, mut process: Process, options: &EmulatorOptions) -> Result<Attached, HubError> {
+    let stream = process.connect(PATIENCE.boot, &options.interrupt)?;
+    let link = Link::new(id, "the emulator".to_owned(), Box::new(stream), options.interrupt.clone());
+    let device = Box::new(Emulated { process, image: options.image.clone() });
+    Ok(Attached { link, device, uid: None })
 }
 
 impl Emulated {

@@ -32,11 +32,12 @@ pub struct Process {
 }
 
 impl Process {
-    /// Starts the emulator of node `id`.
+    /// Starts the emulator of node `id`, whose further lines lead to these sockets. When it has connected its first line, it has made those
+    /// that it makes.
     ///
     /// # Errors
     /// No such emulator, or the operating system's.
-    pub fn start(id: u8, options: &EmulatorOptions) -> Result<Self, HubError> {
+    pub fn start(id: u8, lines: &[String], options: &EmulatorOptions) -> Result<Self, HubError> {
         let folder = tempfile::Builder::new()
             .prefix(&format!("funnelnet-{id}-"))
             .tempdir()
@@ -47,7 +48,7 @@ impl Process {
         let file = || tempfile::tempfile().map_err(HubError::io("make the emulator's log file"));
         let (log, errors) = (file()?, file()?);
         let shared = |file: &File| file.try_clone().map_err(HubError::io("share the emulator's log file"));
-        let child = command(&options.qemu, &options.image, folder.path())
+        let child = command(&options.qemu, &options.image, folder.path(), lines)
             .stdin(Stdio::null())
             .stdout(shared(&log)?)
             .stderr(shared(&errors)?)
@@ -159,7 +160,7 @@ impl Drop for Process {
 
 /// The emulator's command line. `setpriv`, where there is one, makes the kernel end the emulator should this program be
 /// killed; a process group of its own lets Ctrl-C reach only this program, which then stops in order.
-fn command(qemu: &str, image: &Path, folder: &Path) -> Command {
+fn command(qemu: &str, image: &Path, folder: &Path, lines: &[String]) -> Command {
     let mut command = match Path::new("/usr/bin/setpriv").exists() && runs(qemu) {
         true => {
             let mut command = Command::new("/usr/bin/setpriv");
@@ -170,7 +171,13 @@ fn command(qemu: &str, image: &Path, folder: &Path) -> Command {
     };
     let socket = folder.join(SOCKET).display().to_string();
     command.args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-kernel"]).arg(image);
+    for (number, line) in (1..).zip(lines) {
+        command.args(["-chardev", &format!("socket,id=line{number},{line}")]);
+    }
     command.args(["-chardev", &format!("socket,id=uart,path={socket}"), "-serial", "chardev:uart"]);
+    for number in 1..=lines.len() {
+        command.args(["-serial", &format!("chardev:line{number}")]);
+    }
     // defmt's bytes come by semihosting, which QEMU writes to its own standard output.
     command.args(["-semihosting-config", "enable=on,target=native"]);
     command

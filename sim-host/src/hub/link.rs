@@ -246,6 +246,8 @@ impl Link {
         for &byte in bytes {
             // A frame that cannot be read is as good as none: whoever waits for it runs into the time limit.
             match self.deframer.push(byte).map(|frame| frame.and_then(received)) {
+                // Another node's, passed on, which that one tells itself.
+                Some(Ok(Received::Message(Message::Fault { source, .. }))) if source.get() != self.id => {}
                 Some(Ok(received)) => self.received.push_back(received),
                 Some(Err(reason)) => self.refused = (self.refused.0.saturating_add(1), Some(reason)),
                 None => {}

@@ -145,6 +145,8 @@ pub struct Hub {
     begin_on_bus: SystemTime,
     /// The buses of nodes on CAN.
     can: Vec<CanSide>,
+    /// Time before each SYNC for states on lines from node to node, where there are some.
+    settle: Option<Duration>,
     /// Where nodes do not tick by SYNC.
     own: Option<OwnClock>,
     /// Of the last tick, by index.
@@ -201,6 +203,7 @@ impl Hub {
             begin,
             begin_on_bus: SystemTime::now(),
             can: Vec::new(),
+            settle: None,
             own: None,
             stamps,
             observations,
@@ -214,6 +217,11 @@ impl Hub {
     /// With noise on the states that nodes send.
     pub fn with_noise(self, noise: Noise) -> Self {
         Self { noise, ..self }
+    }
+
+    /// With lines between nodes, on which their states may take so long.
+    pub fn with_wires(self, settle: Duration) -> Self {
+        Self { settle: Some(settle), ..self }
     }
 
     /// Starts all nodes, and in lockstep takes their announced initial states.
@@ -253,6 +261,7 @@ impl Hub {
             self.look_for_lost()?;
             let now = (u64::from(self.tick) + 1) * self.tick_ns;
             self.deliver_before(now)?;
+            self.settle()?;
             self.say_on_can(&self.sync())?;
             for index in 0..self.nodes.len() {
                 let sent = self.send_sync(index);
@@ -264,6 +273,19 @@ impl Hub {
             }
         }
         self.tick += 1;
+        Ok(())
+    }
+
+    /// Leaves states their time on lines from node to node. What this program relays goes out before, too: a SYNC that one node passes
+    /// on to another must not overtake it.
+    fn settle(&mut self) -> Result<(), HubError> {
+        let Some(settle) = self.settle else { return Ok(()) };
+        for index in 0..self.nodes.len() {
+            let node = self.nodes.get_mut(index).filter(|node| node.away.is_none());
+            let sent = node.map_or(Ok(()), |node| node.link.flush());
+            sent.or_else(|error| self.lose(index, error))?;
+        }
+        std::thread::sleep(settle);
         Ok(())
     }
 

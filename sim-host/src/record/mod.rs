@@ -15,7 +15,7 @@ pub use number::{Precision, shortest};
 pub use summary::{
     AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary, Expectation,
     FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface, ReferenceSummary,
-    Summary, SyncSummary,
+    Summary, SyncSummary, WiresSummary,
 };
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

@@ -134,6 +134,9 @@ pub struct BenchSummary {
     /// What nodes that ticked by their own clock did with it; left out where they ticked by SYNC.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub own_clock: Option<OwnClockSummary>,
+    /// The lines from node to node; left out where there were none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wires: Option<WiresSummary>,
     /// The CAN interfaces; left out where no node was on one.
     #[serde(skip_serializing_if = "PerInterface::is_empty")]
     pub can: PerInterface,
@@ -167,6 +170,17 @@ pub struct OwnClockNodeSummary {
     pub overruns: u32,
     /// Values of neighbours that came too late for their tick, and were extrapolated.
     pub extrapolated: u32,
+}
+
+/// Lines from node to node.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct WiresSummary {
+    /// How many.
+    pub count: usize,
+    /// Time that their states had before each SYNC, s.
+    pub settle_s: f64,
+    /// Values that had not come when their tick ran, on all lines, by the nodes' count.
+    pub extrapolated: u64,
 }
 
 /// What was heard on CAN.

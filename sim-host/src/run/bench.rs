@@ -1,15 +1,17 @@
 //! Fidelity `bench`: the nodes of a bench file, with this program as the bus between them.
 
 use super::error::RunError;
-use super::fidelity::{LOCKSTEP, bus, engine, lockstep};
+use super::fidelity::{LOCKSTEP, bus_between, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
-use crate::bench::{BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, attach, can_sides};
+use crate::bench::{
+    BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
+};
 use crate::configure::node_configs;
 use crate::hub::{Absence, CanCounts, Hub, Link};
 use crate::noise::Noise;
-use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, PerInterface};
+use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, PerInterface, WiresSummary};
 use crate::scenario::Scenario;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Identity;
@@ -25,12 +27,16 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     // Before any node is touched.
     let can = can_sides(file, &ids)?;
-    let skipped = if can.is_empty() { Vec::new() } else { skipped(scenario) };
+    let wired = wires(file, &ids);
+    let skipped = if can.is_empty() && wired == 0 { Vec::new() } else { skipped(scenario) };
     tell_skipped(&skipped, options);
     warn_of_drift(scenario, file, options);
     let files = Files::create(options, !can.is_empty())?;
     let attached = attach(file, &ids, &options.emulator())?;
-    let hub = Hub::new(attached, &configs, bus(scenario), file.patience())?;
+    let id = |index: usize| ids.get(index).copied().unwrap_or(0);
+    let bus = bus_between(scenario, |from, to| !file.is_wired(id(from), id(to)));
+    let hub = Hub::new(attached, &configs, bus, file.patience())?;
+    let hub = if wired > 0 { hub.with_wires(file.settle) } else { hub };
     let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
     let interfaces = file.interfaces(&ids);
     let hub = hub.with_can(can, |index| {
@@ -44,14 +50,25 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     hub.members().for_each(|(link, identity)| warn_of_reset(link.id(), identity));
     match compared(scenario, (options, file.clock), &mut hub, comparison, files) {
         Ok(outcome) => {
-            let bench = outcome.bench.map(|bench| BenchSummary { skipped, ..bench });
+            let wires = (wired > 0).then(|| WiresSummary {
+                count: wired,
+                settle_s: file.settle.as_secs_f64(),
+                extrapolated: outcome.counters.iter().map(|counters| u64::from(counters.extrapolated)).sum(),
+            });
+            let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });
             Ok(Outcome { logs: hub.into_logs(), bench, ..outcome })
         }
         Err(error) => Err(error.and(hub.halt())),
     }
 }
 
-/// What a scenario asks of its bus that a real one does not do between nodes on it.
+/// Wires between nodes of the run.
+fn wires(file: &BenchFile, ids: &[u8]) -> usize {
+    let of_run = |wire: &&Wire| ids.contains(&wire.between.0) && ids.contains(&wire.between.1);
+    file.wires.iter().filter(of_run).count()
+}
+
+/// What a scenario asks of its bus that a real one does not do between nodes on it, nor a wire between its ends.
 fn skipped(scenario: &Scenario) -> Vec<&'static str> {
     let bus = &scenario.bus;
     let asked = [
@@ -68,7 +85,7 @@ fn tell_skipped(skipped: &[&str], options: &RunOptions) {
         // Nobody is left to tell where standard error is closed.
         let _ = writeln!(
             std::io::stderr(),
-            "skipped between nodes on CAN, whose bus is real: {}",
+            "skipped between nodes on CAN or wired to each other, whose lines are real: {}",
             skipped.join(", ")
         );
     }
@@ -213,6 +230,7 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
     };
     BenchSummary {
         own_clock: None,
+        wires: None,
         can: PerInterface(hub.can().map(can).collect()),
         skipped: Vec::new(),
         absences: hub.absences().iter().map(absence).collect(),

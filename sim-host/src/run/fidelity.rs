@@ -124,9 +124,18 @@ pub(super) fn lockstep(
 }
 
 pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
+    bus_between(scenario, |_, _| true)
+}
+
+/// The same, where it carries the frames of one node to another only if `carries` says so, by index.
+pub(super) fn bus_between<P>(scenario: &Scenario, carries: impl Fn(usize, usize) -> bool) -> IdealBus<P> {
+    let mut listeners = listeners(scenario);
+    for (from, list) in listeners.iter_mut().enumerate() {
+        list.retain(|&to| carries(from, to));
+    }
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-    IdealBus::new(params, scenario.seed, listeners(scenario))
+    IdealBus::new(params, scenario.seed, listeners)
 }
 
 fn progress(what: &'static str, scenario: &Scenario, options: &RunOptions) -> Progress {

@@ -1,0 +1,52 @@
+//! The node on the emulated board, with lines to neighbours: UART 0 is the line to the host, UARTs 1 to 4 are those to neighbours.
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::entry;
+use defmt_semihosting as _;
+use firmware::app::{self, Chip};
+use firmware::executor::Executor;
+use firmware::link::peers::Peers;
+use firmware::mps2::time;
+use firmware::mps2::uart::{Receiver, Transmitter, UART_0, UART_1, UART_2, UART_3, UART_4, Uart};
+use firmware::reset::{self, Start};
+use firmware::storage::Absent;
+use firmware::{panic, watchdog};
+use funnel_link::Junction;
+use funnel_plant::Virtual;
+use funnel_protocol::service::ResetCause;
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// What hardware would run at; the emulator doesn't wait for bits.
+const BIT_RATE: u32 = 1_000_000;
+
+type Halves = (Transmitter, Receiver);
+
+#[embassy_executor::task]
+async fn node(host: Halves, peers: [Halves; 4], start: Start) {
+    static JUNCTION: ConstStaticCell<Junction<4>> = ConstStaticCell::new(Junction::new());
+    // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
+    let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
+    app::run(Peers::new(host, peers, JUNCTION.take()), Absent, Virtual, chip).await
+}
+
+#[entry]
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    // The board's hardware does not tell.
+    let start = reset::begin(ResetCause::Unknown);
+    time::start();
+    let ports = [UART_0, UART_1, UART_2, UART_3, UART_4];
+    let [host, peers @ ..] =
+        ports.map(|port| Uart::take(port, BIT_RATE).expect("nobody else takes the UART").split());
+    let node = node(host, peers, start).expect("the task is spawned once");
+    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    panic::report(info)
+}

@@ -1,0 +1,73 @@
+//! From the bytes of a serial line to frames.
+
+use core::ops::Range;
+
+use embassy_time::Timer;
+use embedded_io_async::Read;
+use funnel_protocol::refusal::Refusal;
+use funnel_protocol::serial::{Deframer, Frame};
+
+/// Pause after a failed read: one that fails at once, again and again, must leave time for the ticks.
+const PAUSE_MS: u64 = 1;
+
+/// Takes frames of up to `LONGEST` bytes from a UART whose `read` loses nothing when it is dropped.
+pub struct Receiving<const LONGEST: usize> {
+    deframer: Deframer<LONGEST>,
+    bytes: [u8; 64],
+    /// Bytes of `bytes` that are not deframed yet.
+    waiting: Range<usize>,
+    /// Whether the deframer holds the beginning of a frame.
+    inside: bool,
+    failures: u32,
+}
+
+impl<const LONGEST: usize> Receiving<LONGEST> {
+    /// Nothing has come yet.
+    pub const fn new() -> Self {
+        Self { deframer: Deframer::new(), bytes: [0; 64], waiting: 0..0, inside: false, failures: 0 }
+    }
+
+    /// Whether bytes wait for [`Receiving::next`].
+    pub fn has_bytes(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
+    /// Waits for bytes, unless some wait already.
+    pub async fn wait(&mut self, uart: &mut impl Read) {
+        if self.has_bytes() {
+            return;
+        }
+        match uart.read(&mut self.bytes).await {
+            Ok(count) => self.waiting = 0..count,
+            Err(_) => {
+                self.failures = self.failures.saturating_add(1);
+                Timer::after_millis(PAUSE_MS).await;
+            }
+        }
+    }
+
+    /// The next frame of the bytes that wait, or the reason for refusing one.
+    pub fn next(&mut self) -> Option<Result<Frame<'_>, Refusal>> {
+        while let Some(byte) = self.byte() {
+            // Zeros between frames are idle.
+            if byte == 0 && self.inside {
+                self.inside = false;
+                return self.deframer.push(byte);
+            }
+            if byte != 0 {
+                self.inside = true;
+                let _ = self.deframer.push(byte);
+            }
+        }
+        None
+    }
+
+    /// Reads that failed.
+    pub fn failures(&self) -> u32 {
+        self.failures
+    }
+
+    fn byte(&mut self) -> Option<u8> {
+        self.bytes.get(self.waiting.next()?).copied()
+    }
+}
