@@ -176,17 +176,15 @@ impl<F: Real> Neighbours<F> {
         })
     }
 
-    /// Takes over what `old`, of as many components, has heard of the neighbours that both have; and the last inputs of their
-    /// edges, if `with_inputs`.
-    pub fn inherit(&mut self, old: &Self, with_inputs: bool) {
+    /// Takes over what `old`, of as many components, has heard of the neighbours that both have, and the last inputs of their edges.
+    pub fn inherit(&mut self, old: &Self) {
         for edge in &mut self.edges {
             let first = old.slot.get(usize::from(edge.id)).copied().unwrap_or(NONE);
             let Some(before) = old.edges.get(usize::from(first) + usize::from(edge.component)) else {
                 continue;
             };
             (edge.value, edge.increment) = (before.value, before.increment);
-            (edge.tick, edge.presence) = (before.tick, before.presence);
-            edge.last = before.last.filter(|_| with_inputs);
+            (edge.tick, edge.presence, edge.last) = (before.tick, before.presence, before.last);
         }
     }
 

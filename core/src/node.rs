@@ -426,26 +426,27 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 let next = due + self.params.tick_ns;
                 let late = now >= next;
                 self.schedule = Schedule::At(next);
-                if late {
-                    self.came_late(now, due);
-                }
+                let due = !late || self.came_late(now, due);
                 self.late = late;
-                true
+                due
             }
             Schedule::At(_) => false,
         }
     }
 
     /// Counts a tick due at `due` (ns) that comes when the next one is due already, and moves on over those that can be run no more.
+    /// Whether one is due then: not where that leads over the tick of a commit, which comes first.
     #[cold]
-    fn came_late(&mut self, now: u64, due: u64) {
+    fn came_late(&mut self, now: u64, due: u64) -> bool {
         count(&mut self.counters.overruns);
         if !self.late {
             self.report_event(Event::Overrun { tick: self.tick });
         }
         let missed = self.beyond_measuring(now, due);
         self.skip(missed);
-        self.schedule = Schedule::At(due + (u64::from(missed) + 1) * self.params.tick_ns);
+        let is_due = !self.commit_is_due();
+        self.schedule = Schedule::At(due + (u64::from(missed) + u64::from(is_due)) * self.params.tick_ns);
+        is_due
     }
 
     /// Ticks, from the one due at `due` (ns) on, whose time is over at `now` (ns). A virtual node makes up for them; a plant cannot be

@@ -251,9 +251,12 @@ fn the_same_configuration_again_changes_no_bit() {
             network.run(35);
             (network.states, network.told, network.boards[0].session.node().unwrap().counters().ticks)
         };
-        let (with, without) = (run(Some(17)), run(None));
-        assert_eq!(with, without, "kind {kind}");
-        assert!(with.0.len() == 3 * components * 41 && with.2 == 40, "kind {kind}");
+        // The one of 5 comes when the states of that tick have been heard, with their changes since the tick before.
+        for at in [5, 17] {
+            let (with, without) = (run(Some(at)), run(None));
+            assert_eq!(with, without, "kind {kind}, at {at}");
+            assert!(with.0.len() == 3 * components * 41 && with.2 == 40, "kind {kind}, at {at}");
+        }
     }
 }
 
@@ -446,6 +449,66 @@ fn a_storage_that_fails_at_a_node_that_does_not_run_leaves_it_as_it_was() {
 }
 
 #[test]
+fn a_storage_that_hands_over_another_configuration_than_was_staged_has_failed() {
+    let (next, other) = (with_width(&config(2, 1), 20.0), with_width(&config(2, 1), 30.0));
+    let faults = |said: &[Output]| {
+        let fault =
+            |output: &&Output| matches!(output, Output::Send(Message::Fault { code: FaultCode::COMMIT, .. }));
+        said.iter().filter(fault).count()
+    };
+    let mut board = running(&next);
+    board.staged = Some(other.clone());
+    let mut said = board.tell(commit(5));
+    said.extend(board.tell(sync(5)));
+    assert_eq!((faults(&said), telemetry(&said)[0].psi), (1, 10.0));
+    assert_eq!(board.identity().checksum, config(2, 1).checksum());
+
+    let mut board = Board::ready(config(2, 1));
+    board.stage(&next);
+    board.staged = Some(other.clone());
+    assert_eq!(faults(&board.tell(commit(0))), 1);
+    assert_eq!(board.identity().checksum, config(2, 1).checksum());
+
+    let mut board = Board::blank();
+    board.stage(&next);
+    board.staged = Some(other);
+    board.tell(commit(0));
+    assert_eq!((board.identity().id, board.identity().checksum), (0, 0));
+}
+
+/// It has no id that a FAULT could carry.
+#[test]
+fn a_blank_node_counts_a_storage_that_fails() {
+    let mut board = Board::blank();
+    board.stage(&config(3, 1));
+    board.broken = true;
+    board.tell(commit(0));
+    assert_eq!((board.identity().id, board.counters().refused(Refusal::Phase)), (0, 1));
+    board.tell(commit(0));
+    assert_eq!(board.counters().refused(Refusal::Phase), 2, "it has to be staged again");
+}
+
+/// Two that are lost stop the node, one before the commit and one after it.
+#[test]
+fn a_neighbour_that_was_lost_before_is_so_after() {
+    let careful = NodeConfig { lost_neighbours: 2, ..config(2, 1) };
+    let mut board = Board::ready(careful.clone());
+    board.stage(&careful);
+    board.tell(ctrl(Command::Start, 0));
+    board.tell(state(1, 0, 1.0));
+    for tick in 0..10 {
+        board.tell(state(3, tick, 3.0));
+        board.tell(sync(tick));
+    }
+    board.tell(commit(10));
+    assert_eq!((board.counters().neighbours_lost, board.phase()), (1, Phase::Running));
+    for tick in 10..20 {
+        board.tell(sync(tick));
+    }
+    assert_eq!(board.phase(), Phase::Faulted(FaultCode::NEIGHBOURS_LOST));
+}
+
+#[test]
 fn a_node_that_stops_before_the_tick_keeps_what_it_had_and_can_still_be_committed() {
     let next = with_width(&config(2, 1), 20.0);
     let mut board = running(&next);
@@ -608,6 +671,52 @@ fn a_node_with_a_plant_switches_too_and_not_at_a_tick_that_waits_for_its_sample(
     assert!(said.contains(&Output::Sample) && said.contains(&Output::Actuate), "{said:?}");
 }
 
+/// A plant cannot be measured for ticks whose time is over, and is moved on over them: to the commit, if that is among them.
+#[test]
+fn a_late_node_with_a_plant_switches_before_it_runs_a_tick_at_or_after_the_one_that_was_named() {
+    let timer = |width| NodeConfig { tick_source: TickSource::Timer, ..with_width(&config(2, 1), width) };
+    // Tick 1 is due at 2 ms; at 5.5 ms the time of 1 to 3 is over.
+    for (at, psi) in [(2, 20.0), (3, 20.0), (4, 20.0), (5, 10.0)] {
+        let mut board = Board::of(Driven);
+        board.ask(&Request::Configure(timer(10.0)));
+        board.stage(&timer(20.0));
+        board.tell(ctrl(Command::Start, 0));
+        board.drain(MS);
+        board.tell(commit(at));
+        let said = board.drain(5 * MS + MS / 2);
+        assert_eq!(telemetry(&said).iter().map(|t| (t.tick, t.psi)).collect::<Vec<_>>(), [(4, psi)], "{at}");
+        let overruns = |output: &&Output| matches!(output, Output::Report(Event::Overrun { .. }));
+        assert_eq!(said.iter().filter(overruns).count(), 1, "{at}: {said:?}");
+        let adopted = Output::Report(Event::Adopted { tick: at.max(4) });
+        assert!(said.contains(&adopted), "{at}: {said:?}");
+        // It is in time again.
+        assert_eq!(board.session.poll_at(), Some(6 * MS), "{at}");
+        assert_eq!(telemetry(&board.drain(6 * MS))[0].psi, 20.0, "{at}");
+        assert_eq!(board.counters().overruns, 1, "{at}");
+    }
+}
+
+/// SYNC gives the sample that a tick waits for to a later one. Where that is the commit's or one after it, it is measured once more.
+#[test]
+fn a_node_with_a_plant_that_sync_moves_over_the_commit_while_it_waits_for_its_sample_switches_first() {
+    for (at, psi) in [(2, 20.0), (3, 20.0), (4, 10.0)] {
+        let mut board = Board::of(Driven);
+        board.ask(&Request::Configure(config(2, 1)));
+        board.stage(&with_width(&config(2, 1), 20.0));
+        board.tell(ctrl(Command::Start, 0));
+        board.tell(sync(0));
+        board.session.on_frame(Ok(Frame::RealTime(sync(1))), 0);
+        assert_eq!(board.session.poll(0), Some(Output::Sample));
+        board.session.on_frame(Ok(Frame::RealTime(commit(at))), 0);
+        board.session.on_frame(Ok(Frame::RealTime(sync(3))), 0);
+        board.session.measured(&[1.5]);
+        let said = board.drain(0);
+        assert_eq!(telemetry(&said).iter().map(|t| (t.tick, t.psi)).collect::<Vec<_>>(), [(3, psi)], "{at}");
+        assert_eq!(said.contains(&Output::Sample), at < 4, "{at}: {said:?}");
+        assert_eq!(telemetry(&board.tell(sync(4)))[0].psi, 20.0, "{at}");
+    }
+}
+
 /// With a field of its own that changes little, the input of a tick is near the one before, and far from what the law gives without memory.
 #[test]
 fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
@@ -637,35 +746,6 @@ fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
             assert!((u - same).abs() < 1e-5 * same.abs(), "tick {tick}: {u}, not {same}");
         }
     }
-}
-
-/// What a breach has added under the policy of before is no business of the one after the next.
-#[test]
-fn a_funnel_that_was_reopened_once_is_not_so_again_by_a_later_policy() {
-    let reopen = NodeConfig {
-        on_breach: BreachPolicy::Reopen { margin: 1.1, rate: 0.0 },
-        ..with_width(&config(2, 1), 0.01)
-    };
-    let wide = with_width(&config(2, 1), 10.0);
-    let wide_and_reopen = NodeConfig { on_breach: reopen.on_breach, ..wide.clone() };
-    let mut board = Board::ready(reopen);
-    board.stage(&wide);
-    board.tell(ctrl(Command::Start, 0));
-    for tick in 0..3 {
-        board.tell(state(1, tick, 5.0));
-        board.tell(sync(tick));
-    }
-    assert!(telemetry(&board.tell(sync(3)))[0].psi > 3.0, "it was reopened");
-    board.tell(commit(4));
-    board.tell(sync(4));
-    board.staged = Some(wide_and_reopen);
-    // Staging needs a node that stands still; here its storage is filled behind its back.
-    let mut node = board.session.node().unwrap().clone();
-    let params = funnel_core::Params::of_model(board.staged.as_ref().unwrap(), &Configured).unwrap();
-    node.adopt(params).unwrap();
-    node.on_message(&sync(5), 0).unwrap();
-    while node.poll(0).is_some() {}
-    assert_eq!(node.observations()[0].psi, 10.0);
 }
 
 #[test]

@@ -16,7 +16,8 @@ pub trait Storage {
     /// Whether there is a key.
     async fn has_key(&mut self) -> bool;
 
-    /// Does what the session asks for; the epoch of what is stored then. After an error, or a power cut, the one before is still there.
+    /// Does what the session asks for; the epoch of what is stored then. After an error, or a power cut, the next start finds the one before
+    /// or the new one, whole.
     async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError>;
 }
 

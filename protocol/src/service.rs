@@ -143,7 +143,7 @@ pub enum StoreError {
     Blank,
     /// The board has no storage.
     Absent,
-    /// The flash did not take it. What was stored before is still there.
+    /// The flash has failed. The next start finds what was stored before or the new one, whole.
     Failed,
 }
 
@@ -211,7 +211,7 @@ pub enum Reply {
     Telemetry(Telemetry),
     /// Counters.
     Report(Report),
-    /// I keep it: the epoch, which grows with every store and erase.
+    /// I keep it: the epoch, which grows with every store, erase, commit and key.
     Stored(Result<u32, StoreError>),
     /// I will be blank.
     Erased(Result<(), StoreError>),

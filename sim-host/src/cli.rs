@@ -41,14 +41,18 @@ Examples:
   sim-host run scenarios/lossy-ring.toml --seed 7 --set bus.loss=0.3 --junit out/lossy.xml
   sim-host run scenarios/five-agents.toml --set node.3.state=-2 --set 'coupling.funnel.end=0.5'";
 
+// A line for each paragraph, so that it is wrapped to the terminal's width.
 const BENCH_HELP: &str = "\
-Relays states between the nodes and makes them tick together, so that a run has the bits of `run`; records when
+Relays states between the nodes and makes them tick together, so that a run has the bits of `run`; records when \
 the host sent and read each of them (bench.csv). docs/bench.md lists the keys of a bench file.
+
+Nodes that run are stopped by --commission and --erase, and stay stopped: also where they fail.
 
 Examples:
   sim-host bench --list
   sim-host bench scenarios/five-agents.toml --bench bench.toml --commission
-  sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench";
+  sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench
+  sim-host bench --bench bench.toml --erase";
 
 const NODE_HELP: &str = "\
 The node is blank until a bench configures it over its line, and ends when that is closed. It has no plant, and keeps
@@ -187,10 +191,10 @@ struct BenchArgs {
     #[arg(long, conflicts_with = "scenario")]
     list: bool,
     /// Run nothing; store the scenario's configurations in all nodes, or in none, for every start to come
-    #[arg(long, conflicts_with = "list")]
+    #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit"])]
     commission: bool,
     /// Run nothing; make all nodes of the bench file blank at their next start
-    #[arg(long, conflicts_with_all = ["scenario", "list", "commission"])]
+    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "list", "commission", "out", "every", "json", "junit"])]
     erase: bool,
     #[command(flatten)]
     output: OutputArgs,

@@ -22,6 +22,11 @@ impl Interrupt {
         Ok(Self(flag))
     }
 
+    /// Sets it, as a signal would.
+    pub fn set(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
     /// Whether the user wants to stop.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -115,6 +115,39 @@ fn help_names_commands_examples_and_exit_codes() {
 }
 
 #[test]
+fn the_help_of_bench_fits_a_narrow_terminal() {
+    let Output { stdout, .. } = sim_host().args(["bench", "--help"]).env("COLUMNS", "80").output().unwrap();
+    let text = String::from_utf8(stdout).unwrap();
+    // Neither cut nor wrapped twice.
+    for line in [
+        "the bits of `run`; records when the host sent and read each of them (bench.csv).",
+        "  sim-host bench scenarios/five-agents.toml --bench bench.toml --commission",
+        "  sim-host bench --bench bench.toml --erase",
+    ] {
+        assert!(text.lines().any(|found| found == line), "no '{line}' in\n{text}");
+    }
+}
+
+#[test]
+fn what_commissioning_has_no_use_for_is_refused() {
+    let outputs = [["--out", "o"], ["--every", "1ms"], ["--json", "j.json"], ["--junit", "j.xml"]];
+    let refused = |arguments: &[&str], option: &str| {
+        let (code, out, err) = run(arguments);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+        assert!(err.contains("cannot be used with") && err.contains(option), "{err}");
+    };
+    for option in outputs {
+        refused(
+            &[&["bench", FIVE, "--bench", "b.toml", "--commission"], option.as_slice()].concat(),
+            option[0],
+        );
+    }
+    for option in outputs.into_iter().chain([["--seed", "3"], ["--set", "bus.loss=0"]]) {
+        refused(&[&["bench", "--bench", "b.toml", "--erase"], option.as_slice()].concat(), option[0]);
+    }
+}
+
+#[test]
 fn bad_usage_is_code_2() {
     for arguments in [
         vec![],

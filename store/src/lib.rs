@@ -101,12 +101,7 @@ impl<S: NorFlash> Store<S> {
     pub async fn open(flash: S, region: Range<u32>) -> Result<Self, Error<S::Error>> {
         check_region::<S>(&region)?;
         let mut store = Self { flash, region, current: None, staged: None, buffer: [0; BUFFER] };
-        for half in [Half::Low, Half::High] {
-            let found = store.read_commit(half).await?;
-            if let Some(commit) = found.filter(|found| found.epoch > store.epoch()) {
-                store.current = Some((half, commit));
-            }
-        }
+        store.look().await?;
         Ok(store)
     }
 
@@ -145,6 +140,8 @@ impl<S: NorFlash> Store<S> {
     /// `Flash`, `Corrupt` where the flash does not keep what is written; with a key, too, what [`Store::load`] fails with. Nothing is
     /// staged then.
     pub async fn stage(&mut self, change: Change<'_>) -> Result<(), Error<S::Error>> {
+        // A commit that has failed may be there all the same. Then it is what counts, and its half must not be erased.
+        self.look().await?;
         let (config, key) = match change {
             Change::Config(config) => match self.key().await {
                 Err(Error::Corrupt | Error::Newer { .. }) => (Some(config), None),
@@ -173,7 +170,7 @@ impl<S: NorFlash> Store<S> {
     ///
     /// # Errors
     /// `NotStaged`; `Epoch` unless `epoch` is larger than the [present one](Self::epoch); `Corrupt`, `Flash`: then the old
-    /// one stays until the next [`Store::open`], which finds the one or the other.
+    /// one stays until the next [`Store::open`] or [`Store::stage`], which finds the one or the other, since the record may be written.
     pub async fn commit(&mut self, epoch: u32) -> Result<(), Error<S::Error>> {
         if epoch <= self.epoch() {
             return Err(Error::Epoch { present: self.epoch() });
@@ -197,6 +194,17 @@ impl<S: NorFlash> Store<S> {
     /// The flash, for the next user.
     pub fn release(self) -> S {
         self.flash
+    }
+
+    /// Finds what is current.
+    async fn look(&mut self) -> Result<(), Error<S::Error>> {
+        for half in [Half::Low, Half::High] {
+            let found = self.read_commit(half).await?;
+            if let Some(commit) = found.filter(|found| found.epoch > self.epoch()) {
+                self.current = Some((half, commit));
+            }
+        }
+        Ok(())
     }
 
     /// Writes both beside what is current, and looks whether they are there.

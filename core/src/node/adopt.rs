@@ -8,7 +8,7 @@ use crate::law::Coupling;
 use crate::law::node_wise::Memory;
 use crate::math::Real;
 use crate::observe::{Event, Phase};
-use crate::params::{OnBreach, Params};
+use crate::params::Params;
 use crate::plant::Step;
 use funnel_protocol::NodeConfig;
 use funnel_protocol::config::TickSource;
@@ -79,7 +79,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     }
 
     /// Answers [`Node::take_commit`] with the parameters to go on with. Kept: phase, tick, schedule, state, what the law remembers, counters,
-    /// and what was heard of neighbours that stay. The initial state of `params` means nothing here.
+    /// and what was heard of neighbours that stay. The initial state of `params` means nothing here. Once in a run: after a second
+    /// time a law or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
     /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant are not those of the node; it
@@ -88,14 +89,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.keep_on();
         self.may_adopt(&params).inspect_err(|&reason| self.counters.refuse(reason))?;
         let old = &self.params;
-        let edge_wise = |params: &Params<F, V, G>| matches!(params.coupling, Coupling::EdgeWise(_));
-        params.neighbours.inherit(&old.neighbours, edge_wise(old) && edge_wise(&params));
+        params.neighbours.inherit(&old.neighbours);
         self.outgoing.edges_left = params.neighbours.count() as u8;
         if core::mem::discriminant(&params.coupling) != core::mem::discriminant(&old.coupling) {
             self.change_coupling(&params);
-        }
-        if !matches!(params.on_breach, OnBreach::Reopen { .. }) {
-            self.reopened = F::ZERO;
         }
         self.params = params;
         self.report_event(Event::Adopted { tick: self.tick });

@@ -1,6 +1,6 @@
 //! What a node does with its plant: samples, inputs, and what it asks the app for.
 
-use super::{Action, Node};
+use super::{Action, Node, Schedule};
 use crate::field::VectorField;
 use crate::gain::Gain;
 use crate::math::Real;
@@ -54,6 +54,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
                 self.parts.iter_mut().for_each(|part| part.dx = F::ZERO);
                 self.outgoing.states = self.all_components();
             }
+            // SYNC has moved it over the tick of a commit, which comes first.
+            Purpose::Tick if self.commit_is_due() => self.schedule = Schedule::Now,
             Purpose::Tick => self.run_tick(),
         }
     }

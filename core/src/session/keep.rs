@@ -95,9 +95,14 @@ impl<M: Model> Session<M> {
         let expected = self.staged.take().map(|staged| staged.checksum);
         let sound = stored && expected == self.room.as_ref().map(NodeConfig::checksum);
         let done = sound && if self.is_running() { self.adopt() } else { self.configure().is_ok() };
-        if let Some(node) = self.node.as_mut().filter(|_| !done) {
-            node.keep_on();
-            node.warn(FaultCode::COMMIT, 0);
+        match self.node.as_mut() {
+            _ if done => {}
+            Some(node) => {
+                node.keep_on();
+                node.warn(FaultCode::COMMIT, 0);
+            }
+            // A blank node has no id to say it with.
+            None => self.counters.refuse(Refusal::Phase),
         }
     }
 

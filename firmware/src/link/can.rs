@@ -139,7 +139,7 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
             Step::Silence(change) => {
                 self.mailbox.clear();
                 drop(self.format.flush());
-                // States of before the recovery are old: ticks on CAN have eight bits, so one might pass for a new one.
+                // States of before the recovery are old: ticks on CAN have eight bits, or sixteen, so one might pass for a new one.
                 self.controller.cancel();
                 self.change = Some(change);
             }

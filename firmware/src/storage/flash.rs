@@ -58,7 +58,7 @@ fn failed<E: core::fmt::Debug>(error: &Error<E>) {
     defmt::error!("storage: {}", error);
 }
 
-/// A driver that waits by itself. The node is not running then, and the host waits for its answer.
+/// A driver that waits by itself. A node that runs does nothing else meanwhile: it reads and writes at a commit, and never erases.
 pub struct Blocking<F>(pub F);
 
 impl<F: blocking::ErrorType> ErrorType for Blocking<F> {

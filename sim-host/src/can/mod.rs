@@ -56,6 +56,7 @@ pub enum Traffic {
 
 impl Heard {
     /// What it says in the real-time plane of a bus in this format, message by message, or the reason for refusing it; nothing where it is no frame.
+    /// As in the firmware, its identifier and bytes alone say what it is: that a frame is one of CAN FD is for the log only.
     pub fn messages(&self, format: &mut AnyFormat) -> Vec<Result<Message, Refusal>> {
         match &self.what {
             Traffic::Frame { id, data, .. } => format.unpack(*id, data),

@@ -1,12 +1,12 @@
 //! Gives nodes a configuration that survives a restart, or takes it from them: all of them, or none.
 //!
 //! Every node stages its configuration beside the one that it has. Only when all have, with the checksum that this program expects, are they
-//! told to commit (protocol/README.md, "Commit").
+//! told to commit (protocol/README.md, "Commit"). A node can still fail then: what is known of each of them is told.
 
-use super::{Attached, HubError, Link, Received, STOP, check_identity, identify};
+use super::{Attached, HubError, Link, Received, STOP, ask_who, check_identity, identify};
 use super::{Device, Patience};
 use funnel_protocol::NodeConfig;
-use funnel_protocol::message::{Command, Message, Target};
+use funnel_protocol::message::{Command, FaultCode, Message, Target};
 use funnel_protocol::serial;
 use funnel_protocol::service::{Identity, Reply, Request};
 use std::fmt;
@@ -80,36 +80,52 @@ impl Commissioning {
     /// Stages one configuration per node, compares all checksums, and commits.
     ///
     /// # Errors
-    /// [`Failed::Before`] the first commit: every node has what it had. [`Failed::After`] it: some have the new one.
+    /// [`Failed::Before`] the first commit: every node has what it had. [`Failed::After`] it: some may have the new one.
     pub fn commission(mut self, configs: &[NodeConfig]) -> Result<Vec<Commissioned>, Failed> {
         for (node, config) in self.nodes.iter_mut().zip(configs) {
             let staged = node.stage(config, self.patience);
             staged.map_err(|error| Failed::Before(explain(error, node.device.as_mut())))?;
         }
-        self.nodes.iter().try_for_each(|node| node.link.check_interrupt()).map_err(Failed::Before)?;
+        self.go_through_with_it()?;
         let patience = self.patience;
         let commit = |(node, config): (&mut Candidate, &NodeConfig)| node.commit(config, patience);
         let done = collect(self.nodes.iter_mut().zip(configs).map(commit));
-        done.map_err(|(error, done)| self.fail(error, done))
+        done.map_err(|(error, done)| self.fail(error, &done))
     }
 
-    /// Makes all nodes blank at their next start.
+    /// Makes all nodes blank at their next start, one after the other.
     ///
     /// # Errors
-    /// [`Failed::Before`] where the first one refuses; [`Failed::After`] where a later one does.
+    /// [`Failed::Before`] where the first one refuses; [`Failed::After`] where a later one does, or where one does not answer.
     pub fn erase(mut self) -> Result<Vec<Commissioned>, Failed> {
+        self.go_through_with_it()?;
         let patience = self.patience;
         let done = collect(self.nodes.iter_mut().map(|node| node.erase(patience)));
-        done.map_err(|(error, done)| self.fail(error, done))
+        done.map_err(|(error, done)| self.fail(error, &done))
     }
 
-    fn fail(&mut self, error: HubError, done: Vec<u8>) -> Failed {
-        let named = error.node().and_then(|id| self.nodes.iter_mut().find(|node| node.link.id() == id));
-        let error = match named {
-            Some(node) => explain(error, node.device.as_mut()),
-            None => error,
-        };
-        if done.is_empty() { Failed::Before(error) } else { Failed::After { error, done } }
+    /// The last moment at which the user's wish to stop is heard: nodes of which some have changed are worse than either.
+    fn go_through_with_it(&mut self) -> Result<(), Failed> {
+        self.nodes.iter().try_for_each(|node| node.link.check_interrupt()).map_err(Failed::Before)?;
+        self.nodes.iter_mut().for_each(|node| node.link.hurry(self.patience.answer));
+        Ok(())
+    }
+
+    /// Sorts the nodes by what is known of them, where all before the failed one were `done`.
+    fn fail(&mut self, error: HubError, done: &[Commissioned]) -> Failed {
+        let mut known = Known { done: done.iter().map(|node| node.node).collect(), ..Known::default() };
+        let mut rest = self.nodes.iter_mut().skip(done.len());
+        let Some(failed) = rest.next() else { return Failed::Before(error) };
+        let unchanged = failed.has_surely_not_changed(&error);
+        let group = if unchanged { &mut known.unchanged } else { &mut known.unsure };
+        group.push(failed.link.id());
+        known.unchanged.extend(rest.map(|node| node.link.id()));
+        let error = explain(error, failed.device.as_mut());
+        if done.is_empty() && unchanged {
+            Failed::Before(error)
+        } else {
+            Failed::After(error, Box::new(known))
+        }
     }
 }
 
@@ -128,13 +144,28 @@ impl Candidate {
 
     fn commit(&mut self, config: &NodeConfig, patience: Patience) -> Result<Commissioned, HubError> {
         self.link.write(&serial::encode(&COMMIT))?;
-        // It answers when it has committed.
-        let after = identify(&mut self.link, patience.answer)?;
+        // It answers when it has committed. A storage that has failed is told before: the checksum is that of the configuration that the
+        // node goes on with, which may be the same one.
+        let after = ask_who(&mut self.link, patience.answer, |received| match received {
+            Received::Message(Message::Fault { code: FaultCode::COMMIT, .. }) => Some(None),
+            Received::Reply(Reply::Identity(identity)) => Some(Some(identity)),
+            _ => None,
+        })?;
         let (node, expected) = (self.link.id(), config.checksum());
+        let after = after.ok_or(HubError::NotCommitted { node })?;
         if (after.id, after.checksum) != (config.id, expected) {
             return Err(HubError::Checksum { node, expected, found: after.checksum });
         }
         Ok(self.done(Some(after)))
+    }
+
+    /// Whether a node that was told to commit or to erase has what it had, for all that an error says.
+    fn has_surely_not_changed(&self, error: &HubError) -> bool {
+        match error {
+            HubError::NotErased { .. } => true,
+            HubError::Checksum { found, .. } => *found == self.before.checksum,
+            _ => false,
+        }
     }
 
     fn erase(&mut self, patience: Patience) -> Result<Commissioned, HubError> {
@@ -157,24 +188,30 @@ impl Candidate {
 pub enum Failed {
     /// Nothing has changed on any of them.
     Before(HubError),
-    /// Some were done.
-    After {
-        /// What happened.
-        error: HubError,
-        /// Ids of the nodes that were done.
-        done: Vec<u8>,
-    },
+    /// Some have changed, or may have.
+    After(HubError, Box<Known>),
 }
 
-/// All of them, or the first error and the ids of those before it.
+/// What is known of the nodes after the first one was told to change for good, by id.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Known {
+    /// They have changed.
+    pub done: Vec<u8>,
+    /// They were told to, and may have.
+    pub unsure: Vec<u8>,
+    /// They have what they had: they refused, or were not told.
+    pub unchanged: Vec<u8>,
+}
+
+/// All of them, or the first error and those before it.
 fn collect(
     done: impl Iterator<Item = Result<Commissioned, HubError>>,
-) -> Result<Vec<Commissioned>, (HubError, Vec<u8>)> {
-    let mut nodes: Vec<Commissioned> = Vec::new();
+) -> Result<Vec<Commissioned>, (HubError, Vec<Commissioned>)> {
+    let mut nodes = Vec::new();
     for one in done {
         match one {
             Ok(node) => nodes.push(node),
-            Err(error) => return Err((error, nodes.iter().map(|node| node.node).collect())),
+            Err(error) => return Err((error, nodes)),
         }
     }
     Ok(nodes)

@@ -93,6 +93,11 @@ pub enum HubError {
         /// Why.
         reason: StageError,
     },
+    /// The storage of a node failed as it was to make what is staged its configuration.
+    NotCommitted {
+        /// Its id.
+        node: u8,
+    },
     /// A node has not erased what it stores.
     NotErased {
         /// Its id.
@@ -190,6 +195,7 @@ impl HubError {
             | Self::Leapt { node, .. }
             | Self::Lost { node, .. }
             | Self::Checksum { node, .. }
+            | Self::NotCommitted { node }
             | Self::NotErased { node, .. }
             | Self::WireVersion { node, .. } => Some(node),
             _ => None,
@@ -239,6 +245,11 @@ impl fmt::Display for HubError {
             Self::NotStaged { node, reason } => {
                 write!(f, "node {node} has not staged its configuration: {reason}")
             }
+            Self::NotCommitted { node } => write!(
+                f,
+                "the storage of node {node} failed at the commit (FAULT 9): the node goes on with the configuration that it had, and which one it \
+                 keeps shows after its next start"
+            ),
             Self::NotErased { node, reason } => {
                 write!(f, "node {node} has not erased what it stores: {reason}")
             }

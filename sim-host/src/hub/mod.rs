@@ -16,7 +16,7 @@ mod readers;
 mod recording;
 
 pub use absence::{Absence, OnLoss};
-pub use commission::{Commissioned, Commissioning, Failed};
+pub use commission::{Commissioned, Commissioning, Failed, Known};
 pub use error::HubError;
 pub use halt::Halted;
 pub use link::{Link, Received, SLICE, Stream};
@@ -611,19 +611,23 @@ fn check_identity(link: &Link, identity: &Identity, uid: Option<u64>) -> Result<
 /// # Errors
 /// No answer within `limit`, or the node is gone, or an interrupt.
 pub fn identify(link: &mut Link, limit: Duration) -> Result<Identity, HubError> {
+    ask_who(link, limit, |received| match received {
+        Received::Reply(Reply::Identity(identity)) => Some(identity),
+        _ => None,
+    })
+}
+
+/// The same, for whoever takes more for an answer.
+fn ask_who<T>(link: &mut Link, limit: Duration, pick: impl Fn(Received) -> Option<T>) -> Result<T, HubError> {
     let begin = Instant::now();
     loop {
         link.request(&Request::Hello)?;
-        let identity = link.wait_for(ASK_AGAIN.min(limit), "identity", |received| match received {
-            Received::Reply(Reply::Identity(identity)) => Some(identity),
-            _ => None,
-        });
-        match identity {
+        match link.wait_for(ASK_AGAIN.min(limit), "identity", &pick) {
             Err(HubError::NoAnswer { .. }) if begin.elapsed() < limit => {}
             Err(HubError::NoAnswer { node, awaited, .. }) => {
                 return Err(HubError::NoAnswer { node, awaited, waited: limit });
             }
-            identity => return identity,
+            answer => return answer,
         }
     }
 }

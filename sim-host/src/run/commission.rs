@@ -4,7 +4,7 @@ use super::error::RunError;
 use super::options::RunOptions;
 use crate::bench::{BenchFile, Clock, attach};
 use crate::configure::{Drive, node_configs};
-use crate::hub::{Commissioned, Commissioning, Failed};
+use crate::hub::{Commissioned, Commissioning, Failed, Known};
 use crate::scenario::Scenario;
 use funnel_protocol::config::TickSource;
 
@@ -24,7 +24,8 @@ pub fn commission(scenario: &Scenario, options: &RunOptions) -> Result<Vec<Commi
     let configs =
         node_configs(scenario, Drive { tick_source, telemetry_every: 0 }).map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
-    meet(file, &ids, options)?.commission(&configs).map_err(|failed| told(failed, "committed"))
+    let nodes = meet(file, &ids, options).and_then(|nodes| nodes.commission(&configs));
+    nodes.map_err(|failed| told(failed, "committed", "`bench --list` shows each checksum"))
 }
 
 /// Makes the nodes of `options.bench` blank at their next start.
@@ -34,29 +35,60 @@ pub fn commission(scenario: &Scenario, options: &RunOptions) -> Result<Vec<Commi
 pub fn erase(options: &RunOptions) -> Result<Vec<Commissioned>, RunError> {
     let file = bench_file(options)?;
     let ids: Vec<_> = file.nodes.iter().map(|node| node.id).collect();
-    meet(file, &ids, options)?.erase().map_err(|failed| told(failed, "erased"))
+    let nodes = meet(file, &ids, options).and_then(Commissioning::erase);
+    nodes.map_err(|failed| told(failed, "erased", "try again, a blank node can be erased, too"))
 }
 
 fn bench_file(options: &RunOptions) -> Result<&BenchFile, RunError> {
     options.bench.as_ref().ok_or_else(|| RunError::defect("commissioning without a bench file"))
 }
 
-fn meet(file: &BenchFile, ids: &[u8], options: &RunOptions) -> Result<Commissioning, RunError> {
-    let nodes =
-        attach(file, ids, &options.emulator()).and_then(|nodes| Commissioning::new(nodes, file.patience()));
-    nodes.map_err(|error| told(Failed::Before(error), "committed"))
+fn meet(file: &BenchFile, ids: &[u8], options: &RunOptions) -> Result<Commissioning, Failed> {
+    let nodes = attach(file, ids, &options.emulator());
+    nodes.and_then(|nodes| Commissioning::new(nodes, file.patience())).map_err(Failed::Before)
 }
 
-/// An error with what it leaves behind.
-fn told(failed: Failed, done: &str) -> RunError {
+/// An error with what it leaves behind. `done` is what was to be done to each node, `advice` what to try where only some were.
+fn told(failed: Failed, done: &str, advice: &str) -> RunError {
     match failed {
         Failed::Before(error) => {
             RunError::of_nodes(error).and(format_args!("nothing was {done}: every node has what it had"))
         }
-        Failed::After { error, done: nodes } => {
-            let ids: Vec<_> = nodes.iter().map(u8::to_string).collect();
-            RunError::of_nodes(error)
-                .and(format_args!("{done}: node {}, and no other; try again", ids.join(", ")))
+        Failed::After(error, known) => {
+            RunError::of_nodes(error).and(format_args!("{}; {advice}", in_groups(&known, done)))
         }
+    }
+}
+
+fn in_groups(known: &Known, done: &str) -> String {
+    let groups = [(done, &known.done), ("not known", &known.unsure), ("unchanged", &known.unchanged)];
+    let groups = groups.iter().filter(|(_, nodes)| !nodes.is_empty());
+    groups.map(|(name, nodes)| format!("{name}: {}", list(nodes))).collect::<Vec<_>>().join("; ")
+}
+
+fn list(ids: &[u8]) -> String {
+    ids.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hub::HubError;
+
+    fn last_line(known: Known) -> String {
+        let failed = Failed::After(HubError::NotCommitted { node: 2 }, Box::new(known));
+        told(failed, "committed", "look").message.lines().last().unwrap().to_owned()
+    }
+
+    #[test]
+    fn every_node_is_named_with_what_is_known_of_it() {
+        let known = Known { done: vec![1], unsure: vec![2], unchanged: vec![3, 4] };
+        assert_eq!(last_line(known), "committed: 1; not known: 2; unchanged: 3, 4; look");
+    }
+
+    #[test]
+    fn a_group_without_nodes_is_not_named() {
+        let known = Known { unsure: vec![2], ..Known::default() };
+        assert_eq!(last_line(known), "not known: 2; look");
     }
 }

@@ -85,6 +85,7 @@ fn exit(error: &HubError) -> Exit {
         | HubError::Can { .. }
         | HubError::NoCan { .. }
         | HubError::NotStaged { .. }
+        | HubError::NotCommitted { .. }
         | HubError::NotErased { .. }
         | HubError::Checksum { .. }
         | HubError::Uid { .. }

@@ -93,16 +93,25 @@ impl Bench {
     }
 
     pub fn spawn(&self, arguments: &[&str]) -> Child {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
-        command.current_dir(repository()).arg("bench").arg(self.path("scenario.toml"));
-        command
-            .arg("--bench")
-            .arg(self.path("bench.toml"))
-            .arg("--out")
-            .arg(self.path("out"))
-            .args(arguments);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut command = self.command();
+        command.arg(self.path("scenario.toml")).arg("--out").arg(self.path("out")).args(arguments);
         command.spawn().unwrap()
+    }
+
+    pub fn spawn_commission(&self, arguments: &[&str]) -> Child {
+        let mut command = self.command();
+        command.arg(self.path("scenario.toml")).arg("--commission").args(arguments).spawn().unwrap()
+    }
+
+    pub fn spawn_erase(&self) -> Child {
+        self.command().arg("--erase").spawn().unwrap()
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+        command.current_dir(repository()).arg("bench").arg("--bench").arg(self.path("bench.toml"));
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
     }
 
     pub fn run(&self, arguments: &[&str]) -> Ended {
