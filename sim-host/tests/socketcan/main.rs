@@ -271,7 +271,10 @@ fn what_a_real_bus_does_not_do_is_skipped(work: &Path) {
     let skipped = &summary(work, "skipped")["bench"]["skipped"];
     assert_eq!(skipped[0], "bus.loss", "{skipped}");
     let said = text(work, "skipped.err");
-    assert!(said.contains("skipped between nodes on CAN, whose bus is real: bus.loss"), "{said}");
+    assert!(
+        said.contains("skipped between nodes on CAN or wired to each other, whose lines are real: bus.loss"),
+        "{said}"
+    );
 }
 
 fn a_node_that_dies_is_named(work: &Path) {
