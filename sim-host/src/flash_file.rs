@@ -8,7 +8,7 @@ use funnel_protocol::NodeConfig;
 use funnel_protocol::service::StoreError;
 use funnel_store::Store;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io;
+use std::io::{self, Read};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::pin::pin;
@@ -24,7 +24,7 @@ const WORD: usize = 4;
 pub struct FlashFile(File);
 
 impl FlashFile {
-    /// Opens a file, or makes one that is erased.
+    /// Opens a file, or makes one that is erased; one whose making was interrupted is completed.
     ///
     /// # Errors
     /// What is wrong with it, for the user.
@@ -39,13 +39,21 @@ impl FlashFile {
             Err(TryLockError::Error(error)) => return Err(fail(&error)),
         }
         let length = file.metadata().map_err(|error| fail(&error))?.len();
-        match length {
-            0 => file.write_all_at(&[0xFF; LENGTH], 0).map_err(|error| fail(&error))?,
-            length if length == LENGTH as u64 => {}
-            length => return Err(fail(&format_args!("it has {length} bytes, and a storage has {LENGTH}"))),
+        if length != LENGTH as u64 {
+            if !is_unfinished(&file).map_err(|error| fail(&error))? {
+                return Err(fail(&format_args!("it has {length} bytes, and a storage has {LENGTH}")));
+            }
+            file.write_all_at(&[0xFF; LENGTH], 0).map_err(|error| fail(&error))?;
         }
         Ok(Self(file))
     }
+}
+
+/// Whether it is shorter than a storage, and erased as far as it goes.
+fn is_unfinished(file: &File) -> io::Result<bool> {
+    let mut there = Vec::new();
+    file.take(LENGTH as u64).read_to_end(&mut there)?;
+    Ok(there.len() < LENGTH && there.iter().all(|&byte| byte == 0xFF))
 }
 
 /// The operating system's, or an access that a chip would refuse.
@@ -181,6 +189,24 @@ mod tests {
         assert!(ready(flash.write(2, &[0; 4])).is_err(), "not a word");
         assert!(ready(flash.erase(0, 8)).is_err(), "not a page");
         assert!(ready(flash.read(LENGTH as u32, &mut bytes)).is_err(), "beyond its end");
+    }
+
+    #[test]
+    fn a_file_whose_making_was_interrupted_is_completed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flash");
+        for length in [0, 1, PAGE, LENGTH - 1, LENGTH] {
+            std::fs::write(&path, vec![0xFF; length]).unwrap();
+            drop(FlashFile::open(&path).unwrap());
+            assert_eq!(std::fs::read(&path).unwrap(), [0xFF; LENGTH], "{length}");
+        }
+        let mut short = vec![0xFF; PAGE];
+        short[8] = 0;
+        for other in [short, vec![0xFF; LENGTH + 1]] {
+            std::fs::write(&path, &other).unwrap();
+            assert!(FlashFile::open(&path).is_err());
+            assert_eq!(std::fs::read(&path).unwrap(), other, "it is left alone");
+        }
     }
 
     #[test]
