@@ -94,7 +94,8 @@ pub fn encode_states(states: &States) -> FdFrame {
     FdFrame { id, length: length_for(states.x.len()) as u8, data }
 }
 
-/// Encodes a message that is no state with its classic payload; a STATE gives a STATE_FD of one component, where that is the first one.
+/// Encodes a message that is no state with its classic payload; a STATE of the first component gives a STATE_FD of one component.
+/// Another component alone is none of this format: it gives the classic frame, which receivers refuse (`Kind`); [`States::add`] collects them.
 pub fn encode(message: &Message) -> FdFrame {
     if let Message::State { source, component: Component::FIRST, tick, x } = *message {
         return encode_states(&States::new(source, tick, x));

@@ -27,6 +27,7 @@ fn main() -> ! {
     node::ticks(&table);
     law::parts(&table);
     node::frames(&table);
+    node::checksum(&table);
     process::exit(i32::from(table.exceeded() > 0))
 }
 

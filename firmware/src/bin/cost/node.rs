@@ -203,3 +203,12 @@ pub fn frames(table: &Table) {
         frame.iter().filter_map(|&byte| deframer.push(byte).map(|frame| frame.is_ok())).last()
     });
 }
+
+/// What a commit does several times, within a tick.
+pub fn checksum(table: &Table) {
+    let configs = core::array::from_fn(|_| ());
+    let config = config(3);
+    table.row("checksum of a configuration", "4 neighbours, 3 sines: encoded, CRC-32", &configs, |()| {
+        black_box(&config).checksum()
+    });
+}
