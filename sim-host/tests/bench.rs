@@ -572,10 +572,8 @@ fn a_wire_that_is_no_edge_is_refused_before_any_node_is_touched() {
     let mut entries: Vec<_> = boards.iter().map(|board| entry(&board.path)).collect();
     entries[2].push_str("\n[[wire]]\nbetween = [1, 3]");
     let bench = Bench::new(SCENARIO, &entries);
-    for more in [&[][..], &["--commission"]] {
-        bench
-            .run(more)
-            .failed(2, &["bench.toml:", "wire.between = [1, 3]: must be an edge", "has none between"]);
+    for child in [bench.spawn(&[]), bench.spawn_commission(&[])] {
+        end(child).failed(2, &["bench.toml:", "wire.between = [1, 3]: must be an edge", "has none between"]);
     }
     assert_eq!(boards.map(Board::end), [None; 3]);
 }
