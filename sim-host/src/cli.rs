@@ -22,13 +22,14 @@ use crate::record::{
 use crate::run::{self, Fidelity, RunError, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
 
+// Here and below: a line for each paragraph, so that it is wrapped to the terminal's width.
 const AFTER_HELP: &str = "\
 Examples:
   sim-host check scenarios/five-agents.toml
   sim-host run scenarios/five-agents.toml --out out/five
-  sim-host run scenarios/five-agents.toml --set graph.kind=star --set time.tick=2ms
+  sim-host run scenarios/five-agents.toml --set graph.kind=star
 
-Exit codes: 0 all expectations hold, 1 one failed, 2 bad usage or configuration,
+Exit codes: 0 all expectations hold, 1 one failed, 2 bad usage or configuration, \
 3 no such hardware or emulator, 4 a defect of the program, 130 stopped by the user.";
 
 /// Where `./ci.sh firmware` leaves the image, seen from the root of the repository.
@@ -37,11 +38,10 @@ const DEFAULT_IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_
 const RUN_HELP: &str = "\
 Examples:
   sim-host run scenarios/five-agents.toml
-  sim-host run scenarios/five-agents.toml --on reference --out out/reference --every 10ms
-  sim-host run scenarios/lossy-ring.toml --seed 7 --set bus.loss=0.3 --junit out/lossy.xml
-  sim-host run scenarios/five-agents.toml --set node.3.state=-2 --set 'coupling.funnel.end=0.5'";
+  sim-host run scenarios/five-agents.toml --on reference --every 10ms
+  sim-host run scenarios/lossy-ring.toml --set bus.loss=0.3 --junit lossy.xml
+  sim-host run scenarios/five-agents.toml --seed 7 --set node.3.state=-2";
 
-// A line for each paragraph, so that it is wrapped to the terminal's width.
 const BENCH_HELP: &str = "\
 Relays states between the nodes and makes them tick together, so that a run has the bits of `run`; records when \
 the host sent and read each of them (bench.csv). docs/bench.md lists the keys of a bench file.
@@ -55,7 +55,7 @@ Examples:
   sim-host bench --bench bench.toml --erase";
 
 const NODE_HELP: &str = "\
-The node is blank until a bench configures it over its line, and ends when that is closed. It has no plant, and keeps
+The node is blank until a bench configures it over its line, and ends when that is closed. It has no plant, and keeps \
 its configuration only where it has a --storage. A bench file's `host = true` starts such a node by itself.
 
 Examples:
@@ -64,8 +64,8 @@ Examples:
   sim-host node --serial /dev/ttyUSB0 --can can0 --can-fd";
 
 const CHECK_HELP: &str = "\
-Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over
-time, how narrow a funnel the tick can hold, what the emergent dynamics predict, how hard each node has to
+Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over \
+time, how narrow a funnel the tick can hold, what the emergent dynamics predict, how hard each node has to \
 push, and what the states would take of a real bus. Takes up to 2,000 nodes; a run takes 127.
 
 Examples:
@@ -74,7 +74,7 @@ Examples:
 
 const COMPLETIONS_HELP: &str = "\
 Examples:
-  sim-host completions bash > ~/.local/share/bash-completion/completions/sim-host
+  source <(sim-host completions bash)
   sim-host completions fish > ~/.config/fish/completions/sim-host.fish";
 
 /// Agreement with a guarantee: runs funnel-coupling scenarios, from the equations to emulated nodes.
@@ -188,7 +188,7 @@ struct BenchArgs {
     #[arg(long, value_name = "bench.toml", required_unless_present = "list")]
     bench: Option<PathBuf>,
     /// Run nothing; ask every serial port, and those of the bench file, who is there
-    #[arg(long, conflicts_with = "scenario")]
+    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "out", "every", "json", "junit"])]
     list: bool,
     /// Run nothing; store the scenario's configurations in all nodes, or in none, for every start to come
     #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit"])]

@@ -114,22 +114,32 @@ fn help_names_commands_examples_and_exit_codes() {
     assert_eq!(run(&["--version"]).1, format!("sim-host {}\n", env!("CARGO_PKG_VERSION")));
 }
 
+/// No example is broken, so that it can be copied, and no paragraph is wrapped twice.
 #[test]
-fn the_help_of_bench_fits_a_narrow_terminal() {
-    let Output { stdout, .. } = sim_host().args(["bench", "--help"]).env("COLUMNS", "80").output().unwrap();
-    let text = String::from_utf8(stdout).unwrap();
-    // Neither cut nor wrapped twice.
-    for line in [
-        "the bits of `run`; records when the host sent and read each of them (bench.csv).",
-        "  sim-host bench scenarios/five-agents.toml --bench bench.toml --commission",
-        "  sim-host bench --bench bench.toml --erase",
-    ] {
-        assert!(text.lines().any(|found| found == line), "no '{line}' in\n{text}");
+fn help_fits_a_narrow_terminal() {
+    const WIDTH: usize = 80;
+    for command in ["", "run", "bench", "node", "check", "completions"] {
+        let mut program = sim_host();
+        program.args([command, "--help"].into_iter().filter(|word| !word.is_empty()));
+        let text =
+            String::from_utf8(program.env("COLUMNS", WIDTH.to_string()).output().unwrap().stdout).unwrap();
+        let after: Vec<_> = text.lines().skip_while(|line| *line != "Options:").collect();
+        let is_example = |line: &str| line.starts_with("  ") && line.contains("sim-host ");
+        assert!(after.iter().any(|line| is_example(line)), "{text}");
+        for lines in after.windows(2) {
+            let [line, next] = [lines[0], lines[1]];
+            if is_example(line) {
+                assert!(next.is_empty() || is_example(next), "broken: {line}");
+            } else if line.starts_with(char::is_alphabetic) && next.starts_with(char::is_alphanumeric) {
+                let word = next.split(' ').next().unwrap();
+                assert!(line.len() + 1 + word.len() > WIDTH, "wrapped twice: {line}");
+            }
+        }
     }
 }
 
 #[test]
-fn what_commissioning_has_no_use_for_is_refused() {
+fn what_commissioning_and_listing_have_no_use_for_is_refused() {
     let outputs = [["--out", "o"], ["--every", "1ms"], ["--json", "j.json"], ["--junit", "j.xml"]];
     let refused = |arguments: &[&str], option: &str| {
         let (code, out, err) = run(arguments);
@@ -144,6 +154,7 @@ fn what_commissioning_has_no_use_for_is_refused() {
     }
     for option in outputs.into_iter().chain([["--seed", "3"], ["--set", "bus.loss=0"]]) {
         refused(&[&["bench", "--bench", "b.toml", "--erase"], option.as_slice()].concat(), option[0]);
+        refused(&[&["bench", "--list"], option.as_slice()].concat(), option[0]);
     }
 }
 

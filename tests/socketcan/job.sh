@@ -63,11 +63,11 @@ unjudged five-agents-path.toml >path.toml
 candump -L vcan0 >candump-own.log &
 listener=$!
 sleep 0.5
-benches=own.toml bench own unjudged.toml --set time.tick=50ms --set time.duration=3s --every 50ms
+benches=own.toml bench own unjudged.toml --set time.tick=50ms --set time.duration=13500ms --every 50ms
 sleep 0.2
 kill $listener
-benches=own-apart.toml bench own-apart path.toml --set time.tick=50ms --set time.duration=3s --set bus.latency=25ms
-benches=own-fd-mixed.toml bench own-fd-mixed vector.toml --set time.tick=50ms --set time.duration=3s
+benches=own-apart.toml bench own-apart path.toml --set time.tick=50ms --set time.duration=13500ms --set bus.latency=25ms
+benches=own-fd-mixed.toml bench own-fd-mixed vector.toml --set time.tick=50ms --set time.duration=13500ms
 
 # Whoever is on the bus can stop it, without the program.
 benches=own.toml bench halted five.toml --set time.tick=50ms --set time.duration=10min &

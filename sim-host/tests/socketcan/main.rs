@@ -19,8 +19,8 @@ const NODES: usize = 5;
 const TICKS: usize = 2000;
 const FD_TICKS: usize = 1000;
 /// What the guest may take, and what the host grants it, s.
-const GUEST_S: u32 = 120;
-const HOST_S: u32 = 150;
+const GUEST_S: u32 = 240;
+const HOST_S: u32 = 270;
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()

@@ -12,7 +12,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-const TICKS: usize = 60;
+/// More than the eight bits of a classic frame tell apart.
+const TICKS: usize = 270;
 
 pub fn write_benches(work: &Path) {
     let node = |id: usize, bus: &str| match bus {
