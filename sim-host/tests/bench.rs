@@ -4,8 +4,8 @@
 mod boards;
 
 use boards::{
-    AT_ONCE, Act, Bench, Board, SCENARIO, end, entry, loopback_hash, orphaned, repository, second, three,
-    wait,
+    AT_ONCE, Act, Bench, Board, SCENARIO, children, end, entry, loopback_hash, orphaned, repository, second,
+    three, wait,
 };
 use funnel_core::Phase;
 use funnel_protocol::WIRE_VERSION;
@@ -230,6 +230,25 @@ fn a_board_that_is_plugged_in_again_joins_the_others_who_went_on() {
     assert!((rows[back][1] - mean).abs() < 1e-5, "{:?} at tick {back}", rows[back]);
     let last = &rows[20_000];
     assert!(last[1] != rows[back][1] && (last[1] - last[0]).abs() < 2.0, "{last:?}");
+}
+
+#[test]
+fn a_process_that_is_killed_is_started_anew_and_joins() {
+    let bench = long_bench(&[1, 2, 3].map(|_| "host = true".to_owned()));
+    let child = bench.spawn(&["--set", "time.duration=120s"]);
+    wait("three processes", || children(child.id()).len() == 3);
+    // Past the start, which takes some hundredths.
+    std::thread::sleep(Duration::from_millis(300));
+    let second = children(child.id())[1].to_string();
+    assert!(Command::new("kill").args(["-KILL", &second]).status().unwrap().success());
+    let ended = end(child);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.err.contains("node 2 is back at tick "), "{}", ended.err);
+    let summary = bench.summary();
+    assert_eq!(summary["stopped"], serde_json::json!([]));
+    let absences = summary["bench"]["absences"].as_array().unwrap();
+    let away = |absence: &serde_json::Value| absence["to_tick"].as_u64() > absence["from_tick"].as_u64();
+    assert!(absences.len() == 1 && absences.iter().all(away), "{absences:?}");
 }
 
 /// The states of every tick.

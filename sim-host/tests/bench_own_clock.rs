@@ -5,7 +5,9 @@
 
 mod boards;
 
-use boards::{AT_ONCE, Act, Bench, Board, end, loopback_hash, orphaned, repository, second, three, wait};
+use boards::{
+    AT_ONCE, Act, Bench, Board, children, end, loopback_hash, orphaned, repository, second, three, wait,
+};
 use funnel_core::Phase;
 use funnel_protocol::message::FaultCode;
 use serde_json::Value;
@@ -99,12 +101,6 @@ fn a_process_that_is_killed_is_named_and_the_others_stop() {
         ],
     );
     assert!(ended.took < AT_ONCE, "{:?}", ended.took);
-}
-
-/// The processes that a process has started, in order.
-fn children(id: u32) -> Vec<u32> {
-    let text = fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap_or_default();
-    text.split_whitespace().map(|id| id.parse().unwrap()).collect()
 }
 
 #[test]

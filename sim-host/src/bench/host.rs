@@ -2,7 +2,7 @@
 
 use super::file::BenchNode;
 use crate::emulator::EmulatorOptions;
-use crate::hub::{Attached, Device, HubError, Link, SLICE};
+use crate::hub::{Attached, Device, HubError, Link, SLICE, Stream};
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::os::fd::OwnedFd;
@@ -16,6 +16,7 @@ const EXIT: Duration = Duration::from_secs(1);
 
 /// A running node; dropping it ends it.
 struct HostProcess {
+    command: Command,
     child: Child,
     /// Its standard error: a file without a name, which never fills up as a pipe does.
     errors: File,
@@ -26,9 +27,17 @@ struct HostProcess {
 /// # Errors
 /// The operating system's.
 pub fn attach(node: &BenchNode, fd: bool, options: &EmulatorOptions) -> Result<Attached, HubError> {
-    let (ours, theirs) = UnixStream::pair().map_err(HubError::io("make a pair of sockets"))?;
-    let slow = ours.set_read_timeout(Some(SLICE)).and_then(|()| ours.set_write_timeout(Some(SLICE)));
-    slow.map_err(HubError::io("use a pair of sockets"))?;
+    let errors = tempfile::tempfile().map_err(HubError::io("make a node's log file"))?;
+    let shared = errors.try_clone().map_err(HubError::io("share a node's log file"))?;
+    let mut command = command(node, fd)?;
+    command.stderr(shared);
+    let (line, child) = start(&mut command)?;
+    let link = Link::new(node.id, "the process".to_owned(), Box::new(line), options.interrupt.clone());
+    Ok(Attached { link, device: Box::new(HostProcess { command, child, errors }), uid: node.uid })
+}
+
+/// How the node of this entry is started, but for its line and its log.
+fn command(node: &BenchNode, fd: bool) -> Result<Command, HubError> {
     let program = std::env::current_exe().map_err(HubError::io("find this program"))?;
     let mut command = Command::new(program);
     command.args(["node", "--inherited", "--uid", &format!("{:x}", node.id)]);
@@ -38,13 +47,20 @@ pub fn attach(node: &BenchNode, fd: bool, options: &EmulatorOptions) -> Result<A
     if let Some(storage) = &node.storage {
         command.arg("--storage").arg(storage);
     }
-    let errors = tempfile::tempfile().map_err(HubError::io("make a node's log file"))?;
-    let shared = errors.try_clone().map_err(HubError::io("share a node's log file"))?;
     // A group of its own: Ctrl-C reaches only this program, which then stops the nodes in order.
-    command.stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).stderr(shared).process_group(0);
-    let child = command.spawn().map_err(HubError::io("start a node's process"))?;
-    let link = Link::new(node.id, "the process".to_owned(), Box::new(ours), options.interrupt.clone());
-    Ok(Attached { link, device: Box::new(HostProcess { child, errors }), uid: node.uid })
+    command.stdout(Stdio::null()).process_group(0);
+    Ok(command)
+}
+
+/// Starts a process on a line of its own, and gives our end of that.
+fn start(command: &mut Command) -> Result<(UnixStream, Child), HubError> {
+    let (ours, theirs) = UnixStream::pair().map_err(HubError::io("make a pair of sockets"))?;
+    let slow = ours.set_read_timeout(Some(SLICE)).and_then(|()| ours.set_write_timeout(Some(SLICE)));
+    slow.map_err(HubError::io("use a pair of sockets"))?;
+    let child = command.stdin(OwnedFd::from(theirs)).spawn();
+    // The command would keep their end open, and the line would never end.
+    command.stdin(Stdio::null());
+    Ok((ours, child.map_err(HubError::io("start a node's process"))?))
 }
 
 impl HostProcess {
@@ -72,6 +88,14 @@ impl Device for HostProcess {
         let status = self.child.try_wait().ok().flatten().map(|status| format!("its process: {status}"));
         let words: Vec<_> = self.words().lines().map(|line| format!("its process: {line}")).collect();
         status.into_iter().chain(words).collect()
+    }
+
+    fn reopen(&mut self) -> Option<Box<dyn Stream>> {
+        // One that has ended, by itself or by somebody's hand; any other one still has its line.
+        self.child.try_wait().ok().flatten()?;
+        let (line, child) = start(&mut self.command).ok()?;
+        self.child = child;
+        Some(Box::new(line))
     }
 
     fn into_log(mut self: Box<Self>) -> Option<String> {

@@ -198,3 +198,9 @@ pub fn orphaned(
     }
     faults
 }
+
+/// The processes that a process has started, in order.
+pub fn children(id: u32) -> Vec<u32> {
+    let text = fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap_or_default();
+    text.split_whitespace().map(|id| id.parse().unwrap()).collect()
+}
