@@ -86,6 +86,13 @@ date +%s.%N >killed.at
 wait $!
 date +%s.%N >killed.end
 
+# Another one takes its place while the others go on, two of them on lines, for more ticks than a classic frame tells apart.
+sed '1a on_loss = "go-on"' mixed.toml >go-on.toml
+benches=go-on.toml bench go-on unjudged.toml --set time.duration=3s &
+sleep 1.5
+kill -KILL "$(process_of 3)"
+wait $!
+
 # Somebody else comes with the ids 1 to 5.
 bench first five.toml --set time.duration=3s &
 sleep 0.4

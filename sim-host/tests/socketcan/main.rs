@@ -118,6 +118,7 @@ fn benches_on_a_real_can_bus() {
     own_clock::whoever_is_on_the_bus_can_stop_it(work);
     what_a_real_bus_does_not_do_is_skipped(work);
     a_node_that_dies_is_named(work);
+    another_takes_its_place(work);
     twins_fall_silent(work);
 }
 
@@ -289,6 +290,23 @@ fn a_node_that_dies_is_named(work: &Path) {
     }
     let [at, end] = ["killed.at", "killed.end"].map(|name| text(work, name).trim().parse::<f64>().unwrap());
     assert!(end - at < 3.0, "it took {} s", end - at);
+}
+
+/// A node that was killed is away for a while, and another one joins. From its first SYNC on no state is refused, by it or by the others.
+fn another_takes_its_place(work: &Path) {
+    assert_eq!(text(work, "go-on.status").trim(), "0", "{}", text(work, "go-on.err"));
+    let summary = summary(work, "go-on");
+    let absences = summary["bench"]["absences"].as_array().unwrap();
+    let [absence] = absences.as_slice() else { panic!("{absences:?}") };
+    let [from, to] = ["from_tick", "to_tick"].map(|tick| absence[tick].as_u64().unwrap());
+    assert!(absence["node"] == 3 && from < to && to + 256 < 3000, "{absence}");
+    let refused = summary["bus"]["refused"].as_object().unwrap();
+    // Nodes on CAN hear all, and those that they are no neighbours of are no matter.
+    let refused = |reason: &str| refused[reason].as_u64().unwrap();
+    assert!(refused("tick_window") <= 4 && refused("stale") + refused("duplicate") == 0, "{summary}");
+    assert_eq!(summary["stopped"], serde_json::json!([]));
+    let sync = &summary["sync"];
+    assert!(sync["final_spread"].as_f64().unwrap() < sync["bound"].as_f64().unwrap(), "{sync}");
 }
 
 /// The nodes that were there first all fall silent, and are named. Those that came later do too, or have already been made to tick by the
