@@ -18,7 +18,7 @@ import re
 import struct
 import sys
 
-from image import FUNCTION, INSTRUCTION, Image, tool
+from image import FUNCTION, INSTRUCTION, Image, function_ends, tool
 
 # What an exception stacks: 8 words, with FPU 18 more, and a word of alignment.
 EXCEPTION = {"v6": 36, "v7e": 108}
@@ -153,7 +153,8 @@ class Stacks(Image):
                     halves[function, match[1]] = int(match[2])
                 elif mnemonic.startswith("movt") and (function, match[1]) in halves:
                     found.add((int(match[2]) << 16 | halves[function, match[1]]) - 1)
-        return found & set(self.starts)
+        # A number may be that of the first function in flash by chance. A reset empties the stack.
+        return {start for start in found & set(self.starts) if self.names[start] != "Reset"}
 
     def is_vector(self, address):
         return any(self.names[start] == "Reset" and self.words.get(address + 4) == start | 1 for start in self.starts)
@@ -286,6 +287,7 @@ def self_check():
     """A function that calls itself through another, and one that takes 1,000 bytes, are seen."""
     calls = {1: {2}, 2: {3, 4}, 3: {2}, 4: set()}
     assert sorted(map(sorted, groups(calls))) == [[1], [2, 3], [4]], groups(calls)
+    assert function_ends("08013754 00000052 t grow\n080192d6 T ADC\n") == {0x8013754: 0x80137a6}
     assert [registers(each) for each in ("{r4, r7, lr}", "{d8-d11}", "sp!, {r4-r8, lr}")] == [3, 4, 6]
     image = Stacks.__new__(Stacks)
     image.words, image.path = {0x100: -1000 & 0xFFFFFFFF}, "self-check"

@@ -97,12 +97,16 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Makes a node of a configuration that was stored, as a CONFIGURE would.
+    /// Where a stored configuration is read to before [`Session::restore`]: in place, since each copy of one is 2 KiB of stack.
+    pub fn room(&mut self) -> &mut Option<NodeConfig> {
+        &mut self.room
+    }
+
+    /// Makes a node of the stored configuration in the [room](Session::room), as a CONFIGURE would.
     ///
     /// # Errors
-    /// As for CONFIGURE; the session stays as it was.
-    pub fn restore(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
-        self.room = Some(config);
+    /// As for CONFIGURE; `Malformed` where there is none. The session stays as it was.
+    pub fn restore(&mut self) -> Result<(), ConfigError> {
         self.configure()
     }
 

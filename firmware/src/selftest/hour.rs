@@ -13,8 +13,9 @@ use funnel_plant::Virtual;
 use funnel_protocol::message::{Command, Message, Target};
 use funnel_protocol::serial::{self, Deframer, Frame};
 use funnel_protocol::service::Request;
+use static_cell::StaticCell;
 
-use crate::app::{self, Chip};
+use crate::app::{self, Chip, SessionOf};
 use crate::link::serial::Serial;
 use crate::storage::Absent;
 
@@ -95,8 +96,15 @@ impl Seen {
 /// Runs the test.
 pub async fn run<L: Read + Write>(link: &mut L, counts: impl Fn() -> u32) -> Result<(), L::Error> {
     let ports = [const { Port::new() }; NODES];
-    let [a, b, c, d, e] =
-        ports.each_ref().map(|port| app::run(Serial::new(Line(port)), Absent, Virtual, Chip::UNKNOWN));
+    static SESSIONS: [StaticCell<SessionOf<Virtual>>; NODES] = [const { StaticCell::new() }; NODES];
+    let node = |index: usize| {
+        let (session, port) = (&SESSIONS[index], &ports[index]);
+        async move {
+            let mut link = Serial::new(Line(port));
+            app::run(session, &mut link, &mut Absent, Virtual, Chip::UNKNOWN).await
+        }
+    };
+    let [a, b, c, d, e] = core::array::from_fn(node);
     let nodes = join5(a, b, c, d, e);
     let conducted = async {
         let outcome = conduct(link, &ports, counts).await;
