@@ -282,13 +282,15 @@ impl<M: Model> Session<M> {
     #[inline(never)]
     fn make_node(&mut self) -> Result<(), ConfigError> {
         let config = self.room.as_ref().ok_or(ConfigError::Malformed)?;
-        let mut node = Node::new(Params::of_model(config, &self.model)?);
+        let params = Params::of_model(config, &self.model)?;
+        // The old one may have stopped just now.
+        let stopped = self.node.as_mut().is_some_and(Node::take_stop);
+        self.safe |= stopped;
+        let node = self.node.insert(Node::alone(params));
+        node.meet(&config.neighbours);
         if let Some(arg) = self.confession.take() {
             node.warn(FaultCode::PANIC, arg);
         }
-        // The old one may have stopped just now.
-        self.safe = self.take_safe();
-        self.node = Some(node);
         self.reported = (0, 0);
         self.settle();
         Ok(())
