@@ -17,7 +17,7 @@ use funnel_protocol::message::{Command, FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, Telemetry};
 use funnel_protocol::serial::{Frame, HOST};
-use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StageError, StoreError, kind};
+use funnel_protocol::service::{Identity, Reply, Request, ResetCause, StageError, StoreError};
 use keep::{Keep, Staged};
 
 /// What the firmware shall do next.
@@ -230,41 +230,43 @@ impl<M: Model> Session<M> {
     }
 
     fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
-        let reply = match Request::decode(kind, body) {
-            Ok(Request::Hello) => Reply::Identity(Identity { id: self.id(), ..self.identity }),
-            Ok(Request::Stage(config)) => {
-                self.room = Some(config);
-                match self.may_stage() {
-                    Ok(()) => return self.keep(Keep::Stage),
-                    Err(reason) => Reply::Staged(Err(reason)),
-                }
-            }
-            Ok(Request::Key(_)) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
-            Ok(Request::Key(key)) => return self.keep(Keep::Key(key)),
-            Ok(Request::Report) => Reply::Report(self.report()),
-            Ok(Request::Configure(config)) => {
-                self.room = Some(config);
-                Reply::Configured(self.configure())
-            }
-            Ok(Request::Store) => match self.may_store() {
-                Ok(()) => return self.keep(Keep::Store),
-                Err(reason) => Reply::Stored(Err(reason)),
-            },
-            Ok(Request::Erase) if self.is_running() => Reply::Erased(Err(StoreError::Running)),
-            Ok(Request::Erase) => return self.keep(Keep::Erase),
+        let reply = match Request::split(kind, body)? {
+            Request::Hello => Reply::Identity(Identity { id: self.id(), ..self.identity }),
             // A configuration that cannot be read is answered, so that no host waits for nothing.
-            Err(Refusal::Value | Refusal::Length) if kind == kind::CONFIGURE => {
-                self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
-                return Err(Refusal::Value);
-            }
-            Err(Refusal::Value | Refusal::Length) if kind == kind::STAGE => {
+            Request::Stage(bytes) if !self.read(bytes) => {
                 self.reply = Some(Reply::Staged(Err(StageError::Config(ConfigError::Malformed))));
                 return Err(Refusal::Value);
             }
-            Err(reason) => return Err(reason),
+            Request::Stage(_) => match self.may_stage() {
+                Ok(()) => return self.keep(Keep::Stage),
+                Err(reason) => Reply::Staged(Err(reason)),
+            },
+            Request::Key(_) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
+            Request::Key(key) => return self.keep(Keep::Key(key)),
+            Request::Report => Reply::Report(self.report()),
+            Request::Configure(bytes) if !self.read(bytes) => {
+                self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
+                return Err(Refusal::Value);
+            }
+            Request::Configure(_) => Reply::Configured(self.configure()),
+            Request::Store => match self.may_store() {
+                Ok(()) => return self.keep(Keep::Store),
+                Err(reason) => Reply::Stored(Err(reason)),
+            },
+            Request::Erase if self.is_running() => Reply::Erased(Err(StoreError::Running)),
+            Request::Erase => return self.keep(Keep::Erase),
         };
         self.reply = Some(reply);
         Ok(())
+    }
+
+    /// Reads a configuration into the room; whether it is one. In place, since each copy of it is 2 KiB of stack.
+    fn read(&mut self, bytes: &[u8]) -> bool {
+        let sound = self.room.insert(NodeConfig::empty()).read(bytes).is_ok();
+        if !sound {
+            self.room = None;
+        }
+        sound
     }
 
     fn is_running(&self) -> bool {
