@@ -10,7 +10,7 @@ a path; those of core::fmt, which formats arguments while it formats, and those 
 On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority
 (firmware/src/priority.rs), so no handler interrupts another. An NMI interrupts it all the same, and a fault that, whose handler begins
 the stack anew (firmware/src/panic.rs): on top comes its frame, and its own depth is stated beside and has to fit alone.
-The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
+The panic handler is part of the graph. Where an image is over its budget, its deepest path is printed. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
 """
 
 import collections
@@ -261,9 +261,23 @@ class Bound(collections.namedtuple("Bound", "thread interrupt nmi entry fault"))
         return self.thread + self.interrupt + self.nmi + self.entry
 
 
+def deepest(image, depth):
+    """The deepest path from the reset on, as (frame, function); it ends where functions call each other in a circle."""
+    calls, path = image.callees(), []
+    callees = [start for start, name in image.names.items() if name == "Reset"]
+    while callees and (start := max(callees, key=depth.get)) not in path:
+        path.append(start)
+        callees = calls[start]
+    names = tool("c++filt", input="\n".join(image.names[start] for start in path), text=True).splitlines()
+    return [(image.frame[start], name) for start, name in zip(path, names)]
+
+
 def bound(path):
     image = Stacks(path)
-    depth = depths(image)
+    return bound_of(path, image, depths(image))
+
+
+def bound_of(path, image, depth):
     by_name = {name: start for start, name in image.names.items()}
     table = min(address for address in image.words if image.is_vector(address))
     handler = lambda number: image.words.get(table + 4 * number, 0) - 1
@@ -276,11 +290,17 @@ def bound(path):
 
 
 def check(path, budget):
-    found, room = bound(path), symbol(path, "_stack_start") - symbol(path, "_stack_end")
+    image = Stacks(path)
+    depth = depths(image)
+    found, room = bound_of(path, image, depth), symbol(path, "_stack_start") - symbol(path, "_stack_end")
     name = path.rsplit("/", 1)[-1]
     columns = (found.thread, found.interrupt, found.nmi, found.entry, found.total, found.fault, budget, room)
     print(f"| {name} | " + " | ".join(f"{each:,}" for each in columns) + " |", flush=True)
-    return max(found.total, found.fault) <= min(budget, room)
+    fits = max(found.total, found.fault) <= min(budget, room)
+    if not fits:
+        print("Its deepest path, and what each function takes of it:")
+        print("\n".join(f"{frame:7,}  {name}" for frame, name in deepest(image, depth)))
+    return fits
 
 
 def self_check():

@@ -32,7 +32,7 @@ async fn node(host: Halves, peers: [Halves; 4], start: Start) {
     static LINK: StaticCell<Link> = StaticCell::new();
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
-    let link = LINK.init_with(|| Peers::new(host, peers, JUNCTION.take()));
+    let link = Peers::make(&LINK, host, peers, JUNCTION.take());
     app::run(&SESSION, link, &mut Absent, Virtual, chip).await
 }
 

@@ -41,7 +41,7 @@ async fn node(host: Halves, peer: Halves, flash: Nvmc<'static>, chip: Chip<Wdt>)
     static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
     static LINK: StaticCell<Link> = StaticCell::new();
     static STORAGE: StaticCell<InFlash<Blocking<Nvmc<'static>>>> = StaticCell::new();
-    let link = LINK.init_with(|| Peers::new(host, [peer], JUNCTION.take()));
+    let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
     storage.open().await;
     app::run(&SESSION, link, storage, Virtual, chip).await

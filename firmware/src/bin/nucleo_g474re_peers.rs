@@ -53,7 +53,7 @@ async fn node(
     static LINK: StaticCell<Link> = StaticCell::new();
     // In the second bank, while the program runs in the first.
     static STORAGE: StaticCell<InFlash<Blocking<Flash<'static, flash::Blocking>>>> = StaticCell::new();
-    let link = LINK.init_with(|| Peers::new(host, peers, JUNCTION.take()));
+    let link = Peers::make(&LINK, host, peers, JUNCTION.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
     app::run(&SESSION, link, storage, Virtual, chip).await

@@ -39,7 +39,7 @@ async fn node(host: Halves, peer: Halves, flash: PicoFlash, chip: Chip<Timer>) {
     static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
     static LINK: StaticCell<Link> = StaticCell::new();
     static STORAGE: StaticCell<InFlash<Blocking<PicoFlash>>> = StaticCell::new();
-    let link = LINK.init_with(|| Peers::new(host, [peer], JUNCTION.take()));
+    let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
     app::run(&SESSION, link, storage, Virtual, chip).await
