@@ -10,7 +10,8 @@ a path; those of core::fmt, which formats arguments while it formats, and those 
 On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority
 (firmware/src/priority.rs), so no handler interrupts another. An NMI interrupts it all the same, and a fault that, whose handler begins
 the stack anew (firmware/src/panic.rs): on top comes its frame, and its own depth is stated beside and has to fit alone.
-The panic handler is part of the graph. Where an image is over its budget, its deepest path is printed. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
+The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES. Where an image is over its
+budget, its deepest path is printed.
 """
 
 import collections

@@ -35,7 +35,8 @@ pub const FLOOR_ULPS: f64 = 256.0;
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
 ///
-/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is stack.
+/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
+/// stack.
 #[derive(Clone, Debug)]
 pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     /// Own id.

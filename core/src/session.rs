@@ -232,23 +232,16 @@ impl<M: Model> Session<M> {
     fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
         let reply = match Request::split(kind, body)? {
             Request::Hello => Reply::Identity(Identity { id: self.id(), ..self.identity }),
-            // A configuration that cannot be read is answered, so that no host waits for nothing.
-            Request::Stage(bytes) if !self.read(bytes) => {
-                self.reply = Some(Reply::Staged(Err(StageError::Config(ConfigError::Malformed))));
-                return Err(Refusal::Value);
+            Request::Stage(bytes) => {
+                match self.read(bytes).map_err(StageError::Config).and_then(|()| self.may_stage()) {
+                    Ok(()) => return self.keep(Keep::Stage),
+                    Err(reason) => Reply::Staged(Err(reason)),
+                }
             }
-            Request::Stage(_) => match self.may_stage() {
-                Ok(()) => return self.keep(Keep::Stage),
-                Err(reason) => Reply::Staged(Err(reason)),
-            },
             Request::Key(_) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
             Request::Key(key) => return self.keep(Keep::Key(key)),
             Request::Report => Reply::Report(self.report()),
-            Request::Configure(bytes) if !self.read(bytes) => {
-                self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
-                return Err(Refusal::Value);
-            }
-            Request::Configure(_) => Reply::Configured(self.configure()),
+            Request::Configure(bytes) => Reply::Configured(self.read(bytes).and_then(|()| self.configure())),
             Request::Store => match self.may_store() {
                 Ok(()) => return self.keep(Keep::Store),
                 Err(reason) => Reply::Stored(Err(reason)),
@@ -260,13 +253,14 @@ impl<M: Model> Session<M> {
         Ok(())
     }
 
-    /// Reads a configuration into the room; whether it is one. In place, since each copy of it is 2 KiB of stack.
-    fn read(&mut self, bytes: &[u8]) -> bool {
-        let sound = self.room.insert(NodeConfig::empty()).read(bytes).is_ok();
-        if !sound {
+    /// Reads a configuration into the room: in place, since each copy of it is 2 KiB of stack. One that cannot be read is counted, and
+    /// answered all the same, so that no host waits for nothing.
+    fn read(&mut self, bytes: &[u8]) -> Result<(), ConfigError> {
+        self.room.insert(NodeConfig::empty()).read(bytes).map_err(|_| {
             self.room = None;
-        }
-        sound
+            self.refuse(Refusal::Value);
+            ConfigError::Malformed
+        })
     }
 
     fn is_running(&self) -> bool {

@@ -78,9 +78,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         at.rebuild(next, 0, COMMIT_AHEAD).ok_or(Refusal::TickWindow)
     }
 
-    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`]. Kept: phase, tick, schedule, state, what the law remembers, counters,
-    /// and what was heard of neighbours that stay. The initial state of `params` means nothing here. Once in a run: after a second
-    /// time a law or a policy could go on from what it remembered before the first.
+    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`]. Kept: phase, tick, schedule,
+    /// state, what the law remembers, counters, and what was heard of neighbours that stay. The initial state of `params` means nothing
+    /// here. Once in a run: after a second time a law or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
     /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant are not those of the node; it
