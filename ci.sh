@@ -21,18 +21,18 @@ rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 163
 # Images that nodes are made of; their boards, binaries and features; budgets of flash, static RAM and stack, bytes: what ./ci.sh boards
 # and ./ci.sh stack find, and a tenth or so. Storage costs 20 KiB of flash and 3 KiB of RAM.
 readonly BUDGETS="
-mps2_an386           mps2_an386    mps2_an386          -       61440 16384 40960
-mps2_peers           mps2_an386    mps2_peers          -       69632 34816 40960
-heater_emulated      mps2_an386    heater_emulated     -       65536 16384 53248
-nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd 114688 28672 53248
-nucleo_g474re        nucleo_g474re nucleo_g474re       -      112640 26624 53248
-nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -      107520 32768 60416
-nucleo_f446re        nucleo_f446re nucleo_f446re       -      106496 25600 73728
-nrf52840_dk          nrf52840_dk   nrf52840_dk         -       94208 22528 65536
-nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       99328 29696 61440
-rp2040_pico          rp2040_pico   rp2040_pico         -       98304 22528 65536
-rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -      106496 29696 66560
-heater               rp2040_pico   heater              -       94208 22528 65536
+mps2_an386           mps2_an386    mps2_an386          -       61440 15360  7680
+mps2_peers           mps2_an386    mps2_peers          -       69632 31744  8704
+heater_emulated      mps2_an386    heater_emulated     -       65536 15360  5120
+nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd 114688 22528 14336
+nucleo_g474re        nucleo_g474re nucleo_g474re       -      112640 21504 13824
+nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -      107520 29696 11776
+nucleo_f446re        nucleo_f446re nucleo_f446re       -      106496 20480  8704
+nrf52840_dk          nrf52840_dk   nrf52840_dk         -       94208 19456  8192
+nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       99328 26624  8704
+rp2040_pico          rp2040_pico   rp2040_pico         -       98304 19456  8704
+rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -      106496 26624  8704
+heater               rp2040_pico   heater              -       94208 17408  5120
 "
 # Instructions per node-tick in loopback.
 readonly HOST_LIMIT=1500

@@ -1,6 +1,7 @@
 """The code of a linked image: functions, calls, and jumps, from its disassembly."""
 
 import collections
+import math
 import re
 import subprocess
 
@@ -26,11 +27,13 @@ class Image:
     def __init__(self, path):
         self.path = path
         self.starts, self.names, self.code = [], {}, []
+        ends = function_ends(tool("nm", "-S", path, text=True))
         for line in tool("objdump", "-d", "--no-show-raw-insn", path, text=True).splitlines():
             if match := FUNCTION.match(line):
                 self.starts.append(int(match[1], 16))
                 self.names[self.starts[-1]] = match[2]
-            elif match := INSTRUCTION.match(line):
+            # What lld fills gaps with (0xd4d4) would be read as a jump into a neighbour.
+            elif (match := INSTRUCTION.match(line)) and int(match[1], 16) < ends.get(self.starts[-1], math.inf):
                 self.code.append((int(match[1], 16), self.starts[-1], match[2], match[3] or ""))
         self.sites = [site for each in self.code if (site := self.site(*each))]
         self.frames = dict(self.lines([address for address, *_ in self.code]))
@@ -86,6 +89,12 @@ class Image:
             return True
         target = jump_target(mnemonic, operands)
         return target is not None and bool(CALL.match(mnemonic)) and bool(PANIC.search(self.names[self.function_of(target)]))
+
+
+def function_ends(symbols):
+    """Where functions end whose size is known, by their beginnings; `symbols` is what `nm -S` prints."""
+    found = re.findall(r"^([0-9a-f]+) ([0-9a-f]+) [tTwW] ", symbols, re.M)
+    return {int(start, 16): int(start, 16) + int(size, 16) for start, size in found}
 
 
 def jump_target(mnemonic, operands):

@@ -10,7 +10,8 @@ a path; those of core::fmt, which formats arguments while it formats, and those 
 On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority
 (firmware/src/priority.rs), so no handler interrupts another. An NMI interrupts it all the same, and a fault that, whose handler begins
 the stack anew (firmware/src/panic.rs): on top comes its frame, and its own depth is stated beside and has to fit alone.
-The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES.
+The panic handler is part of the graph. What is not seen: the boot ROM of the RP2040, allowed for by ROM_BYTES. Where an image is over its
+budget, its deepest path is printed.
 """
 
 import collections
@@ -18,7 +19,7 @@ import re
 import struct
 import sys
 
-from image import FUNCTION, INSTRUCTION, Image, tool
+from image import FUNCTION, INSTRUCTION, Image, function_ends, tool
 
 # What an exception stacks: 8 words, with FPU 18 more, and a word of alignment.
 EXCEPTION = {"v6": 36, "v7e": 108}
@@ -153,7 +154,8 @@ class Stacks(Image):
                     halves[function, match[1]] = int(match[2])
                 elif mnemonic.startswith("movt") and (function, match[1]) in halves:
                     found.add((int(match[2]) << 16 | halves[function, match[1]]) - 1)
-        return found & set(self.starts)
+        # A number may be that of the first function in flash by chance. A reset empties the stack.
+        return {start for start in found & set(self.starts) if self.names[start] != "Reset"}
 
     def is_vector(self, address):
         return any(self.names[start] == "Reset" and self.words.get(address + 4) == start | 1 for start in self.starts)
@@ -260,9 +262,23 @@ class Bound(collections.namedtuple("Bound", "thread interrupt nmi entry fault"))
         return self.thread + self.interrupt + self.nmi + self.entry
 
 
+def deepest(image, depth):
+    """The deepest path from the reset on, as (frame, function); it ends where functions call each other in a circle."""
+    calls, path = image.callees(), []
+    callees = [start for start, name in image.names.items() if name == "Reset"]
+    while callees and (start := max(callees, key=depth.get)) not in path:
+        path.append(start)
+        callees = calls[start]
+    names = tool("c++filt", input="\n".join(image.names[start] for start in path), text=True).splitlines()
+    return [(image.frame[start], name) for start, name in zip(path, names)]
+
+
 def bound(path):
     image = Stacks(path)
-    depth = depths(image)
+    return bound_of(path, image, depths(image))
+
+
+def bound_of(path, image, depth):
     by_name = {name: start for start, name in image.names.items()}
     table = min(address for address in image.words if image.is_vector(address))
     handler = lambda number: image.words.get(table + 4 * number, 0) - 1
@@ -275,17 +291,24 @@ def bound(path):
 
 
 def check(path, budget):
-    found, room = bound(path), symbol(path, "_stack_start") - symbol(path, "_stack_end")
+    image = Stacks(path)
+    depth = depths(image)
+    found, room = bound_of(path, image, depth), symbol(path, "_stack_start") - symbol(path, "_stack_end")
     name = path.rsplit("/", 1)[-1]
     columns = (found.thread, found.interrupt, found.nmi, found.entry, found.total, found.fault, budget, room)
     print(f"| {name} | " + " | ".join(f"{each:,}" for each in columns) + " |", flush=True)
-    return max(found.total, found.fault) <= min(budget, room)
+    fits = max(found.total, found.fault) <= min(budget, room)
+    if not fits:
+        print("Its deepest path, and what each function takes of it:")
+        print("\n".join(f"{frame:7,}  {name}" for frame, name in deepest(image, depth)))
+    return fits
 
 
 def self_check():
     """A function that calls itself through another, and one that takes 1,000 bytes, are seen."""
     calls = {1: {2}, 2: {3, 4}, 3: {2}, 4: set()}
     assert sorted(map(sorted, groups(calls))) == [[1], [2, 3], [4]], groups(calls)
+    assert function_ends("08013754 00000052 t grow\n080192d6 T ADC\n") == {0x8013754: 0x80137a6}
     assert [registers(each) for each in ("{r4, r7, lr}", "{d8-d11}", "sp!, {r4-r8, lr}")] == [3, 4, 6]
     image = Stacks.__new__(Stacks)
     image.words, image.path = {0x100: -1000 & 0xFFFFFFFF}, "self-check"

@@ -15,11 +15,11 @@ use crate::law::max_gain::{self, Term};
 use crate::law::node_wise::Memory;
 use crate::law::{Coupling, EdgeWise};
 use crate::math::Real;
-use crate::neighbour::{EdgeFunnel, Heard, Own, Sums};
+use crate::neighbour::{EdgeFunnel, Heard, Neighbours, Own, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
 use crate::plant::{Plant, Purpose, Step};
-use funnel_protocol::config::{MAX_COMPONENTS, TickSource};
+use funnel_protocol::config::{EdgeConfig, MAX_COMPONENTS, TickSource};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, TickStamp};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, count};
@@ -53,6 +53,7 @@ pub enum Action {
 #[derive(Clone, Debug)]
 pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     params: Params<F, V, G>,
+    neighbours: Neighbours<F>,
     phase: Phase,
     /// Tick that is computed next.
     tick: u32,
@@ -135,8 +136,17 @@ enum Schedule {
 }
 
 impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
-    /// A node in phase `Ready`.
-    pub fn new(params: Params<F, V, G>) -> Self {
+    /// A node in phase `Ready`; `edges` are those that `params` were validated with.
+    pub fn new(params: Params<F, V, G>, edges: &[EdgeConfig]) -> Self {
+        let mut node = Self::alone(params);
+        node.meet(edges);
+        node
+    }
+
+    /// A node without its edges, still to be given by [`Node::meet`].
+    // Into its callers, so that it is made where it stays: of an empty table nothing is written then, let alone moved.
+    #[inline(always)]
+    pub(crate) fn alone(params: Params<F, V, G>) -> Self {
         // A tracker starts from the slope of its linear gain.
         let k = params.law.gain.apply(F::ONE);
         let states = params.initial_state.iter();
@@ -149,7 +159,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             synced: 0,
             skipped: 0,
             commit: None,
-            outgoing: Outgoing { edges_left: params.neighbours.count() as u8, ..Outgoing::default() },
+            outgoing: Outgoing::default(),
+            neighbours: Neighbours::new(params.initial_state.len() as u8),
             plant: params.plant.clone().map(Plant::new),
             step: Step::Idle,
             events: Deque::new(),
@@ -161,6 +172,12 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             counters: Counters::default(),
             params,
         }
+    }
+
+    /// Makes its table of these edges. What it has heard of neighbours that stay it still knows.
+    pub(crate) fn meet(&mut self, edges: &[EdgeConfig]) {
+        self.neighbours.set(edges, self.params.extrapolate_ticks);
+        self.outgoing.edges_left = self.neighbours.count() as u8;
     }
 
     /// Own id.
@@ -329,7 +346,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if x.abs() > self.params.state_limit {
             return Err(Refusal::OutOfRange);
         }
-        let heard = self.params.neighbours.hear(source, component, tick, self.tick, x)?;
+        let heard = self.neighbours.hear(source, component, tick, self.tick, x)?;
         // Once per neighbour, whatever its number of components.
         if heard == Heard::First && component == Component::FIRST {
             self.report_event(Event::NeighbourFound(source));
@@ -407,7 +424,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if neighbour != self.params.id {
             return Ok(());
         }
-        let own = self.params.neighbours.weight(source).map_or(0.0, F::to_f32);
+        let own = self.neighbours.weight(source).map_or(0.0, F::to_f32);
         if own != weight {
             count(&mut self.counters.weights_differ);
             self.report_event(Event::WeightsDiffer { node: source, own, theirs: weight });
@@ -497,7 +514,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if limit == 0 {
             return None;
         }
-        let lost = self.params.neighbours.lost();
+        let lost = self.neighbours.lost();
         (lost >= limit).then_some(lost as u16)
     }
 
@@ -515,7 +532,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let mut largest = F::ZERO;
         for component in 0..self.parts.len() {
             let Some(part) = self.parts.get_mut(component) else { continue };
-            let sums = self.params.neighbours.sums(k, component as u8, part.own());
+            let sums = self.neighbours.sums(k, component as u8, part.own());
             (part.nu, part.dnu) = (sums.nu, sums.dnu);
             largest = largest.max(sums.largest);
             self.note_neighbours(component, &sums);
@@ -549,7 +566,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             EdgeFunnel { widths: self.params.funnel.widths(k), floor_per_state: self.params.floor_per_state };
         for (component, part) in self.parts.iter_mut().enumerate() {
             let law = (law, &self.params.law.gain);
-            let inputs = self.params.neighbours.edge_inputs(k, component as u8, part.own(), law, psi);
+            let inputs = self.neighbours.edge_inputs(k, component as u8, part.own(), law, psi);
             (part.nu, part.u) = (inputs.nu, inputs.u);
         }
     }
@@ -674,7 +691,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// Announces the next edge, last one first.
     fn edge_message(&mut self) -> Option<Message> {
         self.outgoing.edges_left = self.outgoing.edges_left.checked_sub(1)?;
-        let (neighbour, weight) = self.params.neighbours.edge(usize::from(self.outgoing.edges_left))?;
+        let (neighbour, weight) = self.neighbours.edge(usize::from(self.outgoing.edges_left))?;
         Some(Message::Edge { source: self.params.id, neighbour, weight: weight.to_f32() })
     }
 

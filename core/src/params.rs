@@ -10,7 +10,6 @@ use crate::gain::{self, BuiltinGain, Linear, LocallyLinear, Logarithmic, Recipro
 use crate::law::node_wise::{NodeWise, THETA};
 use crate::law::{Coupling, EdgeWise, LambdaTracker};
 use crate::math::Real;
-use crate::neighbour::Neighbours;
 use crate::plant::PlantSetup;
 use funnel_protocol::config::{
     BreachPolicy, ConfigError, ConfigField, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape,
@@ -34,7 +33,10 @@ pub const SHORTEST_TICK_NS: u32 = 10_000;
 /// docs/notes/2026-11-23-first-light.md for why it does not depend on the degree).
 pub const FLOOR_ULPS: f64 = 256.0;
 
-/// What a node needs for a run, validated. `F` is the node's number type, `V` its vector field, `G` its gain.
+/// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
+///
+/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
+/// stack.
 #[derive(Clone, Debug)]
 pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     /// Own id.
@@ -62,8 +64,8 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     pub floor_per_state: F,
     /// What to do outside the funnel.
     pub on_breach: OnBreach<F>,
-    /// Neighbour table, nobody heard yet.
-    pub neighbours: Neighbours<F>,
+    /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
+    pub extrapolate_ticks: u32,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
     /// So many neighbours lost at the same time stop the node; 0 never does.
@@ -148,9 +150,7 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
         }
         check_funnel(&config.funnel)?;
         let tick = f64::from(tick_ns) * 1e-9;
-        let components = config.initial_state.len() as u8;
-        let mut neighbours = Neighbours::new(components, u32::from(config.extrapolate_ticks));
-        let degree = add_neighbours(&mut neighbours, config, id)?;
+        let degree = check_neighbours(config, id)?;
         Ok(Self {
             id,
             tick_ns: u64::from(tick_ns),
@@ -164,7 +164,7 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             funnel: Funnel::new(&config.funnel, tick, THETA),
             floor_per_state: F::from_f64(FLOOR_ULPS * f64::from(config.funnel.factor)) * F::EPSILON,
             on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
-            neighbours,
+            extrapolate_ticks: config.extrapolate_ticks.into(),
             plant: None,
             lost_neighbours: config.lost_neighbours,
             holdover_ns: check_holdover(config)?,
@@ -358,13 +358,9 @@ fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
     }
 }
 
-/// Fills the neighbour table; the weighted degree `d`. In place: it is most of a node, and every copy of it is stack.
-fn add_neighbours<F: Real>(
-    neighbours: &mut Neighbours<F>,
-    config: &NodeConfig,
-    own: NodeId,
-) -> Result<f64, ConfigError> {
-    let own_edges = config.neighbours.len();
+/// The weighted degree `d`.
+fn check_neighbours(config: &NodeConfig, own: NodeId) -> Result<f64, ConfigError> {
+    let mut listed = [false; NodeId::MAX as usize + 1];
     let mut degree = 0.0;
     for (index, edge) in config.neighbours.iter().enumerate() {
         let id = check_id(ConfigField::NeighbourId, index, edge.id)?;
@@ -376,8 +372,8 @@ fn add_neighbours<F: Real>(
         if config.coupling == CouplingConfig::EdgeWise {
             check(ConfigField::NeighbourEdges, index, f64::from(edge.edges), 1.0, MAX_NEIGHBOURS as f64)?;
         }
-        let stiffness = weight * (own_edges + usize::from(edge.edges)) as f64;
-        if !neighbours.add(id, F::from_f32(edge.weight), F::from_f64(stiffness)) {
+        let listed = listed.get_mut(usize::from(edge.id));
+        if listed.is_none_or(|listed| core::mem::replace(listed, true)) {
             return Err(ConfigError::DuplicateNeighbour { id: edge.id });
         }
         degree += weight;

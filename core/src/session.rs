@@ -17,7 +17,7 @@ use funnel_protocol::message::{Command, FaultCode, Message};
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::{Counters, Report, Telemetry};
 use funnel_protocol::serial::{Frame, HOST};
-use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StageError, StoreError, kind};
+use funnel_protocol::service::{Identity, Reply, Request, ResetCause, StageError, StoreError};
 use keep::{Keep, Staged};
 
 /// What the firmware shall do next.
@@ -97,12 +97,16 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Makes a node of a configuration that was stored, as a CONFIGURE would.
+    /// Where a stored configuration is read to before [`Session::restore`]: in place, since each copy of one is 2 KiB of stack.
+    pub fn room(&mut self) -> &mut Option<NodeConfig> {
+        &mut self.room
+    }
+
+    /// Makes a node of the stored configuration in the [room](Session::room), as a CONFIGURE would.
     ///
     /// # Errors
-    /// As for CONFIGURE; the session stays as it was.
-    pub fn restore(&mut self, config: NodeConfig) -> Result<(), ConfigError> {
-        self.room = Some(config);
+    /// As for CONFIGURE; `Malformed` where there is none. The session stays as it was.
+    pub fn restore(&mut self) -> Result<(), ConfigError> {
         self.configure()
     }
 
@@ -226,41 +230,37 @@ impl<M: Model> Session<M> {
     }
 
     fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
-        let reply = match Request::decode(kind, body) {
-            Ok(Request::Hello) => Reply::Identity(Identity { id: self.id(), ..self.identity }),
-            Ok(Request::Stage(config)) => {
-                self.room = Some(config);
-                match self.may_stage() {
+        let reply = match Request::split(kind, body)? {
+            Request::Hello => Reply::Identity(Identity { id: self.id(), ..self.identity }),
+            Request::Stage(bytes) => {
+                match self.read(bytes).map_err(StageError::Config).and_then(|()| self.may_stage()) {
                     Ok(()) => return self.keep(Keep::Stage),
                     Err(reason) => Reply::Staged(Err(reason)),
                 }
             }
-            Ok(Request::Key(_)) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
-            Ok(Request::Key(key)) => return self.keep(Keep::Key(key)),
-            Ok(Request::Report) => Reply::Report(self.report()),
-            Ok(Request::Configure(config)) => {
-                self.room = Some(config);
-                Reply::Configured(self.configure())
-            }
-            Ok(Request::Store) => match self.may_store() {
+            Request::Key(_) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
+            Request::Key(key) => return self.keep(Keep::Key(key)),
+            Request::Report => Reply::Report(self.report()),
+            Request::Configure(bytes) => Reply::Configured(self.read(bytes).and_then(|()| self.configure())),
+            Request::Store => match self.may_store() {
                 Ok(()) => return self.keep(Keep::Store),
                 Err(reason) => Reply::Stored(Err(reason)),
             },
-            Ok(Request::Erase) if self.is_running() => Reply::Erased(Err(StoreError::Running)),
-            Ok(Request::Erase) => return self.keep(Keep::Erase),
-            // A configuration that cannot be read is answered, so that no host waits for nothing.
-            Err(Refusal::Value | Refusal::Length) if kind == kind::CONFIGURE => {
-                self.reply = Some(Reply::Configured(Err(ConfigError::Malformed)));
-                return Err(Refusal::Value);
-            }
-            Err(Refusal::Value | Refusal::Length) if kind == kind::STAGE => {
-                self.reply = Some(Reply::Staged(Err(StageError::Config(ConfigError::Malformed))));
-                return Err(Refusal::Value);
-            }
-            Err(reason) => return Err(reason),
+            Request::Erase if self.is_running() => Reply::Erased(Err(StoreError::Running)),
+            Request::Erase => return self.keep(Keep::Erase),
         };
         self.reply = Some(reply);
         Ok(())
+    }
+
+    /// Reads a configuration into the room: in place, since each copy of it is 2 KiB of stack. One that cannot be read is counted, and
+    /// answered all the same, so that no host waits for nothing.
+    fn read(&mut self, bytes: &[u8]) -> Result<(), ConfigError> {
+        self.room.insert(NodeConfig::empty()).read(bytes).map_err(|_| {
+            self.room = None;
+            self.refuse(Refusal::Value);
+            ConfigError::Malformed
+        })
     }
 
     fn is_running(&self) -> bool {
@@ -278,13 +278,15 @@ impl<M: Model> Session<M> {
     #[inline(never)]
     fn make_node(&mut self) -> Result<(), ConfigError> {
         let config = self.room.as_ref().ok_or(ConfigError::Malformed)?;
-        let mut node = Node::new(Params::of_model(config, &self.model)?);
+        let params = Params::of_model(config, &self.model)?;
+        // The old one may have stopped just now.
+        let stopped = self.node.as_mut().is_some_and(Node::take_stop);
+        self.safe |= stopped;
+        let node = self.node.insert(Node::alone(params));
+        node.meet(&config.neighbours);
         if let Some(arg) = self.confession.take() {
             node.warn(FaultCode::PANIC, arg);
         }
-        // The old one may have stopped just now.
-        self.safe = self.take_safe();
-        self.node = Some(node);
         self.reported = (0, 0);
         self.settle();
         Ok(())

@@ -55,7 +55,8 @@ struct Net {
 
 impl Net {
     fn start(configs: &[NodeConfig]) -> Self {
-        let nodes = configs.iter().map(|config| Node::new(Params::new(config).unwrap())).collect();
+        let node = |config: &NodeConfig| Node::new(Params::new(config).unwrap(), &config.neighbours);
+        let nodes = configs.iter().map(node).collect();
         let mut net = Self { nodes, tick: 0, events: Vec::new(), frames: Vec::new() };
         net.tell(Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 });
         net
@@ -376,7 +377,8 @@ fn a_users_scalar_field_serves_every_component() {
     }
     let gain = BuiltinGain::Reciprocal(Reciprocal { scale: 1.0 });
     let config = NodeConfig { neighbours: heapless::Vec::new(), ..config(0, 3, &[1.0, -2.0]) };
-    let mut node = Node::new(Params::with_field_and_gain(&config, |_| Ok(Decay), gain).unwrap());
+    let params = Params::with_field_and_gain(&config, |_| Ok(Decay), gain).unwrap();
+    let mut node = Node::new(params, &config.neighbours);
     node.on_message(&Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 }, 0)
         .unwrap();
     while node.poll(0).is_some() {}

@@ -40,7 +40,7 @@ fn seen(node: &Node) -> &Observation<f32> {
 }
 
 fn node(config: &NodeConfig) -> Node {
-    Node::new(Params::new(config).unwrap())
+    Node::new(Params::new(config).unwrap(), &config.neighbours)
 }
 
 fn state(source: u8, tick: u32, x: f32) -> Message {

@@ -317,7 +317,8 @@ fn a_virtual_node_that_stops_says_so_too() {
     tell(&mut node, command(Command::Start));
     while node.poll(0).is_some() {}
     tell(&mut node, command(Command::Stop));
-    node.restore(config(1, &[2])).unwrap();
+    *node.room() = Some(config(1, &[2]));
+    node.restore().unwrap();
     assert_eq!((node.poll(0), node.poll(0)), (Some(Output::Safe), None));
 }
 
@@ -411,7 +412,9 @@ fn a_plant_with_another_number_of_components_is_refused_by_name() {
     let mut known = Known::badly(Heater::default());
     known.plant.inputs = [InputRange::new(-1.0, 1.0).unwrap(); 2].into_iter().collect();
     let identity = funnel_protocol::service::Identity { wire_version: 1, ..Default::default() };
-    let refused = Session::with_model(identity, known).restore(config(1, &[2]));
+    let mut session = Session::with_model(identity, known);
+    *session.room() = Some(config(1, &[2]));
+    let refused = session.restore();
     let expected =
         ConfigError::OutOfRange { field: ConfigField::Components, index: 0, found: 1.0, low: 2.0, high: 2.0 };
     assert_eq!(refused, Err(expected));

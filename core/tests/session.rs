@@ -185,9 +185,12 @@ fn a_running_node_neither_stores_nor_erases() {
 #[test]
 fn a_restored_node_is_ready_with_its_id() {
     let mut session = blank();
-    assert!(session.restore(NodeConfig { tick_ns: 0, ..config() }).is_err());
+    assert_eq!(session.restore(), Err(ConfigError::Malformed), "nothing was stored");
+    *session.room() = Some(NodeConfig { tick_ns: 0, ..config() });
+    assert!(session.restore().is_err());
     assert_eq!((session.id(), session.config()), (0, None), "blank as before");
-    session.restore(config()).unwrap();
+    *session.room() = Some(config());
+    session.restore().unwrap();
     let identity = Identity { id: 3, checksum: config().checksum(), ..IDENTITY };
     assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(identity))]);
     let started = tell(&mut session, start());
@@ -197,7 +200,8 @@ fn a_restored_node_is_ready_with_its_id() {
 #[test]
 fn why_it_was_restarted_is_said_even_if_it_is_stopped_first() {
     let mut session = Session::new(Identity { reset: ResetCause::Panic, ..IDENTITY });
-    session.restore(config()).unwrap();
+    *session.room() = Some(config());
+    session.restore().unwrap();
     let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
     let outputs = tell(&mut session, stop);
     let said =
@@ -216,7 +220,8 @@ fn after_a_panic_it_says_so_once_it_has_its_id_and_does_not_run_by_itself() {
     ] {
         let mut session = Session::new(Identity { reset, ..IDENTITY });
         assert_eq!(outputs(&mut session), [Output::Safe]);
-        session.restore(config()).unwrap();
+        *session.room() = Some(config());
+        session.restore().unwrap();
         let restored = outputs(&mut session);
         let fault = |output: &Output| match output {
             Output::Send(Message::Fault { source, code: FaultCode::PANIC, severity, arg, .. }) => {

@@ -9,6 +9,7 @@ use funnel_plant::Plant;
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::FaultCode;
 use funnel_protocol::service::{Identity, ResetCause};
+use static_cell::StaticCell;
 
 use crate::link::{Input, Link};
 use crate::reset::Start;
@@ -31,33 +32,45 @@ impl Chip<Absent> {
         Self { uid: 0, start: Start { reset: ResetCause::Unknown, starts: 0, place: 0 }, watchdog: Absent };
 }
 
-/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it.
-pub async fn run(
-    mut link: impl Link,
-    mut storage: impl Storage,
-    mut plant: impl Plant,
+/// The session of a node with this plant.
+pub type SessionOf<P> = Session<<P as Plant>::Model>;
+
+/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it; its session is made in `session`.
+///
+/// What is large is passed by reference: a future that holds it is moved through the stack whenever another one awaits it.
+///
+/// # Panics
+/// `session` is taken.
+pub async fn run<P: Plant>(
+    session: &'static StaticCell<SessionOf<P>>,
+    link: &mut impl Link,
+    storage: &mut impl Storage,
+    mut plant: P,
     chip: Chip<impl Watchdog>,
 ) -> ! {
     let Chip { uid, start: Start { reset, starts, place }, watchdog } = chip;
     let identity =
         Identity { wire_version: WIRE_VERSION, firmware: VERSION, uid, reset, starts, ..Identity::default() };
-    let mut session = Session::with_model(identity, plant.model());
+    let session = session.init_with(|| Session::with_model(identity, plant.model()));
     // Before anything else: the session asks for a safe output.
-    drain(&mut session, &mut link, &mut storage, &mut plant).await;
+    drain(session, link, storage, &mut plant).await;
     defmt::info!("ready, wire version {=u8}", WIRE_VERSION);
     defmt::info!("start {=u32}, last reset: {} at {=u32:#x}", starts, reset, place);
-    restore(&mut session, &mut storage).await;
+    restore(session, storage).await;
     let mut guard = Guard::start(watchdog);
     loop {
-        step(&mut session, &mut link, &mut storage, &mut plant, &mut guard).await;
+        step(session, link, storage, &mut plant, &mut guard).await;
     }
 }
 
 /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
 async fn restore<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
     session.note_key(storage.has_key().await);
-    let Some(config) = storage.load().await else { return };
-    match session.restore(config) {
+    storage.load(session.room()).await;
+    if session.room().is_none() {
+        return;
+    }
+    match session.restore() {
         Ok(()) => defmt::info!("configured from storage: node {=u8}", session.id()),
         Err(_) => defmt::error!("the stored configuration is out of range"),
     }

@@ -1,7 +1,7 @@
 //! The node on a microcontroller.
 //!
 //! The core decides and the protocol encodes; what is here only moves bytes and time. One async [`app`] is generic over its
-//! [`link`]; a board adds its peripherals and a binary of under 100 lines in `src/bin`. Exactly one board feature chooses it.
+//! [`link`]; a board adds its peripherals and a binary of some 100 lines in `src/bin`. Exactly one board feature chooses it.
 //!
 //! `unsafe` is allowed in ten files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
 //! table), `executor.rs` (polling), `priority.rs` (the NVIC), `panic.rs` (the fault handler),

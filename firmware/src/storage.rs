@@ -10,8 +10,8 @@ use funnel_protocol::service::StoreError;
 /// Keeps one configuration and one key; beside them, until the next start, a configuration that is staged.
 #[allow(async_fn_in_trait)] // as for Link
 pub trait Storage {
-    /// The configuration to start with, `None` for a blank node. What is wrong with a stored one goes into the log.
-    async fn load(&mut self) -> Option<NodeConfig>;
+    /// Puts the configuration to start with into `room`, `None` for a blank node. What is wrong with a stored one goes into the log.
+    async fn load(&mut self, room: &mut Option<NodeConfig>);
 
     /// Whether there is a key.
     async fn has_key(&mut self) -> bool;
@@ -25,8 +25,8 @@ pub trait Storage {
 pub struct Absent;
 
 impl Storage for Absent {
-    async fn load(&mut self) -> Option<NodeConfig> {
-        None
+    async fn load(&mut self, room: &mut Option<NodeConfig>) {
+        *room = None;
     }
 
     async fn has_key(&mut self) -> bool {

@@ -49,7 +49,7 @@ pub struct SineConfig {
 }
 
 /// The node's own vector field `f(t, x) = slope * x + offset + sum of sines`, for a state of n components.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FieldConfig {
     /// 1/s: one number for all components, or n times n, row by row.
     pub slope: Vec<f32, MAX_MATRIX>,
@@ -216,8 +216,8 @@ pub struct EdgeConfig {
     pub edges: u8,
 }
 
-/// Everything that a node is told before it starts.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Everything that a node is told before it starts. Read by [`NodeConfig::read`], where it is to stay.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeConfig {
     /// Own id, 1 to 127.
     pub id: u8,

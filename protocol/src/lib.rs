@@ -9,6 +9,7 @@ pub mod can;
 pub mod can_fd;
 mod checksum;
 pub mod config;
+mod in_place;
 pub mod message;
 pub mod refusal;
 pub mod report;

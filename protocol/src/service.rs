@@ -180,14 +180,14 @@ impl fmt::Display for StageError {
 
 impl core::error::Error for StageError {}
 
-/// What a host asks of a node.
+/// What a host asks of a node. `C` is a configuration, or the bytes of one that nobody has read.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
-pub enum Request {
+pub enum Request<C = NodeConfig> {
     /// Who is there?
     Hello,
     /// Be this.
-    Configure(NodeConfig),
+    Configure(C),
     /// Report!
     Report,
     /// Be this after the next start, too.
@@ -195,7 +195,7 @@ pub enum Request {
     /// Be blank after the next start.
     Erase,
     /// Have this ready beside what you are, until a commit.
-    Stage(NodeConfig),
+    Stage(C),
     /// Keep this key.
     Key(Key),
 }
@@ -237,6 +237,25 @@ pub trait Body: Sized {
     fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal>;
 }
 
+impl<'a> Request<&'a [u8]> {
+    /// Reads a body of `kind`, but for a configuration: [`NodeConfig::read`] reads it where it is to stay.
+    ///
+    /// # Errors
+    /// As for [`Body::decode`].
+    pub fn split(kind: u8, body: &'a [u8]) -> Result<Self, Refusal> {
+        match kind {
+            kind::HELLO => empty(body).map(|()| Self::Hello),
+            kind::CONFIGURE => Ok(Self::Configure(body)),
+            kind::REPORT_REQUEST => empty(body).map(|()| Self::Report),
+            kind::STORE => empty(body).map(|()| Self::Store),
+            kind::ERASE => empty(body).map(|()| Self::Erase),
+            kind::STAGE => Ok(Self::Stage(body)),
+            kind::KEY => exactly(body).map(|&bytes| Self::Key(Key(bytes))),
+            _ => Err(Refusal::Kind),
+        }
+    }
+}
+
 impl Body for Request {
     fn kind(&self) -> u8 {
         match self {
@@ -259,16 +278,15 @@ impl Body for Request {
     }
 
     fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal> {
-        match kind {
-            kind::HELLO => empty(body).map(|()| Self::Hello),
-            kind::CONFIGURE => whole(body).map(Self::Configure),
-            kind::REPORT_REQUEST => empty(body).map(|()| Self::Report),
-            kind::STORE => empty(body).map(|()| Self::Store),
-            kind::ERASE => empty(body).map(|()| Self::Erase),
-            kind::STAGE => whole(body).map(Self::Stage),
-            kind::KEY => exactly(body).map(|&bytes| Self::Key(Key(bytes))),
-            _ => Err(Refusal::Kind),
-        }
+        Ok(match Request::split(kind, body)? {
+            Request::Hello => Self::Hello,
+            Request::Configure(bytes) => Self::Configure(config(bytes)?),
+            Request::Report => Self::Report,
+            Request::Store => Self::Store,
+            Request::Erase => Self::Erase,
+            Request::Stage(bytes) => Self::Stage(config(bytes)?),
+            Request::Key(key) => Self::Key(key),
+        })
     }
 }
 
@@ -312,6 +330,11 @@ impl Body for Reply {
             _ => Err(Refusal::Kind),
         }
     }
+}
+
+fn config(body: &[u8]) -> Result<NodeConfig, Refusal> {
+    let mut config = NodeConfig::empty();
+    config.read(body).map(|()| config)
 }
 
 fn write<T: Serialize>(value: &T, out: &mut [u8]) -> Option<usize> {

@@ -177,9 +177,52 @@ fn the_checksum_of_a_configuration_is_that_of_its_bytes() {
     assert_eq!((&back, back.checksum()), (&config, crc));
 }
 
+/// A node reads each where the one before it was.
+#[test]
+fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
+    let small = NodeConfig {
+        initial_state: [2.0].into_iter().collect(),
+        field: FieldConfig::scalar(0.5, 0.25, []),
+        neighbours: [EdgeConfig { id: 1, weight: 0.5, edges: 2 }].into_iter().collect(),
+        on_breach: BreachPolicy::Stop,
+        lost_neighbours: 0,
+        holdover_ns: 0,
+        ..largest_config()
+    };
+    let mut body = [0; MAX_BODY];
+    let mut room = largest_config();
+    for config in [small.clone(), largest_config(), small.clone()] {
+        let length = Request::Stage(config.clone()).encode(&mut body).unwrap();
+        for shorter in 0..length {
+            assert_eq!(room.read(&body[..shorter]), Err(Refusal::Value), "{shorter} of {length}");
+        }
+        assert_eq!(room.read(&[&body[..length], &[0]].concat()), Err(Refusal::Length));
+        assert_eq!((room.read(&body[..length]), &room), (Ok(()), &config));
+    }
+    // As it was written before its last two fields, which are 0.
+    let length = Request::Stage(small.clone()).encode(&mut body).unwrap();
+    assert_eq!((room.read_older(&body[..length - 2], 2), &room), (Ok(()), &small));
+    for missing in [0, 1, 3] {
+        assert_eq!(room.read_older(&body[..length - 2], missing), Err(Refusal::Value), "{missing}");
+    }
+}
+
+#[test]
+fn a_list_that_is_too_long_is_refused() {
+    let mut body = [0; MAX_BODY];
+    let config =
+        NodeConfig { initial_state: [1.0; MAX_COMPONENTS].into_iter().collect(), ..NodeConfig::empty() };
+    let length = Request::Stage(config).encode(&mut body).unwrap();
+    // The number of components comes after id, period and tick source.
+    assert_eq!(usize::from(body[3]), MAX_COMPONENTS);
+    body[3] += 1;
+    let longer = [&body[..4], &[0; 4], &body[4..length]].concat();
+    assert_eq!(NodeConfig::empty().read(&longer), Err(Refusal::Value));
+}
+
 #[test]
 fn a_key_does_not_show_in_a_log() {
-    assert_eq!(format!("{:?}", Request::Key(Key([0x5A; 16]))), "Key(Key(..))");
+    assert_eq!(format!("{:?}", Request::<NodeConfig>::Key(Key([0x5A; 16]))), "Key(Key(..))");
 }
 
 #[test]

@@ -44,8 +44,11 @@ fn config(index: usize) -> NodeConfig {
 fn main() {
     let ticks: u32 =
         std::env::args().nth(1).map_or(10_000, |text| text.parse().expect("TICKS: a whole number"));
-    let nodes =
-        (0..NODES).map(|i| Node::new(Params::new(&config(i)).expect("a valid configuration"))).collect();
+    let node = |i| {
+        let config = config(i);
+        Node::new(Params::new(&config).expect("a valid configuration"), &config.neighbours)
+    };
+    let nodes = (0..NODES).map(node).collect();
     let listeners = (0..NODES).map(|i| STEPS.map(|step| (i + step) % NODES).to_vec()).collect();
     let mut engine = Engine::new(nodes, IdealBus::new(IdealParams::default(), 1, listeners));
     let begin = std::time::Instant::now();

@@ -137,14 +137,14 @@ impl FileStorage {
         store.map(Self).map_err(|error| format!("the storage {}: {error}", path.display()))
     }
 
-    /// The stored configuration, and whether there is a key beside it.
+    /// Puts the stored configuration into `room`; whether there is a key beside it.
     ///
     /// # Errors
     /// It cannot be read, in words.
-    pub fn load(&mut self) -> Result<(Option<NodeConfig>, bool), String> {
-        let config = ready(self.0.load()).map_err(|error| error.to_string())?;
+    pub fn load(&mut self, room: &mut Option<NodeConfig>) -> Result<bool, String> {
+        ready(self.0.load(room)).map_err(|error| error.to_string())?;
         let key = ready(self.0.key()).map_err(|error| error.to_string())?;
-        Ok((config, key.is_some()))
+        Ok(key.is_some())
     }
 
     /// Does what a session asks for.

@@ -235,15 +235,15 @@ impl HostNode {
 
     /// As a board does at its start: what cannot be used is said, and the node is blank.
     fn restore(&mut self) {
-        match self.storage.as_mut().map(FileStorage::load) {
-            Some(Ok((config, has_key))) => {
-                self.session.note_key(has_key);
-                if let Some(Err(error)) = config.map(|config| self.session.restore(config)) {
-                    log(&format_args!("the stored configuration: {error}"));
-                }
-            }
-            Some(Err(error)) => log(&format_args!("storage: {error}")),
-            None => {}
+        let Some(storage) = &mut self.storage else { return };
+        match storage.load(self.session.room()) {
+            Ok(has_key) => self.session.note_key(has_key),
+            Err(error) => return log(&format_args!("storage: {error}")),
+        }
+        if self.session.room().is_some()
+            && let Err(error) = self.session.restore()
+        {
+            log(&format_args!("the stored configuration: {error}"));
         }
     }
 

@@ -3,10 +3,7 @@
 //! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is an integer, or
 //! a `bool`, that means "as before" at 0 and is one zero byte then. So an older configuration is read as if its missing bytes were zeros.
 
-use funnel_protocol::NodeConfig;
-use postcard::{Error, Result};
-
-use crate::BUFFER;
+use funnel_protocol::{NodeConfig, Refusal};
 
 /// What is written now; the number and what it stands for are in the commit record. 1 was the first. A field more at the end
 /// of `NodeConfig` changes the bytes, and needs a new number, an arm in [`missing`] and golden bytes in tests/layout.rs.
@@ -27,22 +24,23 @@ fn missing(layout: u8) -> Option<usize> {
     }
 }
 
-/// Puts the configuration that `bytes` are in this layout into `room`, `None` for a blank node; `Err` where they are none.
-// Not into its callers: it needs a second copy of it on its stack.
-#[inline(never)]
-pub(crate) fn read(layout: u8, bytes: &[u8], room: &mut Option<NodeConfig>) -> Result<()> {
-    let missing = missing(layout).ok_or(Error::DeserializeBadEncoding)?;
-    // Copied, so that the image has one reader of configurations for storage and wire: a second one takes 6 KiB (2026-11-24).
-    let mut lengthened = [0; BUFFER];
-    let place = lengthened.get_mut(..bytes.len()).ok_or(Error::DeserializeBadEncoding)?;
-    place.copy_from_slice(bytes);
-    let lengthened = lengthened.get(..bytes.len() + missing).ok_or(Error::DeserializeBadEncoding)?;
-    let (config, rest) = postcard::take_from_bytes::<Option<NodeConfig>>(lengthened)?;
-    // A blank node lacks nothing.
-    let left = if config.is_some() { 0 } else { missing };
-    if rest.len() != left {
-        return Err(Error::DeserializeBadEncoding);
+/// Puts the configuration that `bytes` are in this layout into `room`, `None` for a blank node.
+///
+/// # Errors
+/// They are none; the room is empty then.
+pub(crate) fn read(layout: u8, bytes: &[u8], room: &mut Option<NodeConfig>) -> Result<(), Refusal> {
+    *room = None;
+    let missing = missing(layout).ok_or(Refusal::Value)?;
+    match bytes {
+        // A blank node lacks nothing.
+        [0] => Ok(()),
+        [1, bytes @ ..] => {
+            let read = room.insert(NodeConfig::empty()).read_older(bytes, missing);
+            if read.is_err() {
+                *room = None;
+            }
+            read
+        }
+        _ => Err(Refusal::Value),
     }
-    *room = config;
-    Ok(())
 }

@@ -92,16 +92,30 @@ pub struct Store<S> {
 }
 
 impl<S: NorFlash> Store<S> {
-    /// Finds the current configuration in `region` of `flash` (byte addresses of the driver); reads only. A stage that was
-    /// not committed is no longer there. Flash that holds anything else is a store without a configuration.
+    /// A store in `region` of `flash` (byte addresses of the driver) that nobody has looked into: for [`Store::find`], once it is where it
+    /// stays. What it is moved through on its way there is stack, 1.4 KiB each time.
+    pub const fn new(flash: S, region: Range<u32>) -> Self {
+        Self { flash, region, current: None, staged: None, buffer: [0; BUFFER] }
+    }
+
+    /// Finds the current configuration; reads only. A stage that was not committed is no longer there. Flash that holds anything else is a
+    /// store without a configuration.
     ///
     /// # Errors
     /// `Region` where it does not consist of at least [`MIN_PAGES`] whole pages, an even number, of at least [`MIN_PAGE`]
     /// bytes; `Flash` where the driver fails.
+    pub async fn find(&mut self) -> Result<(), Error<S::Error>> {
+        check_region::<S>(&self.region)?;
+        self.look().await
+    }
+
+    /// A store that has [found](Self::find) what is current.
+    ///
+    /// # Errors
+    /// As for [`Store::find`].
     pub async fn open(flash: S, region: Range<u32>) -> Result<Self, Error<S::Error>> {
-        check_region::<S>(&region)?;
-        let mut store = Self { flash, region, current: None, staged: None, buffer: [0; BUFFER] };
-        store.look().await?;
+        let mut store = Self::new(flash, region);
+        store.find().await?;
         Ok(store)
     }
 
@@ -110,18 +124,16 @@ impl<S: NorFlash> Store<S> {
         self.current.map_or(0, |(_, commit)| commit.epoch)
     }
 
-    /// The current configuration; `None` where there is none.
+    /// Puts the current configuration into `room`; `None` where there is none.
     ///
     /// # Errors
     /// `Newer` for one that later firmware has stored, `Corrupt` for one that has changed since it was committed, `Flash`. None of
-    /// them prevents a new one from being staged and committed.
-    pub async fn load(&mut self) -> Result<Option<NodeConfig>, Error<S::Error>> {
-        let Some((half, commit)) = self.current else { return Ok(None) };
+    /// them prevents a new one from being staged and committed. The room is empty then.
+    pub async fn load(&mut self, room: &mut Option<NodeConfig>) -> Result<(), Error<S::Error>> {
+        *room = None;
+        let Some((half, commit)) = self.current else { return Ok(()) };
         let (_, bytes) = self.committed(half, commit).await?;
-        // Not before the last wait: the caller's future would keep it, in static RAM.
-        let mut room = None;
-        layout::read(commit.layout, bytes, &mut room).map_err(|_| Error::Corrupt)?;
-        Ok(room)
+        layout::read(commit.layout, bytes, room).map_err(|_| Error::Corrupt)
     }
 
     /// The key beside the current configuration, which may be that of a blank node; `None` where there is none.
@@ -149,7 +161,7 @@ impl<S: NorFlash> Store<S> {
             },
             Change::Blank => (None, None),
             Change::Key(key, room) => {
-                *room = self.load().await?;
+                self.load(room).await?;
                 (room.as_ref(), Some(key))
             }
         };

@@ -7,7 +7,7 @@ mod flash;
 
 use configs::small;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-use flash::{Fault, Flash, now};
+use flash::{Fault, Flash, load, now};
 use funnel_core::Task;
 use funnel_store::{Error, Store};
 
@@ -79,7 +79,7 @@ fn open(flash: Flaky) -> Store<Flaky> {
 
 /// The id of what would be read now.
 fn id(store: &mut Store<Flaky>) -> u8 {
-    now(store.load()).unwrap().unwrap().id
+    now(load(store)).unwrap().unwrap().id
 }
 
 /// The store after a commit of 2 over 1 whose access of this number has failed; `None` where it has fewer.

@@ -7,7 +7,7 @@ mod flash;
 
 use configs::{longest, small};
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
-use flash::{Chip, Fault, Flash, now};
+use flash::{Chip, Fault, Flash, load, now};
 use funnel_protocol::NodeConfig;
 use funnel_protocol::service::Key;
 use funnel_store::split::{Split, SplitError};
@@ -54,7 +54,7 @@ fn open<F: Chip>(flash: F) -> Store<F> {
 }
 
 fn read<F: Chip>(store: &mut Store<F>) -> Stored {
-    now(async { Ok(Stored { config: store.load().await?, key: store.key().await? }) })
+    now(async { Ok(Stored { config: load(store).await?, key: store.key().await? }) })
         .unwrap_or_else(|error: Error<F::Error>| panic!("the store cannot be read: {error}"))
 }
 

@@ -11,7 +11,7 @@ use crate::observe::{Event, Phase};
 use crate::params::Params;
 use crate::plant::Step;
 use funnel_protocol::NodeConfig;
-use funnel_protocol::config::TickSource;
+use funnel_protocol::config::{EdgeConfig, TickSource};
 use funnel_protocol::message::TickStamp;
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::report::count;
@@ -78,23 +78,21 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         at.rebuild(next, 0, COMMIT_AHEAD).ok_or(Refusal::TickWindow)
     }
 
-    /// Answers [`Node::take_commit`] with the parameters to go on with. Kept: phase, tick, schedule, state, what the law remembers, counters,
-    /// and what was heard of neighbours that stay. The initial state of `params` means nothing here. Once in a run: after a second
-    /// time a law or a policy could go on from what it remembered before the first.
+    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`]. Kept: phase, tick, schedule,
+    /// state, what the law remembers, counters, and what was heard of neighbours that stay. The initial state of `params` means nothing
+    /// here. Once in a run: after a second time a law or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
     /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant are not those of the node; it
     /// goes on as it was. `Phase`, too, where it does not run.
-    pub fn adopt(&mut self, mut params: Params<F, V, G>) -> Result<(), Refusal> {
+    pub fn adopt(&mut self, params: Params<F, V, G>, edges: &[EdgeConfig]) -> Result<(), Refusal> {
         self.keep_on();
         self.may_adopt(&params).inspect_err(|&reason| self.counters.refuse(reason))?;
-        let old = &self.params;
-        params.neighbours.inherit(&old.neighbours);
-        self.outgoing.edges_left = params.neighbours.count() as u8;
-        if core::mem::discriminant(&params.coupling) != core::mem::discriminant(&old.coupling) {
+        if core::mem::discriminant(&params.coupling) != core::mem::discriminant(&self.params.coupling) {
             self.change_coupling(&params);
         }
         self.params = params;
+        self.meet(edges);
         self.report_event(Event::Adopted { tick: self.tick });
         Ok(())
     }

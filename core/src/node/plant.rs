@@ -77,7 +77,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             let applied = plant.apply(component, part.u);
             if applied != part.u {
                 saturated = true;
-                self.params.neighbours.feed_back(component as u8, applied / part.u);
+                self.neighbours.feed_back(component as u8, applied / part.u);
                 part.memory.feed_back(applied);
                 part.u = applied;
             }

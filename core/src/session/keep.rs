@@ -111,7 +111,7 @@ impl<M: Model> Session<M> {
     fn adopt(&mut self) -> bool {
         let (Some(config), Some(node)) = (&self.room, self.node.as_mut()) else { return false };
         let Ok(params) = Params::of_model(config, &self.model) else { return false };
-        if node.adopt(params).is_err() {
+        if node.adopt(params, &config.neighbours).is_err() {
             return false;
         }
         // Of the tick before there is nothing more to tell.

@@ -131,7 +131,8 @@ pub fn session<M: Model>(model: M, config: NodeConfig) -> Session<M> {
         model,
     );
     assert_eq!(session.poll(0), Some(Output::Safe), "at the start of the program");
-    session.restore(config).unwrap();
+    *session.room() = Some(config);
+    session.restore().unwrap();
     session
 }
 

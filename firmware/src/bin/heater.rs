@@ -12,13 +12,15 @@ use embassy_rp::gpio::Pull;
 use embassy_rp::pwm::{self, Pwm};
 use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
+use firmware::heater::{self, Block};
 use firmware::link::serial::Serial;
 use firmware::rp::{self, Timer};
 use firmware::storage::Absent;
-use firmware::{heater, panic, reset};
-use funnel_plant::Source;
+use firmware::{panic, reset};
+use funnel_core::Fixed;
+use funnel_plant::{Sampled, Source};
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
@@ -46,10 +48,14 @@ impl Source for Converter {
     }
 }
 
+type Plant = Sampled<Converter, Pwm<'static>, Fixed<Block>>;
+
 #[embassy_executor::task]
 async fn node(uart: BufferedUart, converter: Converter, pwm: Pwm<'static>, chip: Chip<Timer>) {
+    static SESSION: StaticCell<SessionOf<Plant>> = StaticCell::new();
+    static LINK: StaticCell<Serial<BufferedUart>> = StaticCell::new();
     let plant = heater::plant(converter, pwm, heater::MODEL);
-    app::run(Serial::new(uart), Absent, plant, chip).await
+    app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, plant, chip).await
 }
 
 /// The pin low, whatever the PWM does: its function back to a disabled one, its pull-down as after a reset.

@@ -13,7 +13,7 @@ use cortex_m_rt::entry;
 use critical_section::Mutex;
 use defmt_semihosting as _;
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::heater::{self, Block, FULL, SENSOR};
 use firmware::link::serial::Serial;
@@ -24,7 +24,7 @@ use firmware::mps2::{
 use firmware::panic;
 use firmware::storage::Absent;
 use funnel_core::Model;
-use funnel_plant::Source;
+use funnel_plant::{Sampled, Source};
 use funnel_protocol::NodeConfig;
 use funnel_protocol::config::ConfigError;
 use static_cell::StaticCell;
@@ -130,9 +130,11 @@ impl SetDutyCycle for Pin {
 }
 
 #[embassy_executor::task]
-async fn node(link: Uart) {
+async fn node(uart: Uart) {
+    static SESSION: StaticCell<SessionOf<Sampled<Converter, Pin, Placed>>> = StaticCell::new();
+    static LINK: StaticCell<Serial<Uart>> = StaticCell::new();
     let plant = heater::plant(Converter, Pin, Placed);
-    app::run(Serial::new(link), Absent, plant, Chip::UNKNOWN).await
+    app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, plant, Chip::UNKNOWN).await
 }
 
 #[entry]

@@ -6,7 +6,7 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::mps2::{
@@ -24,10 +24,12 @@ use static_cell::StaticCell;
 const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
-async fn node(link: Uart, start: Start) {
+async fn node(uart: Uart, start: Start) {
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Serial<Uart>> = StaticCell::new();
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
-    app::run(Serial::new(link), Absent, Virtual, chip).await
+    app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, Virtual, chip).await
 }
 
 #[entry]
@@ -37,8 +39,8 @@ fn main() -> ! {
     // The board's hardware does not tell.
     let start = reset::begin(ResetCause::Unknown);
     time::start();
-    let link = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
-    let node = node(link, start).expect("the task is spawned once");
+    let uart = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
+    let node = node(uart, start).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

@@ -6,7 +6,7 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::peers::Peers;
 use firmware::mps2::time;
@@ -23,13 +23,17 @@ use static_cell::{ConstStaticCell, StaticCell};
 const BIT_RATE: u32 = 1_000_000;
 
 type Halves = (Transmitter, Receiver);
+type Link = Peers<Receiver, Transmitter, Receiver, Transmitter, 4>;
 
 #[embassy_executor::task]
 async fn node(host: Halves, peers: [Halves; 4], start: Start) {
     static JUNCTION: ConstStaticCell<Junction<4>> = ConstStaticCell::new(Junction::new());
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Link> = StaticCell::new();
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
-    app::run(Peers::new(host, peers, JUNCTION.take()), Absent, Virtual, chip).await
+    let link = Peers::make(&LINK, host, peers, JUNCTION.take());
+    app::run(&SESSION, link, &mut Absent, Virtual, chip).await
 }
 
 #[entry]

@@ -9,7 +9,7 @@ use defmt_rtt as _;
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
 use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, peripherals, uarte};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::nrf::{self, Wdt};
@@ -24,8 +24,13 @@ bind_interrupts!(struct Interrupts {
 
 #[embassy_executor::task]
 async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>, chip: Chip<Wdt>) {
-    let storage = InFlash::open(Blocking(flash), region(0)).await;
-    app::run(Serial::new(uart), storage, Virtual, chip).await
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Serial<BufferedUarte<'static>>> = StaticCell::new();
+    static STORAGE: StaticCell<InFlash<Blocking<Nvmc<'static>>>> = StaticCell::new();
+    let link = LINK.init_with(|| Serial::new(uart));
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 #[entry]

@@ -12,7 +12,7 @@ use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::pac::P1;
 use embassy_nrf::pac::gpio::vals::Pull;
 use embassy_nrf::{bind_interrupts, peripherals, uarte};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::nrf::{self, Wdt};
@@ -30,13 +30,21 @@ bind_interrupts!(struct Interrupts {
 /// The pin that hears the neighbour, P1.01.
 const PEER_RX: usize = 1;
 
-type Halves = (BufferedUarteTx<'static>, BufferedUarteRx<'static>);
+type Reader = BufferedUarteRx<'static>;
+type Writer = BufferedUarteTx<'static>;
+type Halves = (Writer, Reader);
+type Link = Peers<Reader, Writer, Reader, Writer, 1>;
 
 #[embassy_executor::task]
 async fn node(host: Halves, peer: Halves, flash: Nvmc<'static>, chip: Chip<Wdt>) {
     static JUNCTION: ConstStaticCell<Junction<1>> = ConstStaticCell::new(Junction::new());
-    let storage = InFlash::open(Blocking(flash), region(0)).await;
-    app::run(Peers::new(host, [peer], JUNCTION.take()), storage, Virtual, chip).await
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Link> = StaticCell::new();
+    static STORAGE: StaticCell<InFlash<Blocking<Nvmc<'static>>>> = StaticCell::new();
+    let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 /// The half that writes first.

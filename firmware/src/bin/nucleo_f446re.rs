@@ -17,7 +17,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Config, bind_interrupts, peripherals};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
@@ -43,11 +43,15 @@ bind_interrupts!(struct Interrupts {
 const TIMING: NominalBitTiming = timing(2, 15, 4);
 
 #[embassy_executor::task]
-async fn node(link: CanNode<BxCan, BufferedUart<'static>>, flash: Sectors, chip: Chip<Iwdg>) {
+async fn node(can: BxCan, uart: BufferedUart<'static>, flash: Sectors, chip: Chip<Iwdg>) {
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<CanNode<BxCan, BufferedUart<'static>>> = StaticCell::new();
     // Two sectors, a half of the store each.
-    let flash = Split::<_, 2>(Blocking(flash));
-    let storage = InFlash::open(flash, region(FLASH_BASE as u32)).await;
-    app::run(link, storage, Virtual, chip).await
+    static STORAGE: StaticCell<InFlash<Split<Blocking<Sectors>, 2>>> = StaticCell::new();
+    let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart)));
+    let storage = STORAGE.init_with(|| InFlash::new(Split(Blocking(flash)), region(FLASH_BASE as u32)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.
@@ -84,7 +88,7 @@ fn main() -> ! {
     let can = Can::new(chip.CAN1, chip.PA11, chip.PA12, Interrupts);
     let can = BxCan::start(can, TIMING, BUFFER.take());
     let flash = Sectors::new(chip.FLASH);
-    let node = node(CanNode::new(can, Serial::new(uart)), flash, of_node).expect("the task is spawned once");
+    let node = node(can, uart, flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

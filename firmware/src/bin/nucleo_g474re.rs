@@ -11,7 +11,7 @@ use embassy_stm32::can::{CanConfigurator, IT0InterruptHandler, IT1InterruptHandl
 use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{bind_interrupts, peripherals};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::can::CanNode;
 use firmware::link::serial::Serial;
@@ -37,13 +37,19 @@ const FD: Option<FdTiming> = if cfg!(feature = "can-fd") { Some(fd_timing(1, 29,
 
 #[embassy_executor::task]
 async fn node(
-    link: CanNode<FdCan, BufferedUart<'static>>,
+    can: FdCan,
+    uart: BufferedUart<'static>,
     flash: Flash<'static, flash::Blocking>,
     chip: Chip<Iwdg>,
 ) {
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<CanNode<FdCan, BufferedUart<'static>>> = StaticCell::new();
     // In the second bank, while the program runs in the first.
-    let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(link, storage, Virtual, chip).await
+    static STORAGE: StaticCell<InFlash<Blocking<Flash<'static, flash::Blocking>>>> = StaticCell::new();
+    let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart)));
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 #[entry]
@@ -63,7 +69,7 @@ fn main() -> ! {
     let can = CanConfigurator::new(chip.FDCAN1, chip.PA11, chip.PA12, Interrupts);
     let can = FdCan::start(can, NOMINAL, FD, BUFFERS.take());
     let flash = Flash::new_blocking(chip.FLASH);
-    let node = node(CanNode::new(can, Serial::new(uart)), flash, of_node).expect("the task is spawned once");
+    let node = node(can, uart, flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
 }
 

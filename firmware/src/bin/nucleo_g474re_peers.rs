@@ -11,7 +11,7 @@ use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx, ConfigError};
 use embassy_stm32::{bind_interrupts, peripherals};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::panic;
@@ -36,7 +36,10 @@ const PEERS: usize = 4;
 /// Of every line, bit/s.
 const BIT_RATE: u32 = 1_000_000;
 
-type Halves = (BufferedUartTx<'static>, BufferedUartRx<'static>);
+type Reader = BufferedUartRx<'static>;
+type Writer = BufferedUartTx<'static>;
+type Halves = (Writer, Reader);
+type Link = Peers<Reader, Writer, Reader, Writer, PEERS>;
 
 #[embassy_executor::task]
 async fn node(
@@ -46,9 +49,14 @@ async fn node(
     chip: Chip<Iwdg>,
 ) {
     static JUNCTION: ConstStaticCell<Junction<PEERS>> = ConstStaticCell::new(Junction::new());
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Link> = StaticCell::new();
     // In the second bank, while the program runs in the first.
-    let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(Peers::new(host, peers, JUNCTION.take()), storage, Virtual, chip).await
+    static STORAGE: StaticCell<InFlash<Blocking<Flash<'static, flash::Blocking>>>> = StaticCell::new();
+    let link = Peers::make(&LINK, host, peers, JUNCTION.take());
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 #[entry]

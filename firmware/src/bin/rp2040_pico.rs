@@ -9,7 +9,7 @@ use defmt_rtt as _;
 use embassy_rp::flash;
 use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::serial::Serial;
 use firmware::rp::{self, PicoFlash, Timer};
@@ -27,8 +27,13 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn node(uart: BufferedUart, flash: PicoFlash, chip: Chip<Timer>) {
-    let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(Serial::new(uart), storage, Virtual, chip).await
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Serial<BufferedUart>> = StaticCell::new();
+    static STORAGE: StaticCell<InFlash<Blocking<PicoFlash>>> = StaticCell::new();
+    let link = LINK.init_with(|| Serial::new(uart));
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 #[entry]

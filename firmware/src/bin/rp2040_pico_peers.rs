@@ -10,7 +10,7 @@ use defmt_rtt as _;
 use embassy_rp::pac::PADS_BANK0;
 use embassy_rp::uart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_rp::{bind_interrupts, flash, peripherals};
-use firmware::app::{self, Chip};
+use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::rp::{self, PicoFlash, Timer};
@@ -31,12 +31,18 @@ const BIT_RATE: u32 = 1_000_000;
 const PEER_RX: usize = 5;
 
 type Halves = (BufferedUartTx, BufferedUartRx);
+type Link = Peers<BufferedUartRx, BufferedUartTx, BufferedUartRx, BufferedUartTx, 1>;
 
 #[embassy_executor::task]
 async fn node(host: Halves, peer: Halves, flash: PicoFlash, chip: Chip<Timer>) {
     static JUNCTION: ConstStaticCell<Junction<1>> = ConstStaticCell::new(Junction::new());
-    let storage = InFlash::open(Blocking(flash), region(flash::FLASH_BASE as u32)).await;
-    app::run(Peers::new(host, [peer], JUNCTION.take()), storage, Virtual, chip).await
+    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+    static LINK: StaticCell<Link> = StaticCell::new();
+    static STORAGE: StaticCell<InFlash<Blocking<PicoFlash>>> = StaticCell::new();
+    let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
+    storage.open().await;
+    app::run(&SESSION, link, storage, Virtual, chip).await
 }
 
 #[entry]

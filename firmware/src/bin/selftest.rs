@@ -24,7 +24,9 @@ const BIT_RATE: u32 = 1_000_000;
 
 #[embassy_executor::task]
 async fn test(link: Uart, chip: Chip<Apb>) {
-    let storage = InFlash::open(Blocking(Flash), 0..flash::SIZE as u32).await;
+    static STORAGE: StaticCell<InFlash<Blocking<Flash>>> = StaticCell::new();
+    let storage = STORAGE.init_with(|| InFlash::new(Blocking(Flash), 0..flash::SIZE as u32));
+    storage.open().await;
     let Ok(()) = selftest::run(link, storage, chip, || UART_0.lost().in_buffer, time::counts).await;
 }
 

@@ -12,6 +12,7 @@ use funnel_protocol::message::Message;
 use funnel_protocol::refusal::Refusal;
 use funnel_protocol::serial::{self, Frame, MAX_FRAME, MAX_REAL_TIME_FRAME};
 use funnel_protocol::service::Reply;
+use static_cell::StaticCell;
 
 use super::receiving::Receiving;
 use super::serial::{MAX_REPLY, encode_reply};
@@ -30,9 +31,19 @@ pub struct Peers<HR, HW, R, W, const PEERS: usize> {
 }
 
 impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R, W, PEERS> {
-    /// A node on these UARTs: of each the half that writes and the half that reads. `junction` is large, and stays where it is.
-    pub fn new(host: (HW, HR), peers: [(W, R); PEERS], junction: &'static mut Junction<PEERS>) -> Self {
-        Self { host: Line::new(host), peers: peers.map(Line::new), junction }
+    /// A node on these UARTs: of each the half that writes and the half that reads. It is large, as `junction` is, and made in `place`.
+    ///
+    /// # Panics
+    /// `place` is taken.
+    // Not into its caller, whose frame would keep up to 3.4 KiB for moving lines as long as the node runs.
+    #[inline(never)]
+    pub fn make(
+        place: &'static StaticCell<Self>,
+        host: (HW, HR),
+        peers: [(W, R); PEERS],
+        junction: &'static mut Junction<PEERS>,
+    ) -> &'static mut Self {
+        place.init_with(|| Self { host: Line::new(host), peers: peers.map(Line::new), junction })
     }
 
     /// Gives every line as much as it has room for.

@@ -13,8 +13,9 @@ use funnel_plant::Virtual;
 use funnel_protocol::message::{Command, Message, Target};
 use funnel_protocol::serial::{self, Deframer, Frame};
 use funnel_protocol::service::Request;
+use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::app::{self, Chip};
+use crate::app::{self, Chip, SessionOf};
 use crate::link::serial::Serial;
 use crate::storage::Absent;
 
@@ -36,19 +37,19 @@ impl Port {
 }
 
 /// The node's end of a port.
-struct Line<'a>(&'a Port);
+struct Line(&'static Port);
 
-impl ErrorType for Line<'_> {
+impl ErrorType for Line {
     type Error = core::convert::Infallible;
 }
 
-impl Read for Line<'_> {
+impl Read for Line {
     async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Self::Error> {
         Ok(self.0.to.read(bytes).await)
     }
 }
 
-impl Write for Line<'_> {
+impl Write for Line {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         Ok(self.0.from.write(bytes).await)
     }
@@ -94,12 +95,18 @@ impl Seen {
 
 /// Runs the test.
 pub async fn run<L: Read + Write>(link: &mut L, counts: impl Fn() -> u32) -> Result<(), L::Error> {
-    let ports = [const { Port::new() }; NODES];
-    let [a, b, c, d, e] =
-        ports.each_ref().map(|port| app::run(Serial::new(Line(port)), Absent, Virtual, Chip::UNKNOWN));
+    static PORTS: ConstStaticCell<[Port; NODES]> = ConstStaticCell::new([const { Port::new() }; NODES]);
+    static LINKS: [StaticCell<Serial<Line>>; NODES] = [const { StaticCell::new() }; NODES];
+    static SESSIONS: [StaticCell<SessionOf<Virtual>>; NODES] = [const { StaticCell::new() }; NODES];
+    let ports: &'static [Port; NODES] = PORTS.take();
+    let node = |index: usize| {
+        let link = LINKS[index].init_with(|| Serial::new(Line(&ports[index])));
+        async move { app::run(&SESSIONS[index], link, &mut Absent, Virtual, Chip::UNKNOWN).await }
+    };
+    let [a, b, c, d, e] = core::array::from_fn(node);
     let nodes = join5(a, b, c, d, e);
     let conducted = async {
-        let outcome = conduct(link, &ports, counts).await;
+        let outcome = conduct(link, ports, counts).await;
         // The nodes would go on for ever.
         Timer::after(ANSWER).await;
         outcome

@@ -13,8 +13,9 @@ use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 use funnel_link::{Classic, Fd, Format};
 use funnel_plant::Virtual;
+use static_cell::StaticCell;
 
-use crate::app::{self, Chip};
+use crate::app::{self, Chip, SessionOf};
 use crate::link::can::CanNode;
 use crate::link::serial::Serial;
 use crate::storage::{Absent, Storage};
@@ -30,6 +31,10 @@ pub const LONG_WAIT: Duration = Duration::from_secs(1000);
 /// Bytes of the bulk test: more than the sockets between the emulator and the host hold.
 pub const BULK: u32 = 1_000_000;
 
+/// Of the test that is a node.
+static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
+static STUCK: StaticCell<SessionOf<stuck::Plant>> = StaticCell::new();
+
 /// Runs the chosen test: `e` echo for ever, `t` ticker, `w` long wait, `b` bulk transmission, `o` overflow
 /// of the receive buffer, `p` panic, `f` hard fault, `c` a node on a CAN bus that fails, `d` the same in frames of CAN FD, `s` a node with
 /// storage, `h` a network for an hour; `P`, `F` a panic and a hard fault that restart the board as hardware does, `x` a node whose watchdog runs and
@@ -37,7 +42,7 @@ pub const BULK: u32 = 1_000_000;
 /// embassy-time is made from.
 pub async fn run<L: Read + Write>(
     mut link: L,
-    storage: impl Storage,
+    storage: &mut impl Storage,
     chip: Chip<impl Watchdog>,
     lost: impl Fn() -> u32,
     counts: impl Fn() -> u32,
@@ -56,8 +61,8 @@ pub async fn run<L: Read + Write>(
         b'p' => deliberate_panic(),
         b'c' => on_can::<Classic>(link).await,
         b'd' => on_can::<Fd>(link).await,
-        b's' => app::run(Serial::new(link), storage, Virtual, chip).await,
-        b'x' => app::run(Serial::new(link), storage, stuck::Plant::default(), chip).await,
+        b's' => app::run(&SESSION, &mut Serial::new(link), storage, Virtual, chip).await,
+        b'x' => app::run(&STUCK, &mut Serial::new(link), storage, stuck::Plant::default(), chip).await,
         b'P' => {
             restart_with_safe_output();
             deliberate_panic()
@@ -83,8 +88,8 @@ pub async fn run<L: Read + Write>(
 
 /// A node on a bus in one of the formats.
 async fn on_can<F: Format>(link: impl Read + Write) -> ! {
-    let node = CanNode::new(can::Scripted::<F>::default(), Serial::new(link));
-    app::run(node, Absent, Virtual, Chip::UNKNOWN).await
+    let mut node = CanNode::new(can::Scripted::<F>::default(), Serial::new(link));
+    app::run(&SESSION, &mut node, &mut Absent, Virtual, Chip::UNKNOWN).await
 }
 
 fn restart_with_safe_output() {

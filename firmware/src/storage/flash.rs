@@ -28,29 +28,42 @@ pub fn region(base: u32) -> Range<u32> {
     start.wrapping_sub(base)..end.wrapping_sub(base)
 }
 
-/// A configuration and a key in flash; `None` where the flash could not be opened.
-pub struct InFlash<S>(Option<Store<S>>);
+/// A configuration and a key in flash.
+pub struct InFlash<S> {
+    store: Store<S>,
+    /// Not before [`InFlash::open`], nor where that has failed.
+    is_open: bool,
+}
 
 impl<S: NorFlash> InFlash<S> {
-    /// Looks for a configuration in `region` of `flash`.
-    pub async fn open(flash: S, region: Range<u32>) -> Self {
-        Self(Store::open(flash, region).await.inspect_err(failed).ok())
+    /// Storage in `region` of `flash`, still to be opened where it stays.
+    pub const fn new(flash: S, region: Range<u32>) -> Self {
+        Self { store: Store::new(flash, region), is_open: false }
+    }
+
+    /// Looks for a configuration. Where that fails, the storage is as one that refuses everything.
+    pub async fn open(&mut self) {
+        self.is_open = self.store.find().await.inspect_err(failed).is_ok();
     }
 }
 
 impl<S: NorFlash> Storage for InFlash<S> {
-    async fn load(&mut self) -> Option<NodeConfig> {
-        self.0.as_mut()?.load().await.inspect_err(failed).ok()?
+    async fn load(&mut self, room: &mut Option<NodeConfig>) {
+        *room = None;
+        if self.is_open {
+            let _ = self.store.load(room).await.inspect_err(failed);
+        }
     }
 
     async fn has_key(&mut self) -> bool {
-        let Some(store) = &mut self.0 else { return false };
-        matches!(store.key().await, Ok(Some(_)))
+        self.is_open && matches!(self.store.key().await, Ok(Some(_)))
     }
 
     async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
-        let store = self.0.as_mut().ok_or(StoreError::Failed)?;
-        store.perform(task).await.inspect_err(failed).map_err(|_| StoreError::Failed)
+        if !self.is_open {
+            return Err(StoreError::Failed);
+        }
+        self.store.perform(task).await.inspect_err(failed).map_err(|_| StoreError::Failed)
     }
 }
 

@@ -58,7 +58,8 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
 /// The nodes of a scenario in this program, on its bus, not started yet.
 pub(super) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
     let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
-    let nodes = accepted(&configs)?.into_iter().map(Node::new).collect();
+    let params = accepted(&configs)?.into_iter();
+    let nodes = params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect();
     Ok(Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario)))
 }
 

@@ -58,7 +58,8 @@ impl Keeper {
     pub fn configured(config: NodeConfig, flaw: Flaw) -> Self {
         let id = config.id;
         let mut session = session();
-        session.restore(config).unwrap();
+        *session.room() = Some(config);
+        session.restore().unwrap();
         Self::with_session(id, flaw, Interrupt::default(), session)
     }
 
@@ -66,7 +67,8 @@ impl Keeper {
     pub fn running(config: NodeConfig) -> Self {
         let id = config.id;
         let mut session = session();
-        session.restore(config).unwrap();
+        *session.room() = Some(config);
+        session.restore().unwrap();
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         session.on_frame(Ok(Frame::RealTime(start)), 0);
         Self::with_session(id, Flaw::Nothing, Interrupt::default(), session)

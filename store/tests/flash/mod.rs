@@ -8,7 +8,9 @@ use std::pin::pin;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
+use funnel_protocol::NodeConfig;
 use funnel_store::split::{Split, SplitError};
+use funnel_store::{Error, Store};
 
 /// Moments of an erase at which the power can fail, per page; each leaves another mixture.
 pub const ERASE_STEPS: u64 = 8;
@@ -231,6 +233,12 @@ impl<const WORD: usize, const PAGE: usize> Chip for Split<Flash<WORD, PAGE>, 2> 
             error => panic!("{error}"),
         }
     }
+}
+
+/// What [`Store::load`] puts into a room.
+pub async fn load<S: NorFlash>(store: &mut Store<S>) -> Result<Option<NodeConfig>, Error<S::Error>> {
+    let mut room = None;
+    store.load(&mut room).await.map(|()| room)
 }
 
 /// The result of a future that never waits.

@@ -39,7 +39,8 @@ impl Bench {
     #[allow(clippy::expect_used)] // A fixed configuration.
     fn new(sines: usize) -> Self {
         let config = black_box(config(sines));
-        let mut node = Node::new(Params::new(&config).expect("the configuration is valid"));
+        let params = Params::new(&config).expect("the configuration is valid");
+        let mut node = Node::new(params, &config.neighbours);
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         node.on_message(&start, 0).expect("a ready node starts");
         while node.poll(0).is_some() {}

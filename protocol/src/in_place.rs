@@ -1,0 +1,162 @@
+//! Reads a configuration where it is to stay.
+//!
+//! What serde makes of it by value is moved from function to function: 11 KiB of a node's stack (2026-11-26). So only small values are made
+//! that way, one after the other, as postcard writes a struct.
+
+use core::fmt;
+
+use crate::config::{
+    BreachPolicy, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
+};
+use crate::refusal::Refusal;
+use heapless::Vec;
+use postcard::de_flavors::Flavor;
+use postcard::{Deserializer, Error, Result};
+use serde::de::{Error as _, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer as _};
+
+type Source<'a> = Deserializer<'a, Bytes<'a>>;
+
+impl NodeConfig {
+    /// No configuration, but room for one.
+    pub const fn empty() -> Self {
+        Self {
+            id: 0,
+            tick_ns: 0,
+            tick_source: TickSource::Timer,
+            initial_state: Vec::new(),
+            state_limit: 0.0,
+            field: FieldConfig { slope: Vec::new(), offset: Vec::new(), sines: Vec::new() },
+            coupling: CouplingConfig::None,
+            gain: GainConfig::Linear { slope: 0.0 },
+            funnel: FunnelConfig { factor: 0.0, shape: FunnelShape::Constant { width: 0.0 } },
+            on_breach: BreachPolicy::Ride,
+            neighbours: Vec::new(),
+            extrapolate_ticks: 0,
+            telemetry_every: 0,
+            lost_neighbours: 0,
+            holdover_ns: 0,
+        }
+    }
+
+    /// Becomes what `bytes` are, the body of a CONFIGURE or STAGE.
+    ///
+    /// # Errors
+    /// `Length` for trailing bytes, `Value` for anything else that is not a configuration. It is of no use then.
+    pub fn read(&mut self, bytes: &[u8]) -> core::result::Result<(), Refusal> {
+        self.read_older(bytes, 0)
+    }
+
+    /// The same of an older layout: the last `missing` bytes, each of them a zero, were not written then.
+    ///
+    /// # Errors
+    /// As for [`NodeConfig::read`].
+    pub fn read_older(&mut self, bytes: &[u8], missing: usize) -> core::result::Result<(), Refusal> {
+        let mut source = Deserializer::from_flavor(Bytes { bytes, zeros: missing });
+        self.fill(&mut source).map_err(|_| Refusal::Value)?;
+        let rest = source.finalize().map_err(|_| Refusal::Value)?;
+        if !rest.bytes.is_empty() {
+            return Err(Refusal::Length);
+        }
+        if rest.zeros == 0 { Ok(()) } else { Err(Refusal::Value) }
+    }
+
+    fn fill(&mut self, source: &mut Source<'_>) -> Result<()> {
+        // In this order. A field more does not compile before it is here.
+        let Self {
+            id,
+            tick_ns,
+            tick_source,
+            initial_state,
+            state_limit,
+            field: FieldConfig { slope, offset, sines },
+            coupling,
+            gain,
+            funnel,
+            on_breach,
+            neighbours,
+            extrapolate_ticks,
+            telemetry_every,
+            lost_neighbours,
+            holdover_ns,
+        } = self;
+        value(id, source)?;
+        value(tick_ns, source)?;
+        value(tick_source, source)?;
+        list(initial_state, source)?;
+        value(state_limit, source)?;
+        list(slope, source)?;
+        list(offset, source)?;
+        list(sines, source)?;
+        value(coupling, source)?;
+        value(gain, source)?;
+        value(funnel, source)?;
+        value(on_breach, source)?;
+        list(neighbours, source)?;
+        value(extrapolate_ticks, source)?;
+        value(telemetry_every, source)?;
+        value(lost_neighbours, source)?;
+        value(holdover_ns, source)
+    }
+}
+
+fn value<'a, T: Deserialize<'a>>(place: &mut T, source: &mut Source<'a>) -> Result<()> {
+    *place = T::deserialize(source)?;
+    Ok(())
+}
+
+fn list<'a, T: Deserialize<'a>, const N: usize>(
+    place: &mut Vec<T, N>,
+    source: &mut Source<'a>,
+) -> Result<()> {
+    place.clear();
+    source.deserialize_seq(Items(place))
+}
+
+/// Takes the items of a list.
+struct Items<'v, T, const N: usize>(&'v mut Vec<T, N>);
+
+impl<'a, T: Deserialize<'a>, const N: usize> Visitor<'a> for Items<'_, T, N> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "at most {N} items")
+    }
+
+    fn visit_seq<A: SeqAccess<'a>>(self, mut items: A) -> core::result::Result<(), A::Error> {
+        while let Some(item) = items.next_element()? {
+            self.0.push(item).map_err(|_| A::Error::invalid_length(N + 1, &self))?;
+        }
+        Ok(())
+    }
+}
+
+/// Bytes, and then zeros.
+struct Bytes<'a> {
+    bytes: &'a [u8],
+    zeros: usize,
+}
+
+impl<'a> Flavor<'a> for Bytes<'a> {
+    type Remainder = Self;
+    type Source = &'a [u8];
+
+    fn pop(&mut self) -> Result<u8> {
+        if let Some((&first, rest)) = self.bytes.split_first() {
+            self.bytes = rest;
+            return Ok(first);
+        }
+        self.zeros = self.zeros.checked_sub(1).ok_or(Error::DeserializeUnexpectedEnd)?;
+        Ok(0)
+    }
+
+    fn try_take_n(&mut self, count: usize) -> Result<&'a [u8]> {
+        let (taken, rest) = self.bytes.split_at_checked(count).ok_or(Error::DeserializeUnexpectedEnd)?;
+        self.bytes = rest;
+        Ok(taken)
+    }
+
+    fn finalize(self) -> Result<Self> {
+        Ok(self)
+    }
+}
