@@ -2,13 +2,13 @@
 # The first process of the guest kernel: virtual CAN buses, the job on them, and the end of the guest.
 #
 # The host's files are all there, and none can be written but those of the work folder, which is mounted on /mnt. A kernel that is
-# a process gives no exit status, so it goes into a file, which appears whole. WORK and SECONDS_LEFT come from the kernel's command line.
+# a process gives no exit status, so it goes into a file, which appears whole. WORK, MODULES (the folder with
+# the kernel's modules) and SECONDS_LEFT come from the kernel's command line.
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin TMPDIR=/mnt HOME=/mnt
 
 job() {
-    modules=/usr/lib/uml/modules/$(uname -r)/kernel
     for module in net/can/can net/can/can-raw drivers/net/can/dev/can-dev drivers/net/can/vcan; do
-        insmod "$modules/$module.ko" || return 90
+        insmod "$MODULES/$module.ko" || return 90
     done
     ip link set lo up
     # vcan0 carries frames of CAN FD too; vcan1 does not.

@@ -1,6 +1,11 @@
 //! Benches on a real SocketCAN bus, `vcan` in a guest kernel, with nodes in processes of their own. `./ci.sh socketcan` runs this.
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests, which clippy does not know as such"
+)]
 
 mod own_clock;
 mod several;
@@ -53,9 +58,15 @@ fn guest() -> TempDir {
     );
     fs::write(work.join("job.sh"), job).unwrap();
     let console = fs::File::create(work.join("console")).unwrap();
+    let guest =
+        std::env::var("FUNNEL_GUEST").expect("FUNNEL_GUEST=`tests/socketcan/find-guest.sh target/guest`");
+    let mut guest = guest.split_whitespace();
+    let [kernel, modules] = [(); 2].map(|()| guest.next().expect("KERNEL MODULES [OPTION] in FUNNEL_GUEST"));
     let ended = Command::new("timeout")
-        .args(["--kill-after=5", &HOST_S.to_string(), "linux.uml", "mem=256M", "quiet"])
+        .args(["--kill-after=5", &HOST_S.to_string(), kernel, "mem=256M", "quiet"])
+        .args(guest)
         .args(["rootfstype=hostfs", "rootflags=/", "ro", "con=null", "con0=null,fd:1"])
+        .arg(format!("MODULES={modules}"))
         .arg(format!("init={}/guest.sh", script.display()))
         .arg(format!("WORK={}", work.display()))
         .arg(format!("SECONDS_LEFT={GUEST_S}"))
@@ -63,7 +74,7 @@ fn guest() -> TempDir {
         .stdout(console.try_clone().unwrap())
         .stderr(console)
         .status()
-        .unwrap_or_else(|error| panic!("no linux.uml: {error}; ./ci.sh setup"));
+        .unwrap_or_else(|error| panic!("no {kernel}: {error}; ./ci.sh socketcan"));
     let said = [text(work, "console"), text(work, "log")].join("\n");
     assert_eq!(text(work, "status").trim(), "0", "{ended}:\n{said}");
     folder
