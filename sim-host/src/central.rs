@@ -10,13 +10,14 @@
 
 use crate::engine::NodeEvent;
 use crate::noise::Noise;
+use crate::presence::Presence;
 use crate::scenario::Graph;
 use funnel_core::field::{State, VectorField, compensated_add};
 use funnel_core::funnel::Widths;
 use funnel_core::law::node_wise::{C, THETA};
 use funnel_core::{Event, Gain, Observation, Params, Real};
 use funnel_protocol::message::FaultCode;
-use funnel_protocol::report::{Counters, count};
+use funnel_protocol::report::{Counters, Report, count};
 
 /// All nodes, and the largest gain among them.
 pub struct Central {
@@ -25,6 +26,8 @@ pub struct Central {
     tick: u32,
     /// A state went beyond its limit.
     stopped: bool,
+    /// It had done so before the last tick.
+    stood_still: bool,
     observations: Vec<Observation<f32>>,
     events: Vec<NodeEvent>,
 }
@@ -39,6 +42,7 @@ struct Member {
     parts: Vec<Part>,
     psi: Widths<f32>,
     counters: Counters,
+    max_ratio: f32,
     in_breach: bool,
 }
 
@@ -72,15 +76,33 @@ impl Central {
             });
             let parts = parts.collect();
             let psi = params.funnel.widths(0);
-            Member { params, neighbours, b, parts, psi, counters: Counters::default(), in_breach: false }
+            Member {
+                params,
+                neighbours,
+                b,
+                parts,
+                psi,
+                counters: Counters::default(),
+                max_ratio: 0.0,
+                in_breach: false,
+            }
         };
         let members: Vec<_> = params.into_iter().enumerate().map(member).collect();
-        Self { members, noise, tick: 0, stopped: false, observations: Vec::new(), events: Vec::new() }
+        Self {
+            members,
+            noise,
+            tick: 0,
+            stopped: false,
+            stood_still: false,
+            observations: Vec::new(),
+            events: Vec::new(),
+        }
     }
 
     /// Runs one tick and gives what the nodes saw, by index and then by component. Once a state is beyond its limit, everything
     /// stays as it was seen last.
     pub fn advance(&mut self) -> &[Observation<f32>] {
+        self.stood_still = self.stopped;
         if !self.stopped {
             self.listen();
             let first = self.tick == 0;
@@ -97,14 +119,22 @@ impl Central {
         &self.observations
     }
 
+    /// What is known of each node at the last tick, by index.
+    pub fn presence(&self) -> Vec<Presence> {
+        let presence = if self.stood_still { Presence::Stopped } else { Presence::Ran };
+        vec![presence; self.members.len()]
+    }
+
     /// What nodes reported so far.
     pub fn events(&self) -> &[NodeEvent] {
         &self.events
     }
 
-    /// What nodes counted so far, by index.
-    pub fn counters(&self) -> Vec<Counters> {
-        self.members.iter().map(|member| member.counters.clone()).collect()
+    /// What nodes would report now, by index.
+    pub fn reports(&self) -> Vec<Report> {
+        let report =
+            |member: &Member| Report { max_ratio: member.max_ratio, counters: member.counters.clone() };
+        self.members.iter().map(report).collect()
     }
 
     /// Diffusive terms and funnels.
@@ -213,7 +243,11 @@ impl Member {
     }
 
     fn judge(&mut self, tick: u32, ratio: f32) -> Option<Event> {
-        let breach = ratio >= 1.0;
+        // Written so that NaN is outside, and stays the largest.
+        let breach = !(ratio < 1.0);
+        if ratio > self.max_ratio || ratio.is_nan() {
+            self.max_ratio = ratio;
+        }
         self.counters.breaches += u32::from(breach);
         let changed = std::mem::replace(&mut self.in_breach, breach) != breach;
         changed.then_some(match breach {

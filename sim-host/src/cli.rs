@@ -17,7 +17,8 @@ use crate::host_node::{self, End};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::record::{
-    BenchNodeSummary, BenchSummary, Expectation, OwnClockSummary, PerComponent, Summary, WiresSummary,
+    BenchNodeSummary, BenchSummary, Expectation, FunnelSummary, OwnClockSummary, PerComponent, Summary,
+    WiresSummary,
 };
 use crate::run::{self, Fidelity, RunError, RunOptions, Verbosity};
 use crate::scenario::{Override, Scenario, format_duration, parse_duration};
@@ -394,13 +395,16 @@ fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
 
 /// Says what failed, with the seed and the command that repeats it.
 fn verdict(summary: &Summary, repeat: &str) -> Exit {
-    let failed: Vec<_> = summary.expect.iter().filter(|expectation| !expectation.pass).collect();
-    if failed.is_empty() {
+    if summary.passes() {
         return Exit::Success;
     }
+    let failed = summary.expect.iter().filter(|expectation| !expectation.pass);
     for Expectation { name, limit, value, .. } in failed {
         let value = value.map_or("not measured".to_owned(), |value| value.to_string());
         complain(&format!("failed: {name} = {value} must stay below {limit}"));
+    }
+    for check in summary.checks.iter().filter(|check| !check.pass) {
+        complain(&format!("failed: {}: {}", check.name, check.text));
     }
     complain(&format!("seed {}; repeat with: {repeat}", summary.seed));
     Exit::ExpectationFailed
@@ -418,18 +422,15 @@ fn text(summary: &Summary) -> String {
         figure(summary.wall_s, 3)
     )];
     let mut line = |name: &str, text: String| lines.push(format!("  {name:<10} {text}"));
-    if let Some(funnel) = summary.funnel {
-        line(
-            "funnel",
-            format!("largest |nu|/psi {}, breaches {}", figure(funnel.max_ratio, 4), funnel.breaches),
-        );
+    if let Some(funnel) = &summary.funnel {
+        line("funnel", funnels(funnel));
     }
     if let Some(sync) = summary.sync {
-        line(
-            "sync",
-            format!("final spread {}, bound {}", figure(sync.final_spread, 4), figure(sync.bound, 4)),
-        );
+        let [last, most, bound] =
+            [sync.final_spread, sync.max_spread, sync.bound].map(|value| figure(value, 4));
+        line("sync", format!("final spread {last}, bound {bound}; largest spread {most}"));
     }
+    line("input", format!("largest |u| {}", figure(summary.max_input, 4)));
     if let Some(emergent) = &summary.emergent {
         let mut distance = |name: &str, error: Option<f64>, symbol: &str, end: &Option<PerComponent>| {
             if let (Some(error), Some(end)) = (error, end) {
@@ -459,6 +460,9 @@ fn text(summary: &Summary) -> String {
             );
         }
     }
+    if let Some(counters) = &summary.counters {
+        line("counted", counters.told());
+    }
     if let Some(hash) = &summary.trace_hash {
         line("trace", hash.clone());
     }
@@ -466,7 +470,31 @@ fn text(summary: &Summary) -> String {
         let value = value.map_or("not measured".to_owned(), |value| figure(value, 4));
         line(if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"));
     }
+    for check in summary.checks.iter().filter(|check| !check.pass) {
+        line("FAIL", format!("{}: {}", check.name, check.text));
+    }
+    if summary.expect.is_empty() {
+        line(
+            "note",
+            "the scenario expects nothing: only the checks that every run has to pass were made".to_owned(),
+        );
+    }
     lines.join("\n")
+}
+
+/// How the funnels held, and what nodes believe of them where that is something else.
+fn funnels(funnel: &FunnelSummary) -> String {
+    let mut text = format!("largest |nu|/psi {}, breaches {}", figure(funnel.max_ratio, 4), funnel.breaches);
+    if let Some(believed) = funnel.believed {
+        let [true_ratio, ratio] = [funnel.max_ratio, believed.max_ratio].map(|ratio| figure(ratio, 4));
+        if true_ratio != ratio || funnel.breaches != believed.breaches {
+            text += &format!("; nodes believe {ratio}, {}", believed.breaches);
+        }
+    }
+    if funnel.unknown > 0 {
+        text += &format!("; not known at {} node-ticks", funnel.unknown);
+    }
+    text
 }
 
 /// How a bench's nodes differ from loopback.

@@ -4,6 +4,7 @@
 
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::noise::Noise;
+use crate::presence::Presence;
 use funnel_core::{Action, Event, Node, Observation};
 use funnel_protocol::can::{self, CanFrame};
 use funnel_protocol::message::{Command, Message, Target};
@@ -75,6 +76,17 @@ impl Engine {
     /// What the nodes saw at their last tick, by index and then by component.
     pub fn observations(&self) -> &[Observation<f32>] {
         &self.observations
+    }
+
+    /// What is known of each node at the tick that all were due at last, by index.
+    pub fn presence(&self, k: u64) -> Vec<Presence> {
+        let components = self.nodes.first().map_or(1, Node::components);
+        let of = |seen: &[Observation<f32>]| match seen.first() {
+            Some(seen) if u64::from(seen.tick) == k => Presence::Ran,
+            // Its state is what it stopped with.
+            _ => Presence::Stopped,
+        };
+        self.observations.chunks(components).map(of).collect()
     }
 
     /// The nodes, by index.

@@ -21,6 +21,7 @@ pub mod flash_file;
 pub mod host_node;
 pub mod hub;
 pub mod interrupt;
+pub mod judge;
 pub mod noise;
 pub mod presence;
 pub mod progress;

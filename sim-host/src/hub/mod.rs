@@ -25,6 +25,7 @@ pub use on_can::{CanCounts, CanSide};
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::engine::NodeEvent;
 use crate::noise::Noise;
+use crate::presence::Presence;
 use absence::Away;
 use funnel_core::{Event, Observation};
 use funnel_protocol::config::NodeConfig;
@@ -367,6 +368,18 @@ impl Hub {
     /// What the nodes saw at their last tick, by index and then by component.
     pub fn observations(&self) -> &[Observation<f32>] {
         &self.observations
+    }
+
+    /// What is known of each node at tick `k`, by index.
+    pub fn presence(&self, k: u64) -> Vec<Presence> {
+        let components = self.observations.len().checked_div(self.nodes.len()).unwrap_or(1).max(1);
+        let of = |(node, seen): (&HubNode, &[Observation<f32>])| match node {
+            _ if seen.iter().all(|seen| u64::from(seen.tick) == k) => Presence::Ran,
+            HubNode { away: Some(_), .. } => Presence::Absent,
+            HubNode { stopped: true, .. } => Presence::Stopped,
+            HubNode { .. } => Presence::Unrecorded,
+        };
+        self.nodes.iter().zip(self.observations.chunks(components)).map(of).collect()
     }
 
     /// When the host sent and read what belongs to the last tick, by index.

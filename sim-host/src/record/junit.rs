@@ -2,17 +2,26 @@
 
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
-use super::summary::{Expectation, Summary};
+use super::summary::{Expectation, FunnelSummary, Summary};
 
-/// The text of a JUnit file: one suite, named after the scenario, with one test case per expectation. A
-/// failure carries `repeat`, the command that repeats the run.
+/// The text of a JUnit file: one suite, named after the scenario, with a test case for each expectation, for each check that every run has to
+/// pass, and for the breaches. A failure carries `repeat`, the command that repeats the run.
 pub fn junit(summary: &Summary, repeat: &str) -> String {
     let mut suite = TestSuite::new(summary.scenario.as_str());
     suite.set_time(std::time::Duration::try_from_secs_f64(summary.wall_s).unwrap_or_default());
     for expectation in &summary.expect {
-        let mut case = TestCase::new(expectation.name.as_str(), status(expectation, summary, repeat));
-        case.set_classname(format!("sim-host.{}", summary.on));
-        suite.add_test_case(case);
+        suite.add_test_case(case(&expectation.name, status(expectation, summary, repeat), summary));
+    }
+    for check in &summary.checks {
+        let status = if check.pass {
+            TestCaseStatus::success()
+        } else {
+            failure(&check.text, "check", summary, repeat)
+        };
+        suite.add_test_case(case(check.name, status, summary));
+    }
+    if let Some(funnel) = &summary.funnel {
+        suite.add_test_case(case("breaches", breaches(funnel, summary, repeat), summary));
     }
     let mut report = Report::new("sim-host");
     report.add_test_suite(suite);
@@ -29,9 +38,34 @@ fn status(expectation: &Expectation, summary: &Summary, repeat: &str) -> TestCas
         Some(value) => format!("{name} is {value:?}, allowed is below {limit:?}"),
         None => format!("{name} could not be measured, allowed is below {limit:?}"),
     };
+    failure(&message, "expectation", summary, repeat)
+}
+
+/// Breaches fail where the scenario expects a ratio; where it does not, the case says how many there were and counts as skipped.
+fn breaches(funnel: &FunnelSummary, summary: &Summary, repeat: &str) -> TestCaseStatus {
+    if funnel.breaches == 0 {
+        return TestCaseStatus::success();
+    }
+    let message = format!("{} node-ticks with |nu| >= psi", funnel.breaches);
+    let expected = |expectation: &&Expectation| expectation.name == "funnel_ratio";
+    if summary.expect.iter().find(expected).is_some_and(|expectation| !expectation.pass) {
+        return failure(&message, "breaches", summary, repeat);
+    }
+    let mut status = TestCaseStatus::skipped();
+    status.set_message(format!("{message}, which nothing is expected of"));
+    status
+}
+
+fn case(name: &str, status: TestCaseStatus, summary: &Summary) -> TestCase {
+    let mut case = TestCase::new(name, status);
+    case.set_classname(format!("sim-host.{}", summary.on));
+    case
+}
+
+fn failure(message: &str, kind: &str, summary: &Summary, repeat: &str) -> TestCaseStatus {
     let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
-    status.set_message(message.clone());
-    status.set_type("expectation");
+    status.set_message(message);
+    status.set_type(kind);
     status.set_description(format!("{message}\nseed {}, repeat with: {repeat}", summary.seed));
     status
 }
@@ -44,9 +78,9 @@ mod tests {
     #[test]
     fn every_expectation_is_a_case_and_failures_say_how_to_repeat() {
         let text = junit(&example(), "sim-host run a.toml --seed 1");
-        assert_eq!(text.matches("<testcase ").count(), 3, "{text}");
+        assert_eq!(text.matches("<testcase ").count(), 5, "{text}");
         assert_eq!(text.matches("<failure ").count(), 2, "{text}");
-        assert!(text.contains(r#"tests="3""#) && text.contains(r#"failures="2""#), "{text}");
+        assert!(text.contains(r#"tests="5""#) && text.contains(r#"failures="2""#), "{text}");
         assert!(text.contains("final_spread is 0.5, allowed is below 0.1"), "{text}");
         assert!(text.contains("reference_error could not be measured"), "{text}");
         assert!(text.contains("repeat with: sim-host run a.toml --seed 1"), "{text}");

@@ -13,9 +13,9 @@ pub use atomic::{AtomicFile, RecordError, write_atomic};
 pub use junit::junit;
 pub use number::{Precision, shortest};
 pub use summary::{
-    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary, Expectation,
-    FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface, ReferenceSummary,
-    Summary, SyncSummary, WiresSummary,
+    AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary,
+    Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface,
+    ReferenceSummary, Summary, SyncSummary, WiresSummary,
 };
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

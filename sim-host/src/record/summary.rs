@@ -7,6 +7,7 @@ use serde::{Serialize, Serializer};
 
 use super::atomic::{RecordError, write_atomic};
 use crate::emergent::Contraction;
+use crate::judge::{Check, CounterSummary};
 
 /// What a run came to. A part that the run does not have is `null`, and so is a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -38,8 +39,16 @@ pub struct Summary {
     /// The nodes of a bench; left out where none ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bench: Option<BenchSummary>,
+    /// What nodes have counted, over all of them; `null` where no `f32` node ran.
+    pub counters: Option<CounterSummary>,
+    /// The largest `|u|` over all nodes and ticks, in state units per second.
+    pub max_input: f64,
     /// The scenario's expectations, in its order.
     pub expect: Vec<Expectation>,
+    /// What every run must do, whether or not anything is expected.
+    pub checks: Vec<Check>,
+    /// Whether all expectations and checks hold (exit code 0).
+    pub passed: bool,
     /// Ids of the nodes that stopped by themselves, ascending; what they ended with is what they stopped at.
     pub stopped: Vec<u16>,
     /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have any.
@@ -48,9 +57,24 @@ pub struct Summary {
     pub wall_s: f64,
 }
 
-/// How the funnels held.
+/// How the funnels held: the scenario's, by the true states of all nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct FunnelSummary {
+    /// The largest `|nu| / psi` over all nodes and ticks.
+    pub max_ratio: f64,
+    /// Node-ticks with `|nu| >= psi`.
+    pub breaches: u64,
+    /// Node-ticks of which the term is not known, since a state in it was not recorded.
+    pub unknown: u64,
+    /// Where a node has reopened its funnel, the largest ratio by its own; else `null`.
+    pub reopened_ratio: Option<f64>,
+    /// The same as nodes believe it; `null` where no `f32` node ran.
+    pub believed: Option<BelievedSummary>,
+}
+
+/// How the funnels held as nodes believe it: by what they have heard, in the funnels that they have made of the scenario's.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct BelievedSummary {
     /// The largest `|nu| / psi` over all nodes and ticks.
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
@@ -62,6 +86,8 @@ pub struct FunnelSummary {
 pub struct SyncSummary {
     /// `max x - min x` at the end, in state units.
     pub final_spread: f64,
+    /// The largest over all ticks, the start included, in state units.
+    pub max_spread: f64,
     /// `2 sqrt(N) / lambda2 * max psi` at the end, in state units.
     pub bound: f64,
     /// Algebraic connectivity of the graph.
@@ -267,16 +293,16 @@ pub struct Expectation {
 }
 
 impl Expectation {
-    /// Holds if `value` is known and below `limit`.
+    /// Holds if `value` is known, a number, and below `limit`.
     pub fn below(name: impl Into<String>, limit: f64, value: Option<f64>) -> Self {
         Self { name: name.into(), limit, value, pass: value.is_some_and(|v| v < limit) }
     }
 }
 
 impl Summary {
-    /// Whether all expectations hold (exit code 0).
-    pub fn passed(&self) -> bool {
-        self.expect.iter().all(|e| e.pass)
+    /// Whether all expectations and checks hold.
+    pub fn passes(&self) -> bool {
+        self.expect.iter().all(|e| e.pass) && self.checks.iter().all(|check| check.pass)
     }
 
     /// The text of `summary.json`.
@@ -307,8 +333,8 @@ pub(super) mod tests {
             ticks: 20000,
             tick_s: 0.001,
             trace_hash: Some("00000000deadbeef".into()),
-            funnel: Some(FunnelSummary { max_ratio: 0.955, breaches: 0 }),
-            sync: Some(SyncSummary { final_spread: 0.5, bound: 1.5, lambda2: 1.382 }),
+            funnel: Some(FunnelSummary { max_ratio: 0.955, ..FunnelSummary::default() }),
+            sync: Some(SyncSummary { final_spread: 0.5, max_spread: 9.0, bound: 1.5, lambda2: 1.382 }),
             emergent: Some(EmergentSummary {
                 final_error: Some(0.25),
                 xi_final: Some(PerComponent(vec![-3.0])),
@@ -324,6 +350,7 @@ pub(super) mod tests {
                 Expectation::below("final_spread", 0.1, Some(0.5)),
                 Expectation::below("reference_error", 0.001, None),
             ],
+            checks: vec![Check { name: "stopped", pass: true, text: "no node stopped by itself".into() }],
             ..Summary::default()
         }
     }
@@ -332,18 +359,19 @@ pub(super) mod tests {
     fn the_json_is_the_one_of_the_contract() {
         let expected = r#"{"scenario":"Five <heterogeneous> agents","seed":1,"on":"loopback","nodes":5,
             "ticks":20000,"tick_s":0.001,"trace_hash":"00000000deadbeef",
-            "funnel":{"max_ratio":0.955,"breaches":0},
-            "sync":{"final_spread":0.5,"bound":1.5,"lambda2":1.382},
+            "funnel":{"max_ratio":0.955,"breaches":0,"unknown":0,"reopened_ratio":null,"believed":null},
+            "sync":{"final_spread":0.5,"max_spread":9.0,"bound":1.5,"lambda2":1.382},
             "emergent":{"final_error":0.25,"xi_final":-3.0,"blended_error":4.5,"blended_final":1.5,
             "contraction":{"slowest":-0.75,"mean":-1.0},
             "steady_ratio":[0.5,-0.5],"steady_ratio_max":[0.5,0.75]},"reference":null,
             "bus":{"utilisation":0.0,"sent":7,"lost":0,"refused":{"crc":3}},
-            "expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
+            "counters":null,"max_input":0.0,"expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
             {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},
-            {"name":"reference_error","limit":0.001,"value":null,"pass":false}],"stopped":[],"overruns":0,"wall_s":0.0}"#;
+            {"name":"reference_error","limit":0.001,"value":null,"pass":false}],
+            "checks":[{"name":"stopped","pass":true,"text":"no node stopped by itself"}],"passed":false,"stopped":[],"overruns":0,"wall_s":0.0}"#;
         let expected = expected.replace("\n            ", "");
         assert_eq!(serde_json::to_string(&example()).unwrap(), expected);
-        assert!(!example().passed());
+        assert!(!example().passes());
     }
 
     #[test]

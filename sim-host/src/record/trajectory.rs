@@ -19,6 +19,10 @@ pub struct Row {
     pub psi: Vec<f64>,
     /// Coupling inputs, in state units per second.
     pub u: Vec<f64>,
+    /// True diffusive terms, in state units: of the states of all nodes at this instant. NaN where one is not known.
+    pub true_nu: Vec<f64>,
+    /// The funnels that they are judged by, in state units: the scenario's, not narrower than the accepted floor.
+    pub asked_psi: Vec<f64>,
     /// The emergent trajectory by component, in state units; empty where it is not known.
     pub xi: Vec<f64>,
     /// The blended dynamics by component, in state units; empty where they are not known.
@@ -27,8 +31,8 @@ pub struct Row {
 
 /// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`; for vector states `x_1_0, x_1_1, ...`, `xi_0, ...` and so
-/// on. An unknown `xi` or `blended` is an empty field.
+/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`, `true_nu_1..`, `asked_psi_1..`; for vector states `x_1_0,
+/// x_1_1, ...`, `xi_0, ...` and so on. What is not known is an empty field.
 #[derive(Debug)]
 pub struct TrajectoryWriter {
     file: AtomicFile,
@@ -83,6 +87,11 @@ fn header(out: &mut dyn Write, Shape { nodes, components }: Shape) -> io::Result
     }
     columns(out, "xi", components)?;
     columns(out, "blended", components)?;
+    for name in ["true_nu", "asked_psi"] {
+        for id in 1..=nodes {
+            columns(out, &format!("{name}_{id}"), components)?;
+        }
+    }
     writeln!(out)
 }
 
@@ -98,17 +107,7 @@ fn line(out: &mut dyn Write, row: &Row, shape: Shape, precision: Precision) -> i
     // Time is counted in ticks and stays exact to f64 whatever the states are.
     Precision::Double.write(out, row.t)?;
     for table in [&row.x, &row.nu, &row.psi, &row.u] {
-        if table.len() != shape.nodes * shape.components {
-            let Shape { nodes, components } = shape;
-            let each = if components == 1 { String::new() } else { format!(" of {components} components") };
-            let what =
-                format!("a row has {} entries for {nodes} nodes{each} at t = {} s", table.len(), row.t);
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
-        }
-        for &value in table {
-            out.write_all(b",")?;
-            precision.write(out, value)?;
-        }
+        values(out, table, row.t, shape, precision)?;
     }
     for prediction in [&row.xi, &row.blended] {
         for component in 0..shape.components {
@@ -118,7 +117,28 @@ fn line(out: &mut dyn Write, row: &Row, shape: Shape, precision: Precision) -> i
             }
         }
     }
+    // Of the judge, which computes in f64 whatever the nodes do.
+    for table in [&row.true_nu, &row.asked_psi] {
+        values(out, table, row.t, shape, Precision::Double)?;
+    }
     out.write_all(b"\n")
+}
+
+/// A value of each node and component. One that is not known has an empty field: a last value in its place would pass for a measurement.
+fn values(out: &mut dyn Write, table: &[f64], t: f64, shape: Shape, precision: Precision) -> io::Result<()> {
+    let Shape { nodes, components } = shape;
+    if table.len() != nodes * components {
+        let each = if components == 1 { String::new() } else { format!(" of {components} components") };
+        let what = format!("a row has {} entries for {nodes} nodes{each} at t = {t} s", table.len());
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+    }
+    for &value in table {
+        out.write_all(b",")?;
+        if !value.is_nan() {
+            precision.write(out, value)?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -135,6 +155,8 @@ mod tests {
             nu: pair(1e-9, 3.0),
             psi: pair(4.0, 40.0),
             u: pair(0.25, 1e20),
+            true_nu: vec![1e-9, f64::NAN],
+            asked_psi: vec![4.0, 40.0],
             xi: xi.to_vec(),
             blended: blended.to_vec(),
         }
@@ -150,9 +172,9 @@ mod tests {
         writer.write(&row(0.001, &[0.3], &[])).unwrap();
         assert!(!path.exists());
         writer.finish().unwrap();
-        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi,blended\n\
-                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,-1.5\n\
-                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,\n";
+        let expected = "t,x_1,x_2,nu_1,nu_2,psi_1,psi_2,u_1,u_2,xi,blended,true_nu_1,true_nu_2,asked_psi_1,asked_psi_2\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,-1.5,1e-9,,4.0,40.0\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,,1e-9,,4.0,40.0\n";
         assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
     }
 
@@ -165,9 +187,9 @@ mod tests {
         writer.write(&row(0.0, &[], &[])).unwrap();
         writer.write(&row(0.001, &[0.3, 0.4], &[0.7, 0.8])).unwrap();
         writer.finish().unwrap();
-        let expected = "t,x_1_0,x_1_1,nu_1_0,nu_1_1,psi_1_0,psi_1_1,u_1_0,u_1_1,xi_0,xi_1,blended_0,blended_1\n\
-                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,,,\n\
-                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,0.4,0.7,0.8\n";
+        let expected = "t,x_1_0,x_1_1,nu_1_0,nu_1_1,psi_1_0,psi_1_1,u_1_0,u_1_1,xi_0,xi_1,blended_0,blended_1,true_nu_1_0,true_nu_1_1,asked_psi_1_0,asked_psi_1_1\n\
+                        0.0,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,,,,,1e-9,,4.0,40.0\n\
+                        0.001,0.1,-2.0,1e-9,3.0,4.0,40.0,0.25,1e20,0.3,0.4,0.7,0.8,1e-9,,4.0,40.0\n";
         assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
     }
 

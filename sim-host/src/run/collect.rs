@@ -1,96 +1,194 @@
 //! Takes what f32 nodes see, tick by tick, and keeps what a run is judged by.
 
-use super::outcome::Outcome;
+use super::outcome::{Believed, Outcome};
 use crate::emergent::{Prediction, Predictor};
+use crate::extremes::{larger, largest};
+use crate::judge::{Account, Judge, Moment};
+use crate::presence::Presence;
 use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
-use crate::scenario::Scenario;
+use crate::scenario::{FloorSpec, Scenario};
 use funnel_core::Observation;
+
+/// A funnel may differ by this share from the scenario's for the rounding of f32.
+const FUNNEL_SHARE: f64 = 1e-3;
+/// And by this share of its width at the start, where a funnel closes by the difference of two widths.
+const FUNNEL_OF_START: f64 = 1e-6;
+/// The floor of f32 is judged by true states and present inputs; a node has measured ones and its last input.
+const FLOOR_SHARE: f64 = 1.5;
+/// Wider than any f32 funnel.
+const WIDEST: f64 = 1e17;
 
 /// Collector of one run.
 pub struct Collector<'a> {
     scenario: &'a Scenario,
     stride: u64,
     predictor: Predictor<'a>,
+    judge: Judge<'a>,
     /// Continuous-time states at every tick, where they are asked for.
     reference: Option<&'a ReferenceSolution>,
     hash: TraceHash,
-    max_ratio: f32,
-    breaches: u64,
+    accounts: Vec<Account>,
     reference_error: ReferenceSummary,
     outcome: Outcome,
+    /// Of the tick, by index and then by component.
+    x: Vec<f64>,
+    u: Vec<f64>,
 }
 
 impl<'a> Collector<'a> {
     /// For `scenario`, with a row every `stride` ticks.
     pub fn new(scenario: &'a Scenario, stride: u64, reference: Option<&'a ReferenceSolution>) -> Self {
+        let account = |id| Account { id, ..Account::default() };
         Self {
             scenario,
             stride,
             predictor: Predictor::new(scenario),
+            judge: Judge::new(scenario),
             reference,
             hash: TraceHash::new(),
-            max_ratio: 0.0,
-            breaches: 0,
+            accounts: scenario.nodes.iter().map(|node| account(node.id)).collect(),
             reference_error: ReferenceSummary::default(),
             outcome: Outcome::default(),
+            x: Vec::new(),
+            u: Vec::new(),
         }
     }
 
-    /// Takes what the nodes saw at tick `k`, by index and then by component.
-    pub fn tick(&mut self, k: u64, seen: &[Observation<f32>]) {
-        for observation in seen {
-            self.hash.push(observation.x);
-            self.max_ratio = self.max_ratio.max(observation.ratio);
-            // A node that has stopped keeps its last observation, which is no breach of this tick.
-            self.breaches += u64::from(observation.ratio >= 1.0 && u64::from(observation.tick) == k);
+    /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
+    pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+        self.hash.extend(seen.iter().map(|observation| observation.x));
+        self.x.clear();
+        self.x.extend(seen.iter().map(|observation| f64::from(observation.x)));
+        self.u.clear();
+        self.u.extend(seen.iter().map(|observation| f64::from(observation.u)));
+        let exact = self.reference.and_then(|exact| exact.x.chunks_exact(exact.nodes).nth(k as usize));
+        self.judge.tick(&Moment { k, x: &self.x, u: &self.u, presence }, exact);
+        self.account(k, seen, presence);
+        if let Some(exact) = exact {
+            self.compare(exact, presence);
         }
-        self.compare(k, seen);
-        let last = k == self.scenario.time.ticks;
-        if last || k.is_multiple_of(self.stride) {
-            let t = k as f64 * self.scenario.time.tick_s();
-            let prediction = self.predictor.advance(t);
-            if last {
-                self.outcome.last = seen.iter().map(|o| f64::from(o.x)).collect();
-                self.outcome.widest = seen.iter().map(|o| f64::from(o.psi)).fold(0.0, f64::max);
-            }
-            if k.is_multiple_of(self.stride) {
-                self.outcome.rows.push(row(t, seen, prediction));
-            }
-        }
+        self.predict(k, seen, presence);
     }
 
     /// What the run came to.
     pub fn finish(self) -> Outcome {
+        let believed = |accounts: &[Account]| Believed {
+            max_ratio: shortest(accounts.iter().fold(0.0, |most: f32, account| {
+                if account.max_ratio > most || account.max_ratio.is_nan() { account.max_ratio } else { most }
+            })),
+            breaches: accounts.iter().map(|account| account.breaches).sum(),
+        };
+        let findings = self.judge.finish();
         Outcome {
             hash: Some(self.hash),
-            max_ratio: shortest(self.max_ratio),
-            breaches: self.breaches,
+            max_ratio: findings.max_ratio,
+            breaches: findings.breaches,
+            believed: Some(believed(&self.accounts)),
+            last: findings.last.clone(),
+            findings,
+            accounts: self.accounts,
             reference: self.reference.map(|_| self.reference_error),
             prediction: self.predictor.finish(),
             ..self.outcome
         }
     }
 
-    fn compare(&mut self, k: u64, seen: &[Observation<f32>]) {
-        let Some(exact) = self.reference.and_then(|exact| exact.x.chunks_exact(exact.nodes).nth(k as usize))
-        else {
+    fn predict(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+        let last = k == self.scenario.time.ticks;
+        if !last && !k.is_multiple_of(self.stride) {
             return;
+        }
+        let t = self.scenario.time.at_s(k);
+        let prediction = self.predictor.advance(t);
+        if last {
+            self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
+        }
+        self.outcome.rows.push(row(t, seen, presence, prediction, &self.judge));
+    }
+
+    /// What each node says of itself at the tick.
+    fn account(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+        let components = self.scenario.components();
+        let asked = self.judge.psi().chunks(components);
+        let nodes = self.accounts.iter_mut().zip(&self.scenario.nodes).zip(presence);
+        for (((account, node), presence), (seen, asked)) in nodes.zip(seen.chunks(components).zip(asked)) {
+            match presence {
+                Presence::Ran => {}
+                Presence::Stopped => continue,
+                Presence::Unrecorded | Presence::Absent => {
+                    account.unknown += 1;
+                    continue;
+                }
+            }
+            account.ran += 1;
+            let (Some(first), Some(&asked)) = (seen.first(), asked.first()) else { continue };
+            // A node counts a tick once, whatever its number of components.
+            let ratio = seen.iter().fold(0.0, |most: f32, part| {
+                if part.ratio > most || part.ratio.is_nan() { part.ratio } else { most }
+            });
+            if ratio > account.max_ratio || ratio.is_nan() {
+                account.max_ratio = ratio;
+            }
+            // Written so that NaN is a breach.
+            account.breaches += u64::from(!(ratio < 1.0));
+            let (own, t) = (f64::from(first.psi), self.scenario.time.at_s(k));
+            let drawn = node.funnel.width(t);
+            let rounding = FUNNEL_OF_START * node.funnel.width(0.0).min(WIDEST);
+            let share = if self.scenario.floor == FloorSpec::F32 && asked > drawn {
+                FLOOR_SHARE
+            } else {
+                1.0 + FUNNEL_SHARE
+            };
+            if drawn > WIDEST {
+                continue;
+            }
+            if own > asked * share + rounding {
+                account.widened.get_or_insert((k, own, asked));
+            } else if !(own >= drawn * (1.0 - FUNNEL_SHARE) - rounding) {
+                account.other_funnel.get_or_insert((k, own, drawn));
+            }
+        }
+    }
+
+    fn compare(&mut self, exact: &[f64], presence: &[Presence]) {
+        let components = self.scenario.components();
+        let known = |&(at, _): &(usize, (&f64, &f64))| {
+            presence.get(at / components).is_some_and(|presence| presence.is_known())
         };
-        let error = seen.iter().zip(exact).map(|(o, x)| (f64::from(o.x) - x).abs()).fold(0.0, f64::max);
-        self.reference_error.max_error = self.reference_error.max_error.max(error);
+        let apart =
+            self.x.iter().zip(exact).enumerate().filter(known).map(|(_, (x, exact))| (x - exact).abs());
+        let error = largest(0.0, apart);
+        self.reference_error.max_error = larger(self.reference_error.max_error, error);
         self.reference_error.final_error = error;
     }
 }
 
-fn row(t: f64, seen: &[Observation<f32>], prediction: &Prediction) -> Row {
-    let column = |value: fn(&Observation<f32>) -> f32| seen.iter().map(|o| f64::from(value(o))).collect();
+/// A row of the trajectory; what is not known at the tick is NaN.
+fn row(
+    t: f64,
+    seen: &[Observation<f32>],
+    presence: &[Presence],
+    prediction: &Prediction,
+    judge: &Judge<'_>,
+) -> Row {
+    let components = seen.len().checked_div(presence.len()).unwrap_or(1).max(1);
+    let column = |value: fn(&Observation<f32>) -> f32, known: fn(Presence) -> bool| {
+        let of = |(at, observation): (usize, &Observation<f32>)| {
+            let known = presence.get(at / components).is_some_and(|&presence| known(presence));
+            if known { f64::from(value(observation)) } else { f64::NAN }
+        };
+        seen.iter().enumerate().map(of).collect()
+    };
+    let ran = |presence: Presence| presence == Presence::Ran;
     Row {
         t,
-        x: column(|o| o.x),
-        nu: column(|o| o.nu),
-        psi: column(|o| o.psi),
-        u: column(|o| o.u),
+        x: column(|o| o.x, Presence::is_known),
+        nu: column(|o| o.nu, ran),
+        psi: column(|o| o.psi, ran),
+        u: column(|o| o.u, ran),
+        true_nu: judge.terms().to_vec(),
+        asked_psi: judge.psi().to_vec(),
         xi: prediction.xi.clone(),
         blended: prediction.blended.clone(),
     }

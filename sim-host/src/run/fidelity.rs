@@ -17,7 +17,7 @@ use crate::record::BusSummary;
 use crate::scenario::{CouplingKind, Scenario};
 use funnel_core::{Node, Params};
 use funnel_protocol::config::TickSource;
-use funnel_protocol::report::Counters;
+use funnel_protocol::report::Report;
 use funnel_protocol::{NodeConfig, Refusal};
 use std::collections::BTreeMap;
 
@@ -39,20 +39,14 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     // One tick more than the run has: it is what makes the diffusive terms at the end.
     for k in 0..=scenario.time.ticks {
         check_interrupt(options)?;
-        match engine.advance() {
-            Some(seen) => collector.tick(k, seen),
-            // All nodes have stopped by themselves; what they saw last stays.
-            None => collector.tick(k, engine.observations()),
-        }
+        // `None` where all nodes have stopped by themselves: what they saw last stays.
+        let _ = engine.advance();
+        collector.tick(k, engine.observations(), &engine.presence(k));
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    let counters: Vec<_> = engine.nodes().iter().map(|node| node.counters().clone()).collect();
-    Ok(Outcome {
-        bus: Some(bus_record(engine.traffic(), &counters)),
-        counters,
-        events: engine.events().to_vec(),
-        ..collector.finish()
-    })
+    let reports: Vec<_> = engine.nodes().iter().map(Node::report).collect();
+    let bus = Some(bus_record(engine.traffic(), &reports));
+    Ok(Outcome { bus, events: engine.events().to_vec(), ..collector.finish().with_reports(reports) })
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.
@@ -82,12 +76,13 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let progress = progress("loopback", scenario, options);
     for k in 0..=scenario.time.ticks {
         check_interrupt(options)?;
-        collector.tick(k, central.advance());
+        let seen = central.advance().to_vec();
+        collector.tick(k, &seen, &central.presence());
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    let counters = central.counters();
-    let bus = Some(bus_record(Traffic::default(), &counters));
-    Ok(Outcome { bus, counters, events: central.events().to_vec(), ..collector.finish() })
+    let reports = central.reports();
+    let bus = Some(bus_record(Traffic::default(), &reports));
+    Ok(Outcome { bus, events: central.events().to_vec(), ..collector.finish().with_reports(reports) })
 }
 
 /// Fidelity `emulator`.
@@ -115,13 +110,14 @@ pub(super) fn lockstep(
     hub.start()?;
     for k in 0..=scenario.time.ticks {
         check_interrupt(options)?;
-        collector.tick(k, hub.advance()?);
+        hub.advance()?;
+        collector.tick(k, hub.observations(), &hub.presence(k));
         each(k, hub)?;
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    let counters: Vec<_> = hub.finish()?.into_iter().map(|report| report.counters).collect();
-    let bus = Some(bus_record(hub.traffic(), &counters));
-    Ok(Outcome { bus, counters, events: hub.events().to_vec(), ..collector.finish() })
+    let reports = hub.finish()?;
+    let bus = Some(bus_record(hub.traffic(), &reports));
+    Ok(Outcome { bus, events: hub.events().to_vec(), ..collector.finish().with_reports(reports) })
 }
 
 pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
@@ -147,10 +143,10 @@ fn check_interrupt(options: &RunOptions) -> Result<(), RunError> {
     if options.interrupt.is_set() { Err(RunError::interrupted()) } else { Ok(()) }
 }
 
-fn bus_record(traffic: Traffic, counters: &[Counters]) -> BusSummary {
+fn bus_record(traffic: Traffic, reports: &[Report]) -> BusSummary {
     let mut refused: BTreeMap<_, _> =
         Refusal::ALL.iter().map(|reason| (reason.name().to_owned(), 0)).collect();
-    for counters in counters {
+    for Report { counters, .. } in reports {
         for &reason in Refusal::ALL {
             *refused.entry(reason.name().to_owned()).or_default() += u64::from(counters.refused(reason));
         }

@@ -54,9 +54,9 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
 /// See [`RunError`].
 pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     fits(scenario)?;
-    if scenario.expect.emergent_error.is_some() && EmergentTrajectory::new(scenario).is_none() {
+    if scenario.expect.asks_for_emergent() && EmergentTrajectory::new(scenario).is_none() {
         return Err(RunError::bad_input(format!(
-            "the emergent dynamics are not known for {} coupling of states with {} components; leave expect.emergent_error out",
+            "the emergent dynamics are not known for {} coupling of states with {} components; leave emergent_error out of its expectations",
             scenario.coupling.name(),
             scenario.components()
         )));

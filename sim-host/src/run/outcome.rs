@@ -3,30 +3,55 @@
 use super::options::Fidelity;
 use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
+use crate::extremes::largest;
+use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
 use crate::record::{
-    BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent, ReferenceSummary,
-    Row, Summary, SyncSummary, TraceHash,
+    BelievedSummary, BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent,
+    ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
 };
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Window};
 use funnel_core::Event;
-use funnel_protocol::report::Counters;
+use funnel_protocol::report::{Counters, Report};
 use std::collections::BTreeSet;
+
+/// What nodes believe of their funnels, for who compares it with what is true.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Believed {
+    /// The largest `|nu| / psi` that a node has seen.
+    pub max_ratio: f64,
+    /// Node-ticks at which a node believed to be outside.
+    pub breaches: u64,
+}
 
 /// What a run came to.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     /// Trajectory.
     pub rows: Vec<Row>,
-    /// States at the end, by index and then by component.
+    /// States at the end, by index and then by component; NaN where one is not known.
     pub last: Vec<f64>,
-    /// Widest funnel at the end, as the nodes had it: floored at the resolution of `nu`, where it is.
+    /// Widest funnel at the end that the run is judged by.
     pub widest: f64,
     /// What was predicted: at the end, and over the recorded rows.
     pub prediction: Prediction,
-    /// Largest `|nu| / psi` over all nodes and ticks.
+    /// Largest true `|nu| / psi` over all nodes and ticks; NaN where one was not a number.
     pub max_ratio: f64,
-    /// Node-ticks with `|nu| >= psi`.
+    /// Node-ticks with a true `|nu| >= psi`.
     pub breaches: u64,
+    /// The same as nodes believe it, where f32 nodes ran.
+    pub believed: Option<Believed>,
+    /// All that the judge found.
+    pub findings: Findings,
+    /// What each node said of itself, by index; empty where no f32 node ran.
+    pub accounts: Vec<Account>,
+    /// Ids of nodes that no neighbour has ever heard.
+    pub unheard: Vec<u16>,
+    /// Ids of nodes that all neighbours have lost at the end.
+    pub silent: Vec<u16>,
+    /// What contradicts the run, as sentences.
+    pub contradictions: Vec<String>,
+    /// FAULT frames that did not stop their node.
+    pub warnings: u64,
     /// Hash of all states, where f32 nodes ran.
     pub hash: Option<TraceHash>,
     /// Distance to the reference, where there is a whole one.
@@ -44,11 +69,19 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// With the closing reports of all nodes, by index.
+    #[must_use]
+    pub fn with_reports(mut self, reports: Vec<Report>) -> Self {
+        for (account, report) in self.accounts.iter_mut().zip(&reports) {
+            account.report = Some((report.max_ratio, report.counters.clone()));
+        }
+        Self { counters: reports.into_iter().map(|report| report.counters).collect(), ..self }
+    }
+
     /// The summary, with the scenario's expectations judged.
     pub fn judge(&self, scenario: &Scenario, on: Fidelity) -> Summary {
-        let final_spread = spread(&self.last, scenario.components());
         let emergent = self.emergent();
-        Summary {
+        let mut summary = Summary {
             scenario: scenario.title.clone(),
             seed: scenario.seed,
             on: on.to_string(),
@@ -56,28 +89,84 @@ impl Outcome {
             ticks: scenario.time.ticks,
             tick_s: scenario.time.tick_s(),
             trace_hash: self.hash.map(|hash| hash.to_string()),
-            funnel: Some(FunnelSummary { max_ratio: self.max_ratio, breaches: self.breaches }),
+            funnel: Some(self.funnel()),
             sync: Some(SyncSummary {
-                final_spread,
+                final_spread: self.findings.final_spread,
+                max_spread: self.findings.max_spread,
                 bound: scenario.sync_bound(self.widest),
                 lambda2: scenario.graph.lambda2(),
             }),
-            expect: self.expectations(scenario, final_spread, &emergent),
+            max_input: self.findings.max_input,
+            expect: self.expectations(scenario, &emergent),
+            checks: self.checks(scenario),
             emergent: Some(emergent),
             reference: self.reference,
             bus: self.bus.clone(),
+            counters: self.believed.map(|_| self.count()),
             bench: self.bench.clone(),
             stopped: self.stopped(scenario),
             overruns: self.counters.iter().map(|counters| u64::from(counters.overruns)).sum(),
-            wall_s: 0.0,
+            ..Summary::default()
+        };
+        summary.passed = summary.passes();
+        summary
+    }
+
+    fn funnel(&self) -> FunnelSummary {
+        let believed = |believed: Believed| BelievedSummary {
+            max_ratio: believed.max_ratio,
+            breaches: believed.breaches,
+        };
+        let reopened = self.counters.iter().any(|counters| counters.reopened > 0);
+        FunnelSummary {
+            max_ratio: self.max_ratio,
+            breaches: self.breaches,
+            unknown: self.findings.unknown,
+            reopened_ratio: self.believed.filter(|_| reopened).map(|believed| believed.max_ratio),
+            believed: self.believed.map(believed),
         }
+    }
+
+    fn count(&self) -> CounterSummary {
+        let ratios: Vec<f32> =
+            self.accounts.iter().filter_map(|a| a.report.as_ref().map(|&(ratio, _)| ratio)).collect();
+        CounterSummary::of(&self.counters, &ratios, self.warnings)
+    }
+
+    fn checks(&self, scenario: &Scenario) -> Vec<Check> {
+        let stops = self.stops(scenario);
+        let absences = self.bench.as_ref().map_or(&[][..], |bench| bench.absences.as_slice());
+        checks(
+            scenario,
+            &Evidence {
+                findings: &self.findings,
+                accounts: &self.accounts,
+                stops: &stops,
+                absences,
+                unheard: &self.unheard,
+                silent: &self.silent,
+                contradictions: &self.contradictions,
+            },
+        )
+    }
+
+    /// The nodes that stopped by themselves, in the order in which they did.
+    pub fn stops(&self, scenario: &Scenario) -> Vec<Stop> {
+        let stop = |event: &NodeEvent| match event.event {
+            Event::Fault(code) => Some(Stop {
+                id: scenario.nodes.get(event.node)?.id,
+                // Tick 0 is one tick after the start, when the announced states have arrived.
+                at_s: event.at.saturating_sub(scenario.time.tick_ns) as f64 / 1e9,
+                why: code.to_string(),
+            }),
+            _ => None,
+        };
+        self.events.iter().filter_map(stop).collect()
     }
 
     /// Ids of the nodes that stopped by themselves, ascending.
     fn stopped(&self, scenario: &Scenario) -> Vec<u16> {
-        let faults = self.events.iter().filter(|event| matches!(event.event, Event::Fault(_)));
-        let ids = faults.filter_map(|event| scenario.nodes.get(event.node).map(|node| node.id));
-        ids.collect::<BTreeSet<_>>().into_iter().collect()
+        self.stops(scenario).into_iter().map(|stop| stop.id).collect::<BTreeSet<_>>().into_iter().collect()
     }
 
     fn emergent(&self) -> EmergentSummary {
@@ -95,44 +184,48 @@ impl Outcome {
         }
     }
 
-    fn expectations(
-        &self,
-        scenario: &Scenario,
-        final_spread: f64,
-        emergent: &EmergentSummary,
-    ) -> Vec<Expectation> {
-        let expect = &scenario.expect;
-        let judged = [
-            ("funnel_ratio", expect.funnel_ratio, Some(self.max_ratio)),
-            ("final_spread", expect.final_spread, Some(final_spread)),
-            ("emergent_error", expect.emergent_error, emergent.final_error),
-            ("blended_error", expect.blended_error, emergent.blended_error),
-            ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
-        ];
+    fn expectations(&self, scenario: &Scenario, emergent: &EmergentSummary) -> Vec<Expectation> {
+        let (expect, findings) = (&scenario.expect, &self.findings);
+        // Where no term is known there is no ratio; zero would pass.
+        let ratio = (findings.judged > 0).then_some(self.max_ratio);
         let final_value = expect.final_value.map(|expected| {
-            Expectation::below(
-                "final_value",
-                expected.within,
-                Some(distance(&self.last, &vec![expected.is; scenario.components()])),
-            )
+            let value = distance(&self.last, &vec![expected.is; scenario.components()]);
+            Expectation::below("final_value", expected.within, Some(value))
         });
-        let judge = |(name, limit, value): (&str, Option<f64>, _)| {
-            limit.map(|limit| Expectation::below(name, limit, value))
-        };
-        judged.into_iter().filter_map(judge).chain(final_value).collect()
+        let reference = self.reference.map(|reference| reference.max_error);
+        let before = judged([
+            ("funnel_ratio".to_owned(), expect.funnel_ratio, ratio),
+            ("final_spread".to_owned(), expect.final_spread, Some(findings.final_spread)),
+            ("emergent_error".to_owned(), expect.emergent_error, emergent.final_error),
+            ("blended_error".to_owned(), expect.blended_error, emergent.blended_error),
+            ("reference_error".to_owned(), expect.reference_error, reference),
+        ]);
+        let after = judged([("max_input".to_owned(), expect.max_input, Some(findings.max_input))]);
+        let windows = expect.windows.iter().zip(&findings.windows).enumerate();
+        let windows = windows.flat_map(|(n, (window, figures))| of_window(n + 1, window, figures));
+        before.chain(final_value).chain(after).chain(windows).collect()
     }
 }
 
-/// `max x - min x`, of the component in which the states are farthest apart.
-fn spread(states: &[f64], components: usize) -> f64 {
-    let apart = |component| {
-        let states = || states.iter().copied().skip(component).step_by(components.max(1));
-        states().fold(f64::NEG_INFINITY, f64::max) - states().fold(f64::INFINITY, f64::min)
-    };
-    (0..components).map(apart).fold(0.0, f64::max)
+/// Those of a list of names, limits and values that have a limit.
+fn judged<const N: usize>(
+    list: [(String, Option<f64>, Option<f64>); N],
+) -> impl Iterator<Item = Expectation> {
+    list.into_iter().filter_map(|(name, limit, value)| Some(Expectation::below(name, limit?, value)))
 }
 
-/// The largest distance of a state, by index and then by component, to a point.
+fn of_window(number: usize, window: &Window, figures: &WindowFigures) -> impl Iterator<Item = Expectation> {
+    let name = |key: &str| format!("window.{number}.{key}");
+    judged([
+        (name("funnel_ratio"), window.funnel_ratio, figures.funnel_ratio),
+        (name("spread"), window.spread, figures.spread),
+        (name("emergent_error"), window.emergent_error, figures.emergent_error),
+        (name("reference_error"), window.reference_error, figures.reference_error),
+        (name("max_input"), window.max_input, figures.max_input),
+    ])
+}
+
+/// The largest distance of a state, by index and then by component, to a point; NaN where a state is not known.
 fn distance(states: &[f64], point: &[f64]) -> f64 {
-    states.iter().zip(point.iter().cycle()).map(|(x, xi)| (x - xi).abs()).fold(0.0, f64::max)
+    largest(0.0, states.iter().zip(point.iter().cycle()).map(|(x, xi)| (x - xi).abs()))
 }

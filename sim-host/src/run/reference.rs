@@ -5,6 +5,9 @@ use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use crate::emergent::Predictor;
 use crate::exit::Exit;
+use crate::extremes::{larger, largest};
+use crate::judge::{Judge, Moment};
+use crate::presence::Presence;
 use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
@@ -12,27 +15,43 @@ use crate::scenario::{CouplingKind, FunnelSpec, GainSpec, Scenario};
 use funnel_core::gain::median;
 use std::ops::ControlFlow;
 
-/// Runs the reference by itself.
+/// States that a run of the reference is judged at, nodes times instants, at most: 512 MiB of them.
+const JUDGED_STATES: u64 = 1 << 24;
+
+/// Runs the reference by itself. It is judged at every tick, or in a long run at every so many, whatever `--every` asks for.
 pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     let (ticks, stride) = (scenario.time.ticks, options.stride(scenario.time.ticks));
-    let last = (!ticks.is_multiple_of(stride)).then_some(ticks);
-    let wanted: Vec<u64> = (0..=ticks).step_by(stride as usize).chain(last).collect();
+    let judged = (ticks * scenario.nodes.len() as u64).div_ceil(JUDGED_STATES).max(1);
+    let is_row = |k: u64| k.is_multiple_of(stride) || k == ticks;
+    let is_judged = |k: u64| k.is_multiple_of(judged) || k == ticks;
+    let wanted: Vec<u64> = (0..=ticks).filter(|&k| is_row(k) || is_judged(k)).collect();
     let solution = solve(scenario, options, &wanted)?;
-    let mut predictor = Predictor::new(scenario);
-    let mut outcome = Outcome { max_ratio: solution.max_ratio, ..Outcome::default() };
-    // The reference is its own reference.
-    outcome.reference = Some(ReferenceSummary::default());
+    let (mut predictor, mut judge) = (Predictor::new(scenario), Judge::new(scenario));
+    let presence = vec![Presence::Ran; scenario.nodes.len()];
+    let mut outcome = Outcome::default();
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
-        let prediction = predictor.advance(row.t);
-        (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
-        outcome.last.clone_from(&row.x);
-        outcome.widest = row.psi.iter().copied().fold(0.0, f64::max);
-        if k.is_multiple_of(stride) {
+        if is_judged(k) {
+            judge.tick(&Moment { k, x: &row.x, u: &row.u, presence: &presence }, Some(&row.x));
+        }
+        if is_row(k) {
+            let prediction = predictor.advance(row.t);
+            (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
+            outcome.widest = largest(0.0, row.psi.iter().copied());
             outcome.rows.push(row);
         }
     }
-    outcome.prediction = predictor.finish();
-    Ok(outcome)
+    let findings = judge.finish();
+    Ok(Outcome {
+        // Of all steps of the solver, which are closer than ticks.
+        max_ratio: larger(solution.max_ratio, findings.max_ratio),
+        breaches: findings.breaches,
+        last: findings.last.clone(),
+        findings,
+        prediction: predictor.finish(),
+        // The reference is its own reference.
+        reference: Some(ReferenceSummary::default()),
+        ..outcome
+    })
 }
 
 /// The states at every tick, where an expectation asks for them.
@@ -43,7 +62,7 @@ pub fn where_expected(
     scenario: &Scenario,
     options: &RunOptions,
 ) -> Result<Option<ReferenceSolution>, RunError> {
-    if scenario.expect.reference_error.is_none() {
+    if !scenario.expect.asks_for_reference() {
         return Ok(None);
     }
     let wanted: Vec<u64> = (0..=scenario.time.ticks).collect();
@@ -51,7 +70,7 @@ pub fn where_expected(
 }
 
 fn solve(scenario: &Scenario, options: &RunOptions, ticks: &[u64]) -> Result<ReferenceSolution, RunError> {
-    let times: Vec<f64> = ticks.iter().map(|&k| k as f64 * scenario.time.tick_s()).collect();
+    let times: Vec<f64> = ticks.iter().map(|&k| scenario.time.at_s(k)).collect();
     let quiet = options.verbosity == Verbosity::Quiet;
     let progress = Progress::new("reference", scenario.time.end_s(), quiet);
     let mut on_step = |t: f64| {
@@ -77,6 +96,9 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
         nu: table(&solution.nu, k),
         psi: table(&solution.psi, k),
         u: table(&solution.u, k),
+        // Every state is known, and its funnels are the scenario's.
+        true_nu: table(&solution.nu, k),
+        asked_psi: table(&solution.psi, k),
         xi: Vec::new(),
         blended: Vec::new(),
     };

@@ -1,8 +1,9 @@
 //! Gains, funnels and the kind of coupling.
 
+use super::diagnostic::Diagnostic;
 use super::diagnostic::Problem;
-use super::model::{BreachSpec, CouplingKind, FunnelSpec, GainSpec, NormalisedSpec};
-use super::reader::{Choice, Log, Range, Section, ready};
+use super::model::{BreachSpec, CouplingKind, FloorSpec, FunnelSpec, GainSpec, NormalisedSpec};
+use super::reader::{Choice, Log, Range, Section, number, ready};
 use super::tree::{Item, Table, Value};
 use funnel_core::params;
 
@@ -57,6 +58,7 @@ const INPUT: &str = "state units per second";
 /// What `[coupling]` gives every node, before `[[node]]` changes it.
 pub(super) struct Coupling<'a> {
     pub kind: CouplingKind,
+    pub floor: FloorSpec,
     pub on_breach: BreachSpec,
     pub gain: Option<&'a Item>,
     pub funnel: Option<&'a Item>,
@@ -75,6 +77,7 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
     let allowed = "must be a table with a kind, as { kind = \"constant\", width = 1.0 }";
     let funnel = section.need("funnel", allowed);
     let on_breach = section.take("on_breach");
+    let floor = section.value("floor", FloorSpec::None, read_floor);
     let log = section.log();
     section.finish();
     gain.and_then(|item| read_gain(item, kind, log));
@@ -94,7 +97,17 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
             ),
         );
     }
-    Some(Coupling { kind, on_breach: policy, gain, funnel })
+    Some(Coupling { kind, floor, on_breach: policy, gain, funnel })
+}
+
+/// Reads `floor`: a width, or "f32".
+fn read_floor(item: &Item) -> Result<FloorSpec, Box<Diagnostic>> {
+    let range = Range::positive(STATE).on_host();
+    match &item.value {
+        Value::Text(text) if text == "f32" => Ok(FloorSpec::F32),
+        Value::Integer(_) | Value::Float(_) => number(item, range).map(FloorSpec::Width),
+        _ => Err(range.mismatch(item, ", or \"f32\"")),
+    }
 }
 
 /// Reads `on_breach`: a kind alone, or a table of one.

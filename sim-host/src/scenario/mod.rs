@@ -9,6 +9,7 @@ mod components;
 mod coupling;
 mod diagnostic;
 mod duration;
+mod expect;
 mod graph;
 mod initial;
 mod model;
@@ -29,8 +30,8 @@ pub use duration::{format_duration, parse_duration};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use model::{
-    BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FunnelSpec, GainSpec, NodeSpec,
-    NormalisedSpec, SafetySpec, Scenario, TimeSpec,
+    BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FloorSpec, FunnelSpec, GainSpec,
+    NodeSpec, NormalisedSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
 };
 pub use overrides::Override;
 
@@ -106,13 +107,15 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         log.report(unsupported(event, "this version runs scenarios without events"));
     }
     let safety = safety::read(&mut file, time.as_ref().map_or(1, |time| time.tick_ns));
-    let expect = read_expect(&mut file);
+    let nodes_asked = network.as_ref().map_or(0, |network| network.nodes);
+    let mut expect = expect::read(&mut file, nodes_asked);
     file.finish();
     log.checkpoint()?;
     let (Some(time), Some(network), Some(coupling)) = (time, network, coupling) else {
         return Err(unread());
     };
     let time = whole_ticks(&time, network.nodes, &log);
+    expect::in_ticks(&mut expect, &time, root.get("expect"), &log);
     let graph = network::build(&network, seed, &log);
     fresh(&bus, &time, root, &log);
     no_bus(coupling.kind, root, &log);
@@ -120,9 +123,9 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     network::room(&graph, components, &network, &log);
     log.checkpoint()?;
     let path = path.to_owned();
-    let Coupling { kind: coupling, on_breach, .. } = coupling;
+    let Coupling { kind: coupling, on_breach, floor, .. } = coupling;
     let scenario =
-        Scenario { title, seed, time, graph, coupling, on_breach, nodes, bus, safety, expect, path };
+        Scenario { title, seed, time, graph, coupling, floor, on_breach, nodes, bus, safety, expect, path };
     initial::check(&scenario, &places)?;
     Ok(scenario)
 }
@@ -225,28 +228,6 @@ fn read_bus(file: &mut Section<'_>) -> BusSpec {
     bus.jitter_ns = section.duration("jitter", Some(0));
     section.finish();
     bus
-}
-
-fn read_expect(file: &mut Section<'_>) -> Expect {
-    let Some(mut section) = file.section("expect") else { return Expect::default() };
-    let length = Range::positive("state units").on_host();
-    let expect = Expect {
-        funnel_ratio: section.optional_number("funnel_ratio", Range::positive("|nu| / psi").on_host()),
-        final_spread: section.optional_number("final_spread", length),
-        emergent_error: section.optional_number("emergent_error", length),
-        blended_error: section.optional_number("blended_error", length),
-        reference_error: section.optional_number("reference_error", length),
-        final_value: section.section("final_value").map(|mut value| {
-            let final_value = FinalValue {
-                is: value.number("is", None, Range::any("state units").on_host()),
-                within: value.number("within", None, length),
-            };
-            value.finish();
-            final_value
-        }),
-    };
-    section.finish();
-    expect
 }
 
 #[cfg(test)]

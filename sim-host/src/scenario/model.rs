@@ -19,6 +19,8 @@ pub struct Scenario {
     pub graph: Graph,
     /// The coupling law.
     pub coupling: CouplingKind,
+    /// The narrowest funnel that is asked for.
+    pub floor: FloorSpec,
     /// What a node does outside its funnel.
     pub on_breach: BreachSpec,
     /// One per node; index i has id i + 1.
@@ -79,6 +81,12 @@ impl TimeSpec {
     #[must_use]
     pub fn tick_s(&self) -> f64 {
         self.tick_ns as f64 * 1e-9
+    }
+
+    /// The time of tick `k` in seconds: the f64 nearest to it, up to 2^53 ns.
+    #[must_use]
+    pub fn at_s(&self, k: u64) -> f64 {
+        k.saturating_mul(self.tick_ns) as f64 / 1e9
     }
 
     /// The end of the run in seconds.
@@ -149,6 +157,18 @@ pub enum BreachSpec {
         /// 1/s, above zero.
         rate: f64,
     },
+}
+
+/// The narrowest funnel that the designer asks for. Nodes may keep a wider one than the scenario's down there, and are judged by it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum FloorSpec {
+    /// The funnel itself: a node that floors it fails the run.
+    #[default]
+    None,
+    /// So wide (state units).
+    Width(f64),
+    /// What the f32 of a node resolves.
+    F32,
 }
 
 /// What stops a node, beside its own state and funnel.
@@ -394,7 +414,7 @@ pub struct BusSpec {
 }
 
 /// Limits that the run must stay below; `None` is not checked.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expect {
     /// The largest `|nu| / psi` over all nodes and ticks.
     pub funnel_ratio: Option<f64>,
@@ -408,6 +428,74 @@ pub struct Expect {
     pub reference_error: Option<f64>,
     /// Where every component of every node ends.
     pub final_value: Option<FinalValue>,
+    /// The largest `|u|` over all nodes and ticks (state units / s).
+    pub max_input: Option<f64>,
+    /// Nodes that may stop by themselves.
+    pub stopped: Stoppable,
+    /// Limits for a part of the run.
+    pub windows: Vec<Window>,
+}
+
+/// Nodes that may stop by themselves without failing the run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Stoppable {
+    /// Those with these ids.
+    Ids(Vec<u16>),
+    /// Each.
+    Any,
+}
+
+impl Default for Stoppable {
+    fn default() -> Self {
+        Self::Ids(Vec::new())
+    }
+}
+
+/// Limits for a part of the run, both ends included; `None` is not checked.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Window {
+    /// Its first tick.
+    pub from_tick: u64,
+    /// Its last tick.
+    pub to_tick: u64,
+    /// The largest `|nu| / psi`.
+    pub funnel_ratio: Option<f64>,
+    /// The largest `max x - min x` (state units).
+    pub spread: Option<f64>,
+    /// The largest distance of a node to the emergent dynamics (state units).
+    pub emergent_error: Option<f64>,
+    /// The largest distance of a node to the continuous-time reference (state units).
+    pub reference_error: Option<f64>,
+    /// The largest `|u|` (state units / s).
+    pub max_input: Option<f64>,
+}
+
+impl Expect {
+    /// Whether nothing at all is expected.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        let figures = [
+            self.funnel_ratio,
+            self.final_spread,
+            self.emergent_error,
+            self.blended_error,
+            self.reference_error,
+            self.max_input,
+        ];
+        figures.iter().all(Option::is_none) && self.final_value.is_none() && self.windows.is_empty()
+    }
+
+    /// Whether the distance to the emergent dynamics is limited anywhere.
+    #[must_use]
+    pub fn asks_for_emergent(&self) -> bool {
+        self.emergent_error.is_some() || self.windows.iter().any(|window| window.emergent_error.is_some())
+    }
+
+    /// Whether the distance to the reference is limited anywhere.
+    #[must_use]
+    pub fn asks_for_reference(&self) -> bool {
+        self.reference_error.is_some() || self.windows.iter().any(|window| window.reference_error.is_some())
+    }
 }
 
 /// Where all states end, and how near to it.

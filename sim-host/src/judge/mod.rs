@@ -1,0 +1,217 @@
+//! What a run is judged by: the true states of all nodes, and the funnel of the scenario (docs/notes/2026-11-28-verdicts.md).
+//!
+//! A node believes what it hears. On a bus that delivers nothing it believes that its diffusive term is zero, and in a funnel that it has
+//! widened for itself that it is inside. So neither enters here: the terms are those of the states at equal true time, over the edges of the
+//! scenario, and the funnel is the scenario's, not narrower than the floor that the scenario accepts.
+
+mod checks;
+mod counters;
+mod truth;
+mod windows;
+
+pub use checks::{Account, Check, Evidence, Stop, checks};
+pub use counters::CounterSummary;
+pub use windows::WindowFigures;
+
+use crate::extremes::{larger, largest, smallest};
+use crate::presence::Presence;
+use crate::scenario::{FloorSpec, Scenario};
+use truth::Truth;
+use windows::Windows;
+
+/// Bits of an f32, with which the nodes compute.
+const F32_EPSILON: f64 = f32::EPSILON as f64;
+
+/// What is known of the network at a tick, by index and then by component.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment<'a> {
+    /// The tick.
+    pub k: u64,
+    /// States, state units; those of nodes that are not known are not looked at.
+    pub x: &'a [f64],
+    /// Inputs that were applied, state units / s.
+    pub u: &'a [f64],
+    /// By index.
+    pub presence: &'a [Presence],
+}
+
+/// What the judge found over a whole run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Findings {
+    /// The largest `|nu| / psi`; NaN where one was not a number.
+    pub max_ratio: f64,
+    /// Node-ticks with `|nu| >= psi`, or with a term that is not a number; per component.
+    pub breaches: u64,
+    /// Node-ticks of which the term is not known, since a state in it is not; per component.
+    pub unknown: u64,
+    /// Node-ticks that were judged; per component.
+    pub judged: u64,
+    /// First tick with a breach, and the index of its node.
+    pub first_breach: Option<(u64, usize)>,
+    /// The largest `max x - min x` at any tick, state units.
+    pub max_spread: f64,
+    /// The same at the last tick.
+    pub final_spread: f64,
+    /// The largest `|u|`, state units / s.
+    pub max_input: f64,
+    /// States at the end, by index and then by component; NaN where one is not known.
+    pub last: Vec<f64>,
+    /// By window of the scenario, in its order.
+    pub windows: Vec<WindowFigures>,
+}
+
+/// Judges a run tick by tick.
+pub struct Judge<'a> {
+    scenario: &'a Scenario,
+    truth: Truth,
+    degrees: Vec<f64>,
+    windows: Windows<'a>,
+    findings: Findings,
+    /// Of the last tick, by index and then by component: true terms, NaN where they are not known.
+    terms: Vec<f64>,
+    /// The funnels that they are judged by.
+    psi: Vec<f64>,
+}
+
+impl<'a> Judge<'a> {
+    /// Of a run of `scenario`.
+    #[must_use]
+    pub fn new(scenario: &'a Scenario) -> Self {
+        let entries = scenario.nodes.len() * scenario.components();
+        Self {
+            scenario,
+            truth: Truth::of(scenario),
+            degrees: scenario.graph.degrees(),
+            windows: Windows::of(scenario),
+            findings: Findings::default(),
+            terms: vec![f64::NAN; entries],
+            psi: vec![f64::NAN; entries],
+        }
+    }
+
+    /// Judges a tick. `reference` has the continuous-time states at it, where there are some.
+    pub fn tick(&mut self, moment: &Moment<'_>, reference: Option<&[f64]>) {
+        self.truth.terms(moment.x, moment.presence, &mut self.terms);
+        self.widths(moment);
+        let ratio = self.ratios(moment);
+        let spread = spread(moment, self.scenario.components());
+        let input = input(moment, self.scenario.components());
+        self.findings.max_ratio = larger(self.findings.max_ratio, ratio);
+        self.findings.max_input = larger(self.findings.max_input, input);
+        if let Some(spread) = spread {
+            self.findings.max_spread = larger(self.findings.max_spread, spread);
+        }
+        self.windows.tick(moment, ratio, spread, input, reference);
+        if moment.k == self.scenario.time.ticks {
+            self.findings.final_spread = spread.unwrap_or(f64::NAN);
+            self.findings.last = self.known(moment);
+        }
+    }
+
+    /// The true diffusive terms of the last tick, by index and then by component, state units; NaN where one is not known.
+    #[must_use]
+    pub fn terms(&self) -> &[f64] {
+        &self.terms
+    }
+
+    /// The funnels that they were judged by, state units.
+    #[must_use]
+    pub fn psi(&self) -> &[f64] {
+        &self.psi
+    }
+
+    /// What was found.
+    #[must_use]
+    pub fn finish(self) -> Findings {
+        Findings { windows: self.windows.finish(), ..self.findings }
+    }
+
+    fn known(&self, moment: &Moment<'_>) -> Vec<f64> {
+        let components = self.scenario.components();
+        let value = |(at, &x): (usize, &f64)| if is_known(moment, at / components) { x } else { f64::NAN };
+        moment.x.iter().enumerate().map(value).collect()
+    }
+
+    /// The scenario's funnels at the tick, not narrower than the accepted floor.
+    fn widths(&mut self, moment: &Moment<'_>) {
+        let (t, components) = (self.scenario.time.at_s(moment.k), self.scenario.components());
+        for (index, node) in self.scenario.nodes.iter().enumerate() {
+            let width = node.funnel.width(t);
+            let floor = match self.scenario.floor {
+                FloorSpec::None => 0.0,
+                FloorSpec::Width(width) => width,
+                FloorSpec::F32 => self.resolution(moment, index),
+            };
+            let slots = self.psi.iter_mut().skip(index * components).take(components);
+            slots.for_each(|slot| *slot = larger(width, floor));
+        }
+    }
+
+    /// The floor that the f32 node of `index` needs at the tick, by true states.
+    fn resolution(&self, moment: &Moment<'_>, index: usize) -> f64 {
+        let components = self.scenario.components();
+        let of = |index: usize| moment.x.iter().skip(index * components).take(components);
+        let near = self.truth.neighbours(index).iter().map(|&(other, _)| other).chain([index]);
+        let state = near
+            .filter(|&near| is_known(moment, near))
+            .flat_map(of)
+            .fold(0.0f64, |most, x| most.max(x.abs()));
+        let inputs = moment.u.iter().skip(index * components).take(components);
+        let input = inputs.fold(0.0f64, |most, u| most.max(u.abs()));
+        resolution(self.degrees[index], self.scenario.time.tick_s(), state, input)
+    }
+
+    /// Counts what is outside, and gives the largest ratio of the tick.
+    fn ratios(&mut self, moment: &Moment<'_>) -> f64 {
+        let components = self.scenario.components();
+        let mut most = 0.0;
+        for (at, (nu, psi)) in self.terms.iter().zip(&self.psi).enumerate() {
+            let index = at / components;
+            if !self.truth.is_known(index, moment.presence) {
+                self.findings.unknown += 1;
+                continue;
+            }
+            self.findings.judged += 1;
+            // Zero in a funnel that has closed is inside it by no more than any other value is.
+            let ratio = if *nu == 0.0 && *psi == 0.0 { 1.0 } else { nu.abs() / psi };
+            most = larger(most, ratio);
+            // Written so that NaN is outside.
+            if !(ratio < 1.0) {
+                self.findings.breaches += 1;
+                self.findings.first_breach.get_or_insert((moment.k, index));
+            }
+        }
+        most
+    }
+}
+
+fn is_known(moment: &Moment<'_>, index: usize) -> bool {
+    moment.presence.get(index).is_some_and(|presence| presence.is_known())
+}
+
+/// `max x - min x` over the nodes that are known, of the component in which they are farthest apart; `None` where none is known.
+fn spread(moment: &Moment<'_>, components: usize) -> Option<f64> {
+    let apart = |component: usize| {
+        let states = || {
+            let states = moment.x.iter().skip(component).step_by(components);
+            states.enumerate().filter(|&(index, _)| is_known(moment, index)).map(|(_, &x)| x)
+        };
+        largest(f64::NEG_INFINITY, states()) - smallest(f64::INFINITY, states())
+    };
+    let any = moment.presence.iter().any(|presence| presence.is_known());
+    any.then(|| largest(0.0, (0..components).map(apart)))
+}
+
+/// The largest input that nodes have applied at the tick.
+fn input(moment: &Moment<'_>, components: usize) -> f64 {
+    let ran = |&(at, _): &(usize, &f64)| moment.presence.get(at / components) == Some(&Presence::Ran);
+    largest(0.0, moment.u.iter().enumerate().filter(ran).map(|(_, u)| u.abs()))
+}
+
+/// The narrowest funnel that an f32 node resolves, state units: what rounding makes of `nu` and of a step by `T u`.
+fn resolution(degree: f64, tick_s: f64, state: f64, input: f64) -> f64 {
+    16.0 * F32_EPSILON * degree * (state + tick_s * input)
+}
+
+#[cfg(test)]
+mod tests;

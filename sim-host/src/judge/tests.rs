@@ -1,0 +1,114 @@
+use super::*;
+use crate::scenario::Override;
+use std::path::Path;
+
+fn scenario(text: &str, sets: &[&str]) -> Scenario {
+    let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    Scenario::parse(text, Path::new("test.toml"), &sets).unwrap()
+}
+
+/// A path of three in a constant funnel of 2, for ten ticks of 1 ms.
+const PATH: &str = r#"
+version = 1
+time = { tick = "1ms", duration = "10ms" }
+graph = { kind = "path", nodes = 3, weight = 0.5 }
+coupling = { kind = "node-wise", gain = { kind = "reciprocal", scale = 1.0 }, funnel = { kind = "constant", width = 2.0 } }
+agent = { dynamics = { kind = "affine", slope = -1.0 } }
+"#;
+
+const RAN: [Presence; 3] = [Presence::Ran; 3];
+
+fn findings(scenario: &Scenario, ticks: &[(u64, [f64; 3], [Presence; 3])]) -> Findings {
+    let mut judge = Judge::new(scenario);
+    for (k, x, presence) in ticks {
+        judge.tick(&Moment { k: *k, x, u: &[0.0, -7.0, 1.0], presence }, None);
+    }
+    judge.finish()
+}
+
+#[test]
+fn terms_are_those_of_the_states_whatever_nodes_have_heard() {
+    let scenario = scenario(PATH, &[]);
+    let found = findings(&scenario, &[(0, [0.0, 1.0, 0.0], RAN), (10, [0.0, 3.0, 1.0], RAN)]);
+    // nu_2 = 0.5 (0 - 3) + 0.5 (1 - 3).
+    assert_eq!((found.max_ratio, found.breaches, found.first_breach), (1.25, 1, Some((10, 1))));
+    assert_eq!((found.max_spread, found.final_spread, found.max_input), (3.0, 3.0, 7.0));
+    assert_eq!((found.last, found.unknown, found.judged), (vec![0.0, 3.0, 1.0], 0, 6));
+}
+
+#[test]
+fn the_largest_spread_is_not_the_final_one() {
+    let scenario = scenario(PATH, &[]);
+    let found = findings(&scenario, &[(4, [0.0, 1.0, 0.0], RAN), (10, [0.0, 0.25, 0.0], RAN)]);
+    assert_eq!((found.max_spread, found.final_spread), (1.0, 0.25));
+}
+
+#[test]
+fn a_value_that_is_not_a_number_is_a_breach_and_stays_the_largest() {
+    let scenario = scenario(PATH, &[]);
+    let found = findings(&scenario, &[(0, [0.0, f64::NAN, 0.0], RAN), (10, [0.0; 3], RAN)]);
+    assert!(found.max_ratio.is_nan() && found.max_spread.is_nan(), "{found:?}");
+    assert_eq!(found.breaches, 3);
+}
+
+#[test]
+fn a_term_with_an_unknown_state_in_it_is_counted_and_not_judged() {
+    let scenario = scenario(PATH, &[]);
+    for unknown in [Presence::Absent, Presence::Unrecorded] {
+        let presence = [unknown, Presence::Ran, Presence::Ran];
+        let found = findings(&scenario, &[(10, [1e9, 0.0, 1.0], presence)]);
+        // Node 3 hears only node 2.
+        assert_eq!((found.unknown, found.judged, found.max_ratio), (2, 1, 0.25), "{unknown:?}");
+        assert_eq!(found.final_spread, 1.0);
+        assert!(found.last[0].is_nan() && found.last[1..] == [0.0, 1.0]);
+    }
+    let nobody = findings(&scenario, &[(10, [0.0; 3], [Presence::Absent; 3])]);
+    assert!(nobody.judged == 0 && nobody.final_spread.is_nan(), "{nobody:?}");
+}
+
+#[test]
+fn a_stopped_node_keeps_its_state_and_its_edges() {
+    let scenario = scenario(PATH, &[]);
+    let presence = [Presence::Stopped, Presence::Ran, Presence::Ran];
+    let found = findings(&scenario, &[(10, [9.0, 0.0, 0.0], presence)]);
+    assert_eq!((found.max_ratio, found.breaches), (2.25, 2));
+    // What it was told last drives nothing any more.
+    assert_eq!(found.max_input, 7.0);
+}
+
+#[test]
+fn each_edge_is_judged_by_itself_where_each_has_a_funnel() {
+    let scenario = scenario(PATH, &["coupling.kind=edge-wise"]);
+    let found = findings(&scenario, &[(10, [-3.0, 0.0, 3.0], RAN)]);
+    // Node-wise the two terms of node 2 would cancel.
+    assert_eq!((found.max_ratio, found.breaches), (0.75, 0));
+}
+
+#[test]
+fn the_funnel_is_the_scenarios_down_to_the_accepted_floor() {
+    let closed = "coupling.funnel={kind='finite-time',start=2.0,at='5ms'}";
+    let at_the_end = [(10, [0.0, 0.01, 0.0], RAN)];
+    let ratio = |sets: &[&str]| findings(&scenario(PATH, sets), &at_the_end).max_ratio;
+    assert_eq!(ratio(&[closed]), f64::INFINITY);
+    assert!((ratio(&[closed, "coupling.floor=0.02"]) - 0.5).abs() < 1e-12);
+    // Wider than rounding needs by far.
+    assert!(ratio(&[closed, "coupling.floor='f32'"]) > 100.0);
+    // Even in step a funnel that has closed is not kept.
+    let still = findings(&scenario(PATH, &[closed]), &[(10, [0.0; 3], RAN)]);
+    assert_eq!((still.max_ratio, still.breaches), (1.0, 3));
+}
+
+#[test]
+fn windows_see_their_ticks_only_both_ends_included() {
+    let window = "expect={window=[{from='2ms',to='4ms',funnel_ratio=1.0,spread=1.0,emergent_error=1.0,max_input=9.0}]}";
+    let scenario = scenario(PATH, &[window]);
+    let apart = |x: f64| [0.0, x, 0.0];
+    let ticks = [(1, apart(9.0), RAN), (2, apart(0.5), RAN), (4, apart(1.0), RAN), (5, apart(9.0), RAN)];
+    let found = findings(&scenario, &ticks).windows;
+    let [window] = found.as_slice() else { panic!("{found:?}") };
+    assert_eq!((window.funnel_ratio, window.spread, window.max_input), (Some(0.5), Some(1.0), Some(7.0)));
+    // All fields are -x from zero on.
+    assert_eq!((window.emergent_error, window.reference_error), (Some(1.0), None));
+    let never = findings(&scenario, &[(1, apart(0.0), RAN)]).windows;
+    assert_eq!(never[0], WindowFigures::default());
+}
