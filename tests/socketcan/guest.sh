@@ -19,7 +19,8 @@ job() {
 
 mount -t proc proc /proc
 mount -t sysfs sysfs /sys
-mount -t hostfs -o "$WORK" none /mnt || echo "no work folder"
+# By the old interface of mount the folder is the whole option, by the new one (Debian 13) it has a name.
+mount -t hostfs -o "$WORK" none /mnt 2>/dev/null || mount -t hostfs -o "hostfs=$WORK" none /mnt || echo "no work folder"
 cd /mnt
 job >/mnt/log 2>&1 </dev/null
 echo $? >/mnt/status.new

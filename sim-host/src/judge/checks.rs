@@ -82,9 +82,16 @@ pub fn checks(scenario: &Scenario, evidence: &Evidence<'_>) -> Vec<Check> {
     ]
 }
 
+/// Faults that a sentence names; a hundred nodes with the same one say no more than a few.
+const NAMED: usize = 4;
+
 fn check(name: &'static str, faults: Vec<String>, fine: &str) -> Check {
-    let pass = faults.is_empty();
-    Check { name, pass, text: if pass { fine.to_owned() } else { faults.join("; ") } }
+    let text = match faults.len() {
+        0 => fine.to_owned(),
+        count if count <= NAMED => faults.join("; "),
+        count => format!("{}; and {} more of the kind", faults[..NAMED].join("; "), count - NAMED),
+    };
+    Check { name, pass: faults.is_empty(), text }
 }
 
 fn stopped(scenario: &Scenario, stops: &[Stop]) -> Check {

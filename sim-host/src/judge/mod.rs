@@ -16,6 +16,7 @@ pub use windows::WindowFigures;
 use crate::extremes::{larger, largest, smallest};
 use crate::presence::Presence;
 use crate::scenario::{FloorSpec, Scenario};
+use funnel_core::Real;
 use truth::Truth;
 use windows::Windows;
 
@@ -210,7 +211,7 @@ fn input(moment: &Moment<'_>, components: usize) -> f64 {
 
 /// The narrowest funnel that an f32 node resolves, state units: what rounding makes of `nu` and of a step by `T u`.
 fn resolution(degree: f64, tick_s: f64, state: f64, input: f64) -> f64 {
-    16.0 * F32_EPSILON * degree * (state + tick_s * input)
+    (16.0 * F32_EPSILON * degree * (state + tick_s * input)).max(f32::TINY.into())
 }
 
 #[cfg(test)]

@@ -7,12 +7,12 @@ use crate::judge::{Account, Judge, Moment};
 use crate::presence::Presence;
 use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
-use crate::scenario::{FloorSpec, Scenario};
+use crate::scenario::{FloorSpec, FunnelSpec, Scenario};
 use funnel_core::Observation;
 
 /// A funnel may differ by this share from the scenario's for the rounding of f32.
 const FUNNEL_SHARE: f64 = 1e-3;
-/// And by this share of its width at the start, where a funnel closes by the difference of two widths.
+/// And by this share of its width at the start, where a funnel closes at a time: the time that is left has rounding of its own.
 const FUNNEL_OF_START: f64 = 1e-6;
 /// The floor of f32 is judged by true states and present inputs; a node has measured ones and its last input.
 const FLOOR_SHARE: f64 = 1.5;
@@ -134,7 +134,7 @@ impl<'a> Collector<'a> {
             account.breaches += u64::from(!(ratio < 1.0));
             let (own, t) = (f64::from(first.psi), self.scenario.time.at_s(k));
             let drawn = node.funnel.width(t);
-            let rounding = FUNNEL_OF_START * node.funnel.width(0.0).min(WIDEST);
+            let rounding = rounding(&node.funnel);
             let share = if self.scenario.floor == FloorSpec::F32 && asked > drawn {
                 FLOOR_SHARE
             } else {
@@ -161,6 +161,14 @@ impl<'a> Collector<'a> {
         let error = largest(0.0, apart);
         self.reference_error.max_error = larger(self.reference_error.max_error, error);
         self.reference_error.final_error = error;
+    }
+}
+
+/// What a node's f32 makes of a funnel beyond [`FUNNEL_SHARE`] of it, state units.
+fn rounding(funnel: &FunnelSpec) -> f64 {
+    match funnel {
+        FunnelSpec::FiniteTime { .. } => FUNNEL_OF_START * funnel.width(0.0),
+        _ => 0.0,
     }
 }
 
