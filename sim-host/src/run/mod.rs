@@ -10,6 +10,8 @@ mod outcome;
 mod output;
 mod own_clock;
 mod reference;
+#[cfg(test)]
+pub(crate) mod testing;
 
 pub use commission::{commission, erase};
 pub use error::RunError;

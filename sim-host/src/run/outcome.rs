@@ -83,8 +83,11 @@ impl Outcome {
     fn emergent(&self) -> EmergentSummary {
         let prediction = &self.prediction;
         let known = |values: &[f64]| (!values.is_empty()).then(|| PerComponent(values.to_vec()));
-        let error = |values: &[f64]| (!values.is_empty()).then(|| distance(&self.last, values));
+        // The distance to what was not resolved is no measurement.
+        let known_error = |values: &[f64]| !values.is_empty() && prediction.unresolved.is_none();
+        let error = |values: &[f64]| known_error(values).then(|| distance(&self.last, values));
         EmergentSummary {
+            unresolved: prediction.unresolved.clone(),
             final_error: error(&prediction.xi),
             xi_final: known(&prediction.xi),
             blended_error: error(&prediction.blended),
