@@ -9,8 +9,8 @@ use crate::scenario::{NodeSpec, Scenario};
 const LONGEST_STEP: f64 = 0.002;
 /// Steps per shortest time constant or radian of the fields: the method is then off by some 1e-6 in one of them.
 pub(crate) const STEPS_PER_CONSTANT: f64 = 8.0;
-/// Most steps times nodes; a prediction may always take as many steps as the run has ticks, which cost more.
-const NODE_STEPS: f64 = 2e7;
+/// Most steps times nodes; a prediction may always take as many steps as the run has ticks, which cost more (5e6 took 5 s in a build for tests).
+const NODE_STEPS: f64 = 5e6;
 /// Part of a step by which two times may differ and be the same.
 const NEAR: f64 = 1e-6;
 

@@ -107,10 +107,14 @@ impl Serialize for PerComponent {
 /// How far from the continuous-time reference, in state units.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ReferenceSummary {
-    /// Over all nodes and recorded times.
+    /// Over all nodes and ticks.
     pub max_error: f64,
     /// Over all nodes, at the end.
     pub final_error: f64,
+    /// Whether the reference is near enough to the exact solution to stand for it. If not, no distance to it is judged.
+    pub resolved: bool,
+    /// How far the reference itself may be from the exact solution; `null` where it is not known to any bound.
+    pub error_estimate: f64,
 }
 
 /// What the bus carried.

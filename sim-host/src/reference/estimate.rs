@@ -10,7 +10,7 @@ use super::options::ReferenceOptions;
 use super::problem::ReferenceProblem;
 use super::solution::ReferenceSolution;
 use super::{check, start_from};
-use crate::extremes::{beyond, larger, largest};
+use crate::extremes::{beyond, larger, largest, smaller};
 use std::ops::ControlFlow;
 
 /// Share of the largest state up to then that the error may be in a solution that is resolved.
@@ -21,7 +21,7 @@ const SMALL: f64 = 1e3;
 const LOOSER: f64 = 10.0;
 /// The loosest tolerance that the solver takes.
 const LOOSEST: f64 = 1e-2;
-/// Output times at which the two are compared at most; errors come and go with the solution, which steps resolve.
+/// Into so many parts the time is divided by the instants at which the two are compared, whatever the output times are.
 const COMPARED: usize = 2_000;
 
 /// The distance of two solutions of a problem.
@@ -55,28 +55,63 @@ pub fn solve_estimated(
 ) -> Result<ReferenceSolution, ReferenceError> {
     check(problem, times, options)?;
     let end = times.last().copied().unwrap_or(0.0);
-    let mut solution = start_from(problem, times, options, 0.0, &mut |t| on_step(0.5 * t))?;
-    let stride = times.len().div_ceil(COMPARED).max(1);
-    // The last time is among them.
-    let first = times.len().saturating_sub(1) % stride;
-    let compared: Vec<f64> = times.iter().copied().skip(first).step_by(stride).collect();
-    let looser = ReferenceOptions { tolerance: (LOOSER * options.tolerance).min(LOOSEST), ..*options };
-    let scale = largest(1.0, problem.x0.iter().map(|x| x.abs()));
-    let shift = options.tolerance * scale;
+    let compared: Vec<f64> = (0..=COMPARED).map(|k| end * (k as f64 / COMPARED as f64)).collect();
+    let merged = Merged::of(times, &compared);
+    let first = start_from(problem, &merged.times, options, 0.0, &mut |t| on_step(0.5 * t));
+    let (mut solution, x) = match first {
+        Ok(both) => merged.split(both),
+        Err(ReferenceError::Unresolved { at, psi, ratio, reason, partial }) => {
+            let partial = Box::new(merged.split(*partial).0);
+            return Err(ReferenceError::Unresolved { at, psi, ratio, reason, partial });
+        }
+        Err(other) => return Err(other),
+    };
+    let looser = ReferenceOptions { tolerance: smaller(LOOSER * options.tolerance, LOOSEST), ..*options };
+    let shift = options.tolerance * largest(1.0, problem.x0.iter().map(|x| x.abs()));
     let other = start_from(problem, &compared, &looser, shift, &mut |t| on_step(0.5 * (end + t)));
     solution.estimate = Some(match other {
         Ok(other) => {
-            let rows = solution.x.chunks_exact(solution.nodes).skip(first).step_by(stride);
-            let other = compared.iter().zip(other.x.chunks_exact(solution.nodes));
-            distance(rows.zip(other).map(|(x, (&t, y))| (t, x, y)), SMALL * options.tolerance / RESOLVED)
+            let rows = x.chunks_exact(solution.nodes).zip(other.x.chunks_exact(solution.nodes));
+            let rows = compared.iter().zip(rows).map(|(&t, (one, other))| (t, one, other));
+            distance(rows, SMALL * options.tolerance / RESOLVED)
         }
-        Err(cancelled @ ReferenceError::Cancelled { .. }) => return Err(cancelled),
         Err(ReferenceError::Unresolved { at, .. }) => {
             ErrorEstimate { error: f64::INFINITY, share: f64::INFINITY, at }
         }
         Err(other) => return Err(other),
     });
     Ok(solution)
+}
+
+/// Output times, and those of a comparison among them.
+struct Merged {
+    times: Vec<f64>,
+    /// Whether a time is one of the output times.
+    wanted: Vec<bool>,
+}
+
+impl Merged {
+    fn of(times: &[f64], compared: &[f64]) -> Self {
+        let wanted = times.iter().map(|&t| (t, true));
+        let mut all: Vec<_> = wanted.chain(compared.iter().map(|&t| (t, false))).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (times, wanted) = all.into_iter().unzip();
+        Self { times, wanted }
+    }
+
+    /// The solution at the output times, and the states at the others, row by row.
+    fn split(&self, both: ReferenceSolution) -> (ReferenceSolution, Vec<f64>) {
+        let rows = |table: &[f64], wanted: bool| -> Vec<f64> {
+            let rows = table.chunks_exact(both.nodes).zip(&self.wanted);
+            rows.filter(|(_, own)| **own == wanted).flat_map(|(row, _)| row).copied().collect()
+        };
+        let at = both.times.iter().zip(&self.wanted).filter(|(_, own)| **own);
+        let times = at.map(|(t, _)| *t).collect();
+        let compared = rows(&both.x, false);
+        let (x, nu) = (rows(&both.x, true), rows(&both.nu, true));
+        let (psi, u) = (rows(&both.psi, true), rows(&both.u, true));
+        (ReferenceSolution { times, x, nu, psi, u, ..both }, compared)
+    }
 }
 
 /// The distance of two solutions, given as time and states; no state counts as smaller than `smallest` (state units).
@@ -174,6 +209,33 @@ mod tests {
         }
         let (_, estimate) = estimated(&narrow_path(), 30.0);
         assert!(estimate.resolved(), "{estimate:?}");
+    }
+
+    #[test]
+    fn neither_the_solution_nor_the_estimate_depends_on_what_else_is_asked_for() {
+        let (problem, options) = (five_agents(ring(5), 2.0), ReferenceOptions::default());
+        let solve = |times: &[f64]| {
+            solve_estimated(&problem, times, &options, &mut |_| ControlFlow::Continue(())).unwrap()
+        };
+        let (few, many) = (solve(&[0.0, 0.5, 3.0]), solve(&[0.0, 0.1, 0.5, 0.5, 2.9, 3.0]));
+        assert_eq!((few.estimate, few.max_ratio, few.steps), (many.estimate, many.max_ratio, many.steps));
+        assert_eq!(few.times, [0.0, 0.5, 3.0]);
+        for (row, same) in [(0, 0), (1, 2), (1, 3), (2, 5)] {
+            assert_eq!(few.row(&few.x, row), many.row(&many.x, same));
+            assert_eq!(few.row(&few.u, row), many.row(&many.u, same));
+        }
+        let alone = super::super::solve(&problem, &few.times, &options).unwrap();
+        assert_eq!((&alone.x, &alone.nu, alone.max_ratio), (&few.x, &few.nu, few.max_ratio));
+    }
+
+    #[test]
+    fn a_run_that_ends_early_has_the_rows_that_were_asked_for() {
+        let times: Vec<f64> = (0..=800).map(f64::from).collect();
+        let options = ReferenceOptions::default();
+        let error = solve_estimated(&narrow_path(), &times, &options, &mut |_| ControlFlow::Continue(()))
+            .unwrap_err();
+        let ReferenceError::Unresolved { at, partial, .. } = error else { panic!("{error}") };
+        assert_eq!((partial.times.len(), partial.x.len()), (at as usize + 1, 11 * (at as usize + 1)));
     }
 
     #[test]

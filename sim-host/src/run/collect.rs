@@ -32,7 +32,7 @@ impl<'a> Collector<'a> {
             hash: TraceHash::new(),
             max_ratio: 0.0,
             breaches: 0,
-            reference_error: ReferenceSummary::default(),
+            reference_error: reference.map(ReferenceSummary::beside).unwrap_or_default(),
             outcome: Outcome::default(),
         }
     }

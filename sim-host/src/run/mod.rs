@@ -12,6 +12,8 @@ mod own_clock;
 mod reference;
 #[cfg(test)]
 pub(crate) mod testing;
+#[cfg(test)]
+mod tests;
 
 pub use commission::{commission, erase};
 pub use error::RunError;

@@ -105,12 +105,14 @@ impl Outcome {
         emergent: &EmergentSummary,
     ) -> Vec<Expectation> {
         let expect = &scenario.expect;
+        let beside = self.reference.zip(expect.reference_error);
+        let reference_error = beside.and_then(|(reference, limit)| reference.measured(limit));
         let judged = [
             ("funnel_ratio", expect.funnel_ratio, Some(self.max_ratio)),
             ("final_spread", expect.final_spread, Some(final_spread)),
             ("emergent_error", expect.emergent_error, emergent.final_error),
             ("blended_error", expect.blended_error, emergent.blended_error),
-            ("reference_error", expect.reference_error, self.reference.map(|reference| reference.max_error)),
+            ("reference_error", expect.reference_error, reference_error),
         ];
         let final_value = expect.final_value.map(|expected| {
             Expectation::below(

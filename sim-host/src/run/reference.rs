@@ -5,6 +5,7 @@ use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use crate::emergent::Predictor;
 use crate::exit::Exit;
+use crate::extremes::larger;
 use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
@@ -20,13 +21,13 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let solution = solve(scenario, options, &wanted)?;
     let mut predictor = Predictor::new(scenario);
     let mut outcome = Outcome { max_ratio: solution.max_ratio, ..Outcome::default() };
-    // The reference is its own reference.
-    outcome.reference = Some(ReferenceSummary::default());
+    // The reference is its own reference: what it may be off by is in its estimate.
+    outcome.reference = Some(ReferenceSummary::beside(&solution));
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
         let prediction = predictor.advance(row.t);
         (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
         outcome.last.clone_from(&row.x);
-        outcome.widest = row.psi.iter().copied().fold(0.0, f64::max);
+        outcome.widest = row.psi.iter().copied().fold(0.0, larger);
         if k.is_multiple_of(stride) {
             outcome.rows.push(row);
         }
@@ -58,15 +59,16 @@ fn solve(scenario: &Scenario, options: &RunOptions, ticks: &[u64]) -> Result<Ref
         progress.at(t);
         if options.interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    reference::solve_with(&problem(scenario)?, &times, &ReferenceOptions::default(), &mut on_step).map_err(
-        |error| match error {
+    let options = ReferenceOptions::default();
+    reference::solve_estimated(&problem(scenario)?, &times, &options, &mut on_step).map_err(|error| {
+        match error {
             ReferenceError::Cancelled { .. } => RunError::interrupted(),
             ReferenceError::Unresolved { .. } => {
                 RunError { message: error.to_string(), exit: Exit::ExpectationFailed }
             }
             _ => RunError::bad_input(error),
-        },
-    )
+        }
+    })
 }
 
 fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
