@@ -196,7 +196,7 @@ mod tests {
     fn growth_that_the_states_share_is_resolved() {
         // All digits but nine hold, of a state that grows to 1e13.
         let (solution, estimate) = estimated(&unstable(1.0, 0.0, 1.0), 30.0);
-        let share = error(&solution, |t| math::exp(t)) / math::exp(30.0);
+        let share = error(&solution, math::exp) / math::exp(30.0);
         println!("share {share:e}, {estimate:?}");
         assert!(estimate.resolved() && share <= estimate.share, "{share:e} {estimate:?}");
     }
