@@ -109,7 +109,7 @@ impl Central {
             for member in &mut self.members {
                 member.right_sides(first);
             }
-            let largest = self.members.iter().map(Member::gain).fold(0.0, f32::max);
+            let largest = largest(self.members.iter().map(Member::gain));
             for member in &mut self.members {
                 member.inputs(largest);
             }
@@ -141,20 +141,20 @@ impl Central {
     fn listen(&mut self) {
         let parts: Vec<Vec<Part>> = self.members.iter().map(|member| member.parts.clone()).collect();
         for member in &mut self.members {
-            let mut largest = 0.0f32;
+            let mut most = 0.0f32;
             for (component, own) in member.parts.iter_mut().enumerate() {
                 (own.nu, own.dnu) = (0.0, 0.0);
-                largest = largest.max(own.x.abs());
+                most = largest([most, own.x.abs()]);
                 for &(other, weight) in &member.neighbours {
                     let Some(other) = parts.get(other).and_then(|parts| parts.get(component)) else {
                         continue;
                     };
                     own.nu += weight * (other.seen - own.x);
                     own.dnu += weight * (other.increment - own.dx);
-                    largest = largest.max(other.seen.abs());
+                    most = largest([most, other.seen.abs()]);
                 }
             }
-            member.widths(self.tick, largest);
+            member.widths(self.tick, most);
         }
     }
 
@@ -173,7 +173,7 @@ impl Central {
                 u: part.u,
             };
             self.observations.extend(member.parts.iter().map(seen));
-            let ratio = member.parts.iter().map(|part| part.nu.abs() / psi).fold(0.0, f32::max);
+            let ratio = largest(member.parts.iter().map(|part| part.nu.abs() / psi));
             if let Some(event) = member.judge(tick, ratio) {
                 self.events.push(NodeEvent { at, node, event });
             }
@@ -232,7 +232,7 @@ impl Member {
             let solution = law.solve(self.psi.ahead, self.b, part.r);
             if solution.s == 0.0 { 1.0 / law.inverse_slope(0.0) } else { (solution.u / solution.s).abs() }
         };
-        self.parts.iter().map(gamma).fold(0.0, f32::max)
+        largest(self.parts.iter().map(gamma))
     }
 
     /// Inputs with the gain of all.
@@ -244,7 +244,8 @@ impl Member {
 
     fn judge(&mut self, tick: u32, ratio: f32) -> Option<Event> {
         // Written so that NaN is outside, and stays the largest.
-        let breach = !(ratio < 1.0);
+        let inside = ratio < 1.0;
+        let breach = !inside;
         if ratio > self.max_ratio || ratio.is_nan() {
             self.max_ratio = ratio;
         }
@@ -255,6 +256,11 @@ impl Member {
             false => Event::BreachEnded { tick },
         })
     }
+}
+
+/// The largest of values that are zero or more; NaN where one is.
+fn largest(values: impl IntoIterator<Item = f32>) -> f32 {
+    values.into_iter().fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f32::NAN } else { a.max(b) })
 }
 
 /// The node's midpoint step, for all components at once.

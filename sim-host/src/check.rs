@@ -18,7 +18,9 @@ mod widths;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::extremes::{beyond, larger, smaller};
 use crate::scenario::{LARGEST_RUN, Scenario};
+use forecast::Forecast;
 pub use nodes::NodeRow;
 use subject::Subject;
 
@@ -106,8 +108,11 @@ pub fn check(scenario: &Scenario) -> Report {
         Some(forecast) => {
             findings.extend(limits::findings(&subject, forecast));
             findings.extend(predictions::findings(&subject, forecast));
+            if !forecast.grid.reaches(scenario) {
+                findings.iter_mut().for_each(|finding| partial(finding, forecast));
+            }
         }
-        None => findings.push(predictions::none_here(scenario)),
+        None => findings.extend([limits::speed(&subject), predictions::none_here(scenario)]),
     }
     findings.extend(bus::findings(scenario));
     findings.push(capacity::finding(scenario));
@@ -126,6 +131,18 @@ pub fn check(scenario: &Scenario) -> Report {
     }
 }
 
+/// Findings that rest on the motion that is predicted.
+const ALONG_XI: [&str; 7] =
+    ["fields", "emergent", "narrowest-funnel", "resolution", "margin", "input", "linear-part"];
+
+/// What holds along a part of the run is not found to hold.
+fn partial(finding: &mut Finding, forecast: &Forecast) {
+    if finding.status == Status::Ok && ALONG_XI.contains(&finding.name) {
+        finding.status = Status::Note;
+        finding.advice = Some(format!("looked at up to {} s only", figure(forecast.grid.end())));
+    }
+}
+
 /// A scenario that can be checked, but not run.
 fn size(scenario: &Scenario) -> Option<Finding> {
     let nodes = scenario.nodes.len();
@@ -136,20 +153,19 @@ fn size(scenario: &Scenario) -> Option<Finding> {
     (nodes > LARGEST_RUN).then(|| Finding::new("size", "Size", text, values).stands(Status::Note))
 }
 
-/// Lowest and highest of some values.
+/// Lowest and highest of some values; both are not a number where one is not.
 fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
-    values
-        .into_iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+    let first = (f64::INFINITY, f64::NEG_INFINITY);
+    values.into_iter().fold(first, |(low, high), value| (smaller(low, value), larger(high, value)))
 }
 
-/// Index and value of the largest; index 0 where there is none.
+/// Index and value of the largest, or of the first that is not a number; index 0 where there is none.
 fn largest(values: impl IntoIterator<Item = f64>) -> (usize, f64) {
     let first = (0, f64::NEG_INFINITY);
     values.into_iter().enumerate().fold(
         first,
         |best, (index, value)| {
-            if value > best.1 { (index, value) } else { best }
+            if beyond(value, best.1) { (index, value) } else { best }
         },
     )
 }

@@ -439,9 +439,19 @@ fn text(summary: &Summary) -> String {
         };
         distance("emergent", emergent.final_error, "xi = ", &emergent.xi_final);
         distance("blended", emergent.blended_error, "", &emergent.blended_final);
+        if let Some(why) = &emergent.unresolved {
+            line("emergent", format!("not predicted: {why}"));
+        }
     }
     if let Some(reference) = summary.reference {
-        line("reference", format!("largest error {}", figure(reference.max_error, 4)));
+        let off = figure(reference.error_estimate, 2);
+        line(
+            "reference",
+            match reference.resolved {
+                true => format!("largest error {}", figure(reference.max_error, 4)),
+                false => format!("not resolved: it may be off by {off} itself, and nothing is judged by it"),
+            },
+        );
     }
     if let Some(bus) = &summary.bus {
         let refused: u64 = bus.refused.values().sum();

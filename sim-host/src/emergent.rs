@@ -1,5 +1,5 @@
-//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean of the
-//! initial states, and the blended dynamics beside it.
+//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean
+//! of the initial states that the coupling conserves, and the blended dynamics beside it.
 //!
 //! What the inputs of a coupling add up to gives its emergent field `h`, component by component:
 //!
@@ -10,13 +10,18 @@
 //! | edge-wise | `u_i` | the average |
 //! | weakly centralised | `nu_i = psi_i u_i / G` | the average with weights `psi_i` |
 //!
-//! Maximum gain ties the components of a vector together, and the gains of lambda-trackers depend on their past: neither has an `h`
+//! `start` says what that means for the initial value. Maximum gain ties the components of a vector together, and the gains of lambda-trackers depend on their past: neither has an `h`
 //! that is found here.
 
 mod agents;
 mod blended;
 mod chi;
+mod grid;
 mod predictor;
+mod start;
+
+pub(crate) use grid::{STEPS_PER_CONSTANT, fastest};
+pub(crate) use start::{plain_mean, start};
 
 pub use blended::BlendedTrajectory;
 pub use chi::ChiTrajectory;
@@ -26,38 +31,10 @@ use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario};
 use agents::Agents;
 use funnel_core::emergent::contraction;
 use funnel_core::gain::{BuiltinGain, Gain, Linear, LocallyLinear, Logarithmic, Reciprocal, median};
+use grid::{Grid, Walk};
 
-/// Longest integration step, s.
-const LONGEST_STEP: f64 = 0.002;
-/// Steps per shortest time constant of the fields; the method is stable from 0.36 on.
-const STEPS_PER_CONSTANT: f64 = 4.0;
-
-/// A step that resolves every slope and frequency of the fields, but no shorter than the tick, which resolves them for the
-/// nodes.
-fn longest_step(scenario: &Scenario) -> f64 {
-    let rates = scenario.nodes.iter().flat_map(|node| {
-        let sines = node.dynamics.sines.iter().map(|sine| sine.frequency.abs());
-        sines.chain([node.dynamics.lipschitz()])
-    });
-    let fastest = rates.fold(0.0, f64::max);
-    (1.0 / (STEPS_PER_CONSTANT * fastest)).max(scenario.time.tick_s()).min(LONGEST_STEP)
-}
-
-/// Equal steps from `from` to `to` (s), none longer than `longest`: where each begins, and how long it is.
-fn steps(from: f64, to: f64, longest: f64) -> impl Iterator<Item = (f64, f64)> {
-    let span = to - from;
-    let count = (span / longest - 1e-9).ceil().max(1.0);
-    let step = span / count;
-    (0..(if span > 0.0 { count as u64 } else { 0 })).map(move |index| (from + index as f64 * step, step))
-}
-
-/// The mean of the initial states, by component (state units).
-fn mean_state(scenario: &Scenario) -> Vec<f64> {
-    let count = scenario.nodes.len().max(1) as f64;
-    let mean =
-        |component| scenario.nodes.iter().map(|node: &NodeSpec| node.state[component]).sum::<f64>() / count;
-    (0..scenario.components()).map(mean).collect()
-}
+/// An instant just after the start, where a funnel that is infinite at t = 0 has a width, in s.
+const AFTER_START: f64 = 1e-9;
 
 /// One classical Runge-Kutta step of `x' = f(t, x)` from `t` over `step` (both s), for all components at once.
 fn runge_kutta(t: f64, x: &[f64], step: f64, mut f: impl FnMut(f64, &[f64]) -> Vec<f64>) -> Vec<f64> {
@@ -74,35 +51,41 @@ fn runge_kutta(t: f64, x: &[f64], step: f64, mut f: impl FnMut(f64, &[f64]) -> V
 /// The emergent dynamics of a scenario, integrated step by step.
 pub struct EmergentTrajectory<'a> {
     agents: Agents<'a>,
-    t: f64,
-    /// By component.
-    xi: Vec<f64>,
-    longest_step: f64,
+    walk: Walk,
 }
 
 impl<'a> EmergentTrajectory<'a> {
-    /// Starts at the mean of the initial states; `None` where a coupling has no emergent dynamics here.
+    /// Starts at the mean of the initial states that the coupling conserves; `None` where a coupling has no emergent dynamics here.
     pub fn new(scenario: &'a Scenario) -> Option<Self> {
-        let (agents, longest_step) = (Agents::new(scenario)?, longest_step(scenario));
-        Some(Self { agents, t: 0.0, xi: mean_state(scenario), longest_step })
+        let agents = Agents::new(scenario)?;
+        Some(Self { agents, walk: Walk::new(Grid::of(scenario), start::start(scenario)) })
     }
 
     /// `xi` at time `t` (s), which must not decrease from call to call, by component (state units).
     pub fn advance(&mut self, t: f64) -> &[f64] {
-        for (from, step) in steps(self.t, t, self.longest_step) {
-            self.xi = runge_kutta(from, &self.xi, step, |t, x| self.agents.fields(t, x));
-        }
-        self.t = t;
-        &self.xi
+        while self.step(t) {}
+        self.aside(|agents, walk| walk.look(t, |t, x| agents.fields(t, x)));
+        &self.walk.x
+    }
+
+    /// Goes on by one step, unless that would lead beyond `until` (s). The points that it leads to are the same whatever else is asked.
+    pub(super) fn step(&mut self, until: f64) -> bool {
+        let agents = &mut self.agents;
+        self.walk.step(until, |t, x| agents.fields(t, x))
+    }
+
+    /// Why the steps do not resolve the fields, where they do not: `xi` is then no prediction.
+    pub fn unresolved(&self) -> Option<&str> {
+        self.walk.grid.unresolved.as_deref()
     }
 
     /// The ratios `s_i = mu_i^-1(f_em - f_i)` that hold the nodes together at the time of the last [`Self::advance`], by
     /// index: what `nu_i / psi_i` settles to under a narrow funnel. Empty for vector states, and where the coupling is not one of
     /// diffusive terms in funnels.
     pub fn steady_ratios(&mut self) -> impl Iterator<Item = f64> {
-        let common = match self.xi.as_slice() {
-            &[xi] if follows_the_paper(self.agents.scenario.coupling) => Some(self.agents.field(self.t, xi)),
-            _ => None,
+        let common = match follows_the_paper(self.agents.scenario.coupling) {
+            true => self.common(),
+            false => None,
         };
         let placed = &self.agents.placed;
         common
@@ -113,9 +96,22 @@ impl<'a> EmergentTrajectory<'a> {
     /// `df_em/dxi` at the time of the last [`Self::advance`] (1/s): negative where the emergent dynamics contract. `None` for
     /// vector states.
     pub fn contraction(&mut self) -> Option<f64> {
-        let &[xi] = self.xi.as_slice() else { return None };
-        let common = self.agents.field(self.t, xi);
+        let common = self.common()?;
         Some(contraction(&self.agents.placed, common, self.agents.slopes()))
+    }
+
+    /// The field at the time of the last [`Self::advance`], with the agents left there (state units / s); `None` for vector states.
+    fn common(&mut self) -> Option<f64> {
+        let (&[xi], t) = (self.walk.x.as_slice(), self.walk.t) else { return None };
+        Some(self.aside(|agents, _| agents.field(t, xi)))
+    }
+
+    /// Does something that leaves no trace in the steps to come: each search for a root begins at the last one that was found.
+    fn aside<R>(&mut self, f: impl FnOnce(&mut Agents<'a>, &mut Walk) -> R) -> R {
+        let guess = self.agents.guess.clone();
+        let result = f(&mut self.agents, &mut self.walk);
+        self.agents.guess = guess;
+        result
     }
 }
 

@@ -27,9 +27,22 @@ pub fn smallest(ceiling: f64, values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(ceiling, smaller)
 }
 
+/// Whether a value takes the place of the largest so far: it is larger, or the first that is not a number.
+#[must_use]
+pub fn beyond(value: f64, largest: f64) -> bool {
+    value > largest || (value.is_nan() && !largest.is_nan())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_first_that_is_not_a_number_takes_the_place_and_keeps_it() {
+        assert!(beyond(2.0, 1.0) && !beyond(1.0, 1.0) && !beyond(0.0, 1.0));
+        assert!(beyond(f64::NAN, f64::INFINITY));
+        assert!(!beyond(f64::NAN, f64::NAN) && !beyond(f64::INFINITY, f64::NAN));
+    }
 
     #[test]
     fn a_value_that_is_not_a_number_is_never_lost() {

@@ -1,6 +1,7 @@
 //! A run on a bench beside the same run in loopback, tick by tick.
 
 use crate::engine::Engine;
+use crate::extremes::larger;
 use funnel_core::Observation;
 
 /// How a node's run differs from loopback.
@@ -8,8 +9,15 @@ use funnel_core::Observation;
 pub struct Difference {
     /// First tick at which a bit of state, diffusive term, funnel or input differs.
     pub first: Option<u64>,
-    /// Largest distance of the states, state units.
+    /// Largest distance of the states, state units; not a number where one is not.
     pub largest: f64,
+}
+
+impl Difference {
+    /// Takes a state of the bench and the one of loopback.
+    fn note(&mut self, bench: f64, loopback: f64) {
+        self.largest = larger(self.largest, (bench - loopback).abs());
+    }
 }
 
 /// Runs loopback along, so that nothing has to be kept.
@@ -34,7 +42,7 @@ impl Comparison {
         let here = seen.chunks(components).zip(self.engine.observations().chunks(components));
         for (difference, (bench, loopback)) in self.differences.iter_mut().zip(here) {
             for (a, b) in bench.iter().zip(loopback) {
-                difference.largest = difference.largest.max((f64::from(a.x) - f64::from(b.x)).abs());
+                difference.note(f64::from(a.x), f64::from(b.x));
             }
             if bench.iter().map(bits).ne(loopback.iter().map(bits)) {
                 difference.first.get_or_insert(k);
@@ -50,4 +58,18 @@ impl Comparison {
 
 fn bits(seen: &Observation<f32>) -> [u32; 4] {
     [seen.x, seen.nu, seen.psi, seen.u].map(f32::to_bits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_that_is_not_a_number_is_the_farthest_of_all() {
+        let mut difference = Difference::default();
+        for (bench, loopback) in [(1.0, 2.5), (f64::NAN, 1.0), (3.0, 1.0)] {
+            difference.note(bench, loopback);
+        }
+        assert!(difference.largest.is_nan());
+    }
 }

@@ -18,6 +18,11 @@ pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
     found
 }
 
+/// The largest of values that are zero or more.
+fn larger_of(values: impl IntoIterator<Item = f64>) -> f64 {
+    crate::extremes::largest(0.0, values)
+}
+
 /// Assumption 1.
 fn graph(subject: &Subject<'_>) -> Finding {
     let (lambda2, lambda_max) = (subject.lambda2, subject.lambda_max);
@@ -30,7 +35,8 @@ fn graph(subject: &Subject<'_>) -> Finding {
     );
     let values = json!({ "lambda2": lambda2, "lambda_max": lambda_max, "degree": subject.degrees });
     let found = Finding::new("graph", "Assumption 1", text, values);
-    if subject.scenario.nodes.len() > 1 && lambda2 < LOST * lambda_max {
+    let kept = lambda2 >= LOST * lambda_max;
+    if subject.scenario.nodes.len() > 1 && !kept {
         let advice = format!(
             "lambda2 is lost in rounding, and with it the bound on |x_i - x_j|; bring the edge weights closer together \
              (lambda2 above {})",
@@ -44,7 +50,7 @@ fn graph(subject: &Subject<'_>) -> Finding {
 /// Assumptions 2 and 4: affine fields are globally Lipschitz, so nothing escapes in finite time.
 fn fields(subject: &Subject<'_>) -> Finding {
     let constants = subject.scenario.nodes.iter().map(|node| node.dynamics.lipschitz());
-    let lipschitz = constants.fold(0.0, f64::max);
+    let lipschitz = larger_of(constants);
     let mut text =
         format!("affine fields, Lipschitz with {}/s: no state escapes in finite time", figure(lipschitz));
     let Some(forecast) = &subject.forecast else {
@@ -78,7 +84,7 @@ fn steepest(funnel: &FunnelSpec) -> f64 {
         FunnelSpec::Schedule { at_ns, .. } => {
             let at = at_ns as f64 * 1e-9;
             let before = at * (1.0 - f64::EPSILON);
-            [0.0, before, at].map(|t| funnel.slope(t).abs()).into_iter().fold(0.0, f64::max)
+            larger_of([0.0, before, at].map(|t| funnel.slope(t).abs()))
         }
     }
 }
@@ -87,7 +93,7 @@ fn steepest(funnel: &FunnelSpec) -> f64 {
 fn funnels(subject: &Subject<'_>) -> Finding {
     let (scenario, end) = (subject.scenario, subject.scenario.time.end_s());
     let bound = subject.widths.widest;
-    let theta = scenario.nodes.iter().map(|node| steepest(&node.funnel)).fold(0.0, f64::max);
+    let theta = larger_of(scenario.nodes.iter().map(|node| steepest(&node.funnel)));
     let last = scenario.widest_funnel(end);
     let text = format!(
         "0 < psi <= {} and |psi'| <= {}/s; at the end psi is {} at most",
@@ -100,6 +106,10 @@ fn funnels(subject: &Subject<'_>) -> Finding {
         "psi_bound": bound, "psi_slope_bound": theta, "psi_end": last, "psi_min": -narrowest,
     });
     let found = Finding::new("funnels", "Assumption 3", text, values);
+    if bound.is_nan() || theta.is_nan() || narrowest.is_nan() {
+        return found
+            .advise(Status::Warn, "a width or a slope is not a number; choose other funnels".to_owned());
+    }
     if bound.is_infinite() {
         return found.advise(
             Status::Note,
@@ -200,7 +210,7 @@ fn decay(funnel: &FunnelSpec, end: f64) -> f64 {
         // The rate of the first part is constant, that of the second one largest at its beginning.
         FunnelSpec::Schedule { at_ns, .. } => {
             let at = at_ns as f64 * 1e-9;
-            [0.0, at].map(|t| funnel.slope(t).abs() / funnel.width(t)).into_iter().fold(0.0, f64::max)
+            larger_of([0.0, at].map(|t| funnel.slope(t).abs() / funnel.width(t)))
         }
     }
 }
@@ -208,11 +218,11 @@ fn decay(funnel: &FunnelSpec, end: f64) -> f64 {
 /// Assumption 5.
 fn regularity(subject: &Subject<'_>) -> Finding {
     let (nodes, end) = (&subject.scenario.nodes, subject.scenario.time.end_s());
-    let lambda = nodes.iter().map(|node| decay(&node.funnel, end)).fold(0.0, f64::max);
+    let lambda = larger_of(nodes.iter().map(|node| decay(&node.funnel, end)));
     let speed = |node: &crate::scenario::NodeSpec| {
         node.dynamics.sines.iter().map(|sine| (sine.amplitude * sine.frequency).abs()).sum::<f64>()
     };
-    let theta = nodes.iter().map(speed).fold(0.0, f64::max);
+    let theta = larger_of(nodes.iter().map(speed));
     let spread = subject.widths.spread;
     let text = format!(
         "theta_f = max |df/dt| = {}, lambda_psi = max |psi'| / psi = {}/s, r_psi = max psi_i / psi_j = {}",
@@ -222,12 +232,12 @@ fn regularity(subject: &Subject<'_>) -> Finding {
     );
     let values = json!({ "theta_f": theta, "lambda_psi": lambda, "r_psi": spread });
     let found = Finding::new("regularity", "Assumption 5", text, values);
-    if spread.is_infinite() {
+    if !spread.is_finite() {
         let advice = "some funnels close while others stay open, so that only the nodes of the open ones shape the emergent \
                       dynamics; let all close at the same pace, as r_i psi(t)";
         return found.advise(Status::Warn, advice.to_owned());
     }
-    if lambda.is_infinite() {
+    if !(lambda.is_finite() && theta.is_finite()) {
         let advice = "lambda_psi is finite away from the instant at which a funnel opens or closes; the prediction is not \
                       covered by the theorem there";
         return found.advise(Status::Note, advice.to_owned());

@@ -6,6 +6,7 @@ mod seen;
 
 use super::widths::Widths;
 use crate::emergent;
+use crate::extremes::{larger, largest};
 use crate::scenario::Scenario;
 use funnel_core::gain::BuiltinGain;
 use funnel_core::params;
@@ -17,10 +18,8 @@ pub(super) use seen::{AtFloor, NodeSeen};
 const NODE_STEPS: usize = 2_000_000;
 /// Most steps.
 const MOST_STEPS: usize = 50_000;
-/// Fewest steps, where the tick allows them.
+/// Fewest steps.
 const FEWEST_STEPS: f64 = 1_000.0;
-/// Steps per shortest time constant or radian of the fields.
-const STEPS_PER_CONSTANT: f64 = 8.0;
 
 /// Points in time that a prediction steps through.
 #[derive(Clone, Copy, Debug)]
@@ -31,20 +30,19 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Steps that resolve the fields, none shorter than the tick, which resolves them for the nodes. A run that is too long
-    /// for them is looked at up to where they end.
+    /// Steps that resolve the fields. The tick has no part in it: a ripple that turns whole times per tick would look like a constant. A
+    /// run that is too long for them is looked at up to where they end.
     fn of(scenario: &Scenario) -> Self {
         let end = scenario.time.end_s();
-        let rates = scenario.nodes.iter().flat_map(|node| {
-            node.dynamics.sines.iter().map(|sine| sine.frequency.abs()).chain([node.dynamics.slope().abs()])
-        });
-        let fastest = rates.fold(0.0, f64::max);
-        let wanted =
-            (1.0 / (STEPS_PER_CONSTANT * fastest)).min(end / FEWEST_STEPS).max(scenario.time.tick_s());
-        let steps = (end / wanted - 1e-9).ceil().max(1.0);
-        let step = end / steps;
+        let resolving = end * emergent::STEPS_PER_CONSTANT * emergent::fastest(scenario);
+        let steps = larger(FEWEST_STEPS, (resolving - 1e-9).ceil());
         let most = (NODE_STEPS / scenario.nodes.len().max(1)).min(MOST_STEPS);
-        Self { step, steps: (steps as usize).min(most) }
+        Self { step: end / steps, steps: (steps as usize).min(most) }
+    }
+
+    /// Whether the steps reach the end of the run.
+    pub fn reaches(&self, scenario: &Scenario) -> bool {
+        self.end() >= scenario.time.end_s() * (1.0 - 1e-9)
     }
 
     /// The time of a step, s.
@@ -120,7 +118,7 @@ fn relative_widths(scenario: &Scenario, widths: &Widths, t: f64, relative: &mut 
     relative.clear();
     // Just after the start, where a funnel that is infinite at t = 0 has a width.
     relative.extend(widths.at(t.max(1e-9)));
-    let widest = relative.iter().copied().fold(0.0, f64::max);
+    let widest = largest(0.0, relative.iter().copied());
     if widest > 0.0 {
         relative.iter_mut().for_each(|width| *width /= widest);
     } else {

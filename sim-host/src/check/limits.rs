@@ -6,12 +6,15 @@ use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, largest, share};
 use crate::scenario::{Affine, Sine, format_duration};
+use crate::{emergent, extremes, extremes::smaller};
 
 /// Share of the funnel that the floor of the tick may take up before it is warned about: the floor is known
 /// only to "about" (LAW.md 4, where a share of 1 meant leaving the funnel by a factor of two).
 const TIGHT: f64 = 0.5;
 /// Angle or decay within one tick that is fast: the node's midpoint step is then off by some 2 %.
 const FAST: f64 = 0.5;
+/// Angle within one tick beyond which a sine looks like a slower one, rad.
+const ALIASED: f64 = std::f64::consts::PI;
 /// Decay within one tick from which the node's midpoint step grows instead.
 const UNSTABLE: f64 = 2.0;
 
@@ -26,7 +29,7 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let (index, _) = largest(forecast.nodes.iter().map(|node| node.taken));
     let seen = &forecast.nodes[index];
     let tick = subject.scenario.time.tick_s();
-    let floor = if seen.taken > 0.0 { seen.taken * seen.taken_of } else { 0.0 };
+    let floor = if seen.taken == 0.0 { 0.0 } else { seen.taken * seen.taken_of };
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
     let longest = longest_tick(subject, seen.taken);
     let text = match longest {
@@ -59,21 +62,20 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
 /// The tick that leaves [`TIGHT`] of the funnel and resolves the fields, s; none where any tick holds the funnel.
 fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
     let tick = subject.scenario.time.tick_s();
-    let rates =
-        subject.scenario.nodes.iter().map(|node| node.dynamics.slope().abs().max(fastest(&node.dynamics)));
-    let resolved = FAST / rates.fold(0.0, f64::max);
-    (taken > 0.0).then(|| (tick * (TIGHT / taken).sqrt()).min(resolved))
+    let resolved = FAST / emergent::fastest(subject.scenario);
+    (taken != 0.0).then(|| smaller(tick * (TIGHT / taken).sqrt(), resolved))
 }
 
-/// The fastest sine of a field, rad/s.
+/// The fastest sine of a field, rad/s. One without amplitude drives nothing.
 fn fastest(field: &Affine) -> f64 {
-    field.sines.iter().map(|sine: &Sine| sine.frequency.abs()).fold(0.0, f64::max)
+    let driving = field.sines.iter().filter(|sine| sine.amplitude != 0.0);
+    extremes::largest(0.0, driving.map(|sine: &Sine| sine.frequency.abs()))
 }
 
-/// The fields against the tick: the node advances its state by a midpoint step.
-fn speed(subject: &Subject<'_>) -> Finding {
+/// The fields against the tick: the node advances its state by a midpoint step, so that it sees a sine once per tick.
+pub(super) fn speed(subject: &Subject<'_>) -> Finding {
     let (nodes, tick) = (&subject.scenario.nodes, subject.scenario.time.tick_s());
-    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.slope().abs()));
+    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.lipschitz()));
     let (quick, angle) = largest(nodes.iter().map(|node| tick * fastest(&node.dynamics)));
     let text = format!(
         "in one tick a field decays or grows by {} (node {}) and turns by {} rad (node {}) at most",
@@ -86,15 +88,27 @@ fn speed(subject: &Subject<'_>) -> Finding {
         "tick_slope": decay, "slope_node": steep + 1, "tick_frequency": angle, "frequency_node": quick + 1,
     });
     let found = Finding::new("speed", "Fields and tick", text, values);
-    let stiffest = nodes.iter().map(|node| -tick * node.dynamics.slope()).fold(0.0, f64::max);
-    if decay.max(angle) <= FAST {
+    // Of a matrix it is not said.
+    let slopes = nodes.iter().filter(|node| node.dynamics.slope.len() == 1);
+    let stiffest = extremes::largest(0.0, slopes.map(|node| -tick * node.dynamics.slope()));
+    let quickest = extremes::larger(decay, angle);
+    if quickest <= FAST {
         return found;
     }
-    let advice = format!("use a tick of {} s or less", about(tick * FAST / decay.max(angle)));
+    let advice = format!("use a tick of {} s or less", about(tick * FAST / quickest));
     if stiffest >= UNSTABLE {
         let why =
             format!("a node's own step grows where T |slope| is {} or more; {advice}", figure(UNSTABLE));
         return found.advise(Status::Fail, why);
+    }
+    if angle > ALIASED {
+        let why = format!(
+            "the tick does not resolve a sine of {} rad per tick: node {} sees it once per tick, as a slower one or as a constant, \
+             and its run differs from the prediction; {advice}",
+            about(angle),
+            quick + 1
+        );
+        return found.advise(Status::Warn, why);
     }
     found.advise(Status::Warn, format!("too fast for the node's midpoint step; {advice}"))
 }

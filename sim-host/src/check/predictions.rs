@@ -6,6 +6,7 @@ use super::assumptions::median_scale;
 use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, extremes, figure, largest, share};
+use crate::extremes::{beyond, larger};
 use crate::scenario::{GainSpec, Scenario};
 use funnel_core::{math, params};
 
@@ -56,7 +57,8 @@ fn trajectory(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         "blended_end": blended, "blended_distance": (xi - blended).abs(),
     });
     let found = Finding::new("prediction", "Prediction", text, values);
-    if xi.is_nan() || low.abs().max(high.abs()) > params::LARGEST {
+    let most = larger(low.abs(), high.abs());
+    if most.is_nan() || most > params::LARGEST {
         let advice = format!(
             "a node stops at |x| = {}; make some fields more stable, or end the run earlier",
             figure(params::LARGEST)
@@ -64,7 +66,7 @@ fn trajectory(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         return found.advise(Status::Warn, advice);
     }
     let end = subject.scenario.time.end_s();
-    if until < end * (1.0 - 1e-9) {
+    if !forecast.grid.reaches(subject.scenario) {
         let advice = format!(
             "the run is {} s, which is too long for steps that resolve the fields; later times were not looked at",
             figure(end)
@@ -133,7 +135,8 @@ fn linear_part(subject: &Subject<'_>, forecast: &Forecast) -> Option<Finding> {
         GainSpec::LocallyLinear { bound } => Some((index, seen.input / (2.0 * bound), seen.input)),
         _ => None,
     });
-    let (index, taken, input) = shares.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let (index, taken, input) =
+        shares.reduce(|most, next| if beyond(next.1, most.1) { next } else { most })?;
     let text = format!(
         "node {} uses {} of the linear part of its gain, in which the emergent dynamics are the average",
         index + 1,

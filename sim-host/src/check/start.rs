@@ -79,14 +79,16 @@ fn sync_bound(subject: &Subject<'_>) -> Finding {
 /// When a bound falls below `limit` to stay there until `end` (s); none where it ends above it.
 fn first_below(bound: impl Fn(f64) -> f64, limit: f64, end: f64) -> Option<f64> {
     let times: Vec<_> = instants(end).collect();
-    if bound(end) >= limit {
+    // What is not a number is not below.
+    let below = |t: f64| bound(t) < limit;
+    if !below(end) {
         return None;
     }
-    let Some(above) = times.iter().rposition(|t| bound(*t) >= limit) else { return Some(0.0) };
+    let Some(above) = times.iter().rposition(|t| !below(*t)) else { return Some(0.0) };
     let (mut low, mut high) = (times[above], times.get(above + 1).copied().unwrap_or(end));
     for _ in 0..50 {
         let middle = 0.5 * (low + high);
-        if bound(middle) >= limit { low = middle } else { high = middle }
+        if below(middle) { high = middle } else { low = middle }
     }
     Some(high)
 }

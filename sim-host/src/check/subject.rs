@@ -2,6 +2,7 @@
 
 use super::forecast::Forecast;
 use super::widths::Widths;
+use crate::extremes::{larger, largest};
 use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario, initial_ratios};
 
 /// A scenario with what follows from it.
@@ -46,13 +47,13 @@ impl<'s> Subject<'s> {
 
     /// The widest funnel that a node keeps at time `t` (s): its own, or its floor (state units).
     pub fn widest_kept(&self, t: f64) -> f64 {
-        let kept = self.widths.at(t).enumerate().map(|(index, psi)| psi.max(self.resolution(index)));
-        kept.fold(0.0, f64::max)
+        let kept = self.widths.at(t).enumerate().map(|(index, psi)| larger(psi, self.resolution(index)));
+        largest(0.0, kept)
     }
 
     /// The narrowest funnel that a node keeps (state units).
     pub fn narrowest(&self, index: usize) -> f64 {
-        self.widths.narrowest[index].max(self.resolution(index))
+        larger(self.widths.narrowest[index], self.resolution(index))
     }
 
     /// The narrowest funnel that f32 resolves at a node; 0 where nothing is known of the states to come (state units).

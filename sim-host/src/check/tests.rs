@@ -417,3 +417,89 @@ fn a_schedule_that_widens_first_is_widest_where_it_joins() {
     let report = load("five-agents.toml", &[widening]);
     near(value(&report, "funnels", "psi_bound"), 1.0 + 899.0 * math::exp(-2.0), 1e-6);
 }
+
+#[test]
+fn a_ripple_of_whole_turns_per_tick_is_predicted_and_warned_about() {
+    // -x + 1 + 10 sin(100 pi t + 1.2): beside the ripple, which is 0.03 high, xi goes to 1. A node that ticks at 20 ms sees a constant.
+    let ripple =
+        "{kind='affine',slope=-1.0,offset=1.0,sines=[{amplitude=10.0,frequency=314.159265358979,phase=1.2}]}";
+    let sets = [format!("node.1.dynamics={ripple}"), format!("node.2.dynamics={ripple}")];
+    for tick in ["time.tick=20ms", "time.tick=1ms"] {
+        let report = pair(&[&sets[0], &sets[1], tick]);
+        near(value(&report, "prediction", "xi_end"), 1.0, 0.04);
+        assert_eq!(value(&report, "prediction", "until"), 10.0);
+        assert_eq!(find(&report, "prediction").status, Status::Ok);
+        let speed = find(&report, "speed");
+        let sees = speed.advice.as_ref().is_some_and(|advice| advice.contains("sees it once per tick"));
+        assert_eq!(
+            (speed.status == Status::Ok, sees),
+            (tick == "time.tick=1ms", tick == "time.tick=20ms"),
+            "{speed:?}"
+        );
+    }
+    let idle = "node.1.dynamics={kind='affine',slope=-1.0,sines=[{amplitude=0.0,frequency=1e6}]}";
+    assert_eq!(find(&pair(&[idle]), "speed").status, Status::Ok);
+}
+
+#[test]
+fn fields_are_compared_with_the_tick_under_every_coupling() {
+    let linear = "coupling.gain={kind='linear',slope=5}";
+    for kind in ["none", "linear", "edge-wise", "weakly-centralised"] {
+        let kind = format!("coupling.kind={kind}");
+        let sets = [kind.as_str(), linear];
+        let sets = if kind.ends_with("linear") { &sets[..] } else { &sets[..1] };
+        assert_eq!(find(&load("five-agents.toml", sets), "speed").status, Status::Ok);
+        let slow: Vec<_> = sets.iter().copied().chain(["time.tick=100ms"]).collect();
+        assert_eq!(find(&load("five-agents.toml", &slow), "speed").status, Status::Warn);
+    }
+    assert_eq!(find(&load("vector-oscillators.toml", &[]), "speed").status, Status::Ok);
+    let slow = load("vector-oscillators.toml", &["time.tick=500ms"]);
+    assert_eq!((find(&slow, "speed").status, slow.pass), (Status::Warn, true));
+}
+
+#[test]
+fn what_was_looked_at_in_part_is_not_found_to_hold() {
+    let report = load("five-agents.toml", &["time.duration=10000s"]);
+    for name in ["fields", "emergent", "narrowest-funnel", "resolution", "input"] {
+        let found = find(&report, name);
+        assert_eq!(found.status, Status::Note, "{found:?}");
+        assert!(
+            found.advice.as_ref().is_some_and(|advice| advice == "looked at up to 625 s only"),
+            "{found:?}"
+        );
+    }
+    assert_eq!(find(&report, "graph").status, Status::Ok);
+}
+
+#[test]
+fn the_largest_and_the_extremes_keep_what_is_not_a_number() {
+    let (index, value) = largest([1.0, f64::NAN, 7.0, f64::NAN]);
+    assert!(index == 1 && value.is_nan());
+    assert_eq!(largest([1.0, 7.0, 3.0]), (1, 7.0));
+    let (low, high) = extremes([1.0, f64::NAN, 7.0]);
+    assert!(low.is_nan() && high.is_nan());
+}
+
+#[test]
+fn a_motion_that_is_not_a_number_leaves_no_finding_ok() {
+    let scenario = scenario("five-agents.toml", &[]);
+    let mut subject = Subject::of(&scenario);
+    let mut forecast = subject.forecast.take().unwrap();
+    forecast.xi[7] = f64::NAN;
+    forecast.reach = f64::NAN;
+    (forecast.largest_state, forecast.slope_largest, forecast.slope_mean) = (f64::NAN, f64::NAN, f64::NAN);
+    forecast.resolution[2] = f64::NAN;
+    let node = &mut forecast.nodes[3];
+    (node.input, node.margin, node.taken, node.floor) = (f64::NAN, f64::NAN, f64::NAN, f64::NAN);
+    subject.forecast = Some(forecast);
+    let mut findings = assumptions::findings(&subject);
+    findings.extend(start::findings(&subject));
+    let forecast = subject.forecast.as_ref().unwrap();
+    findings.extend(limits::findings(&subject, forecast));
+    findings.extend(predictions::findings(&subject, forecast));
+    for name in ["fields", "emergent", "narrowest-funnel", "resolution", "prediction", "input"] {
+        let found = findings.iter().find(|finding| finding.name == name).unwrap();
+        assert_ne!(found.status, Status::Ok, "{found:?}");
+        assert!(found.text.contains("NaN"), "{found:?}");
+    }
+}

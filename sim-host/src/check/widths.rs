@@ -1,5 +1,6 @@
 //! The funnels over the whole run.
 
+use crate::extremes::{larger, smaller};
 use crate::scenario::{FunnelSpec, Scenario};
 
 /// Points in time at which funnels are compared.
@@ -37,13 +38,13 @@ impl Widths {
             let widths = kinds.iter().map(|kind| kind.width(t));
             let (mut low, mut high) = (f64::INFINITY, 0.0f64);
             for (narrowest, width) in narrowest.iter_mut().zip(widths) {
-                *narrowest = narrowest.min(width);
-                (low, high) = (low.min(width), high.max(width));
+                *narrowest = smaller(*narrowest, width);
+                (low, high) = (smaller(low, width), larger(high, width));
             }
-            widest = widest.max(high);
+            widest = larger(widest, high);
             // Funnels that are all closed, or some infinite, have no ratio.
             if high > 0.0 && high.is_finite() {
-                spread = spread.max(high / low);
+                spread = larger(spread, high / low);
             }
         }
         Self {

@@ -1,12 +1,9 @@
 //! The agents of a scenario, as the emergent vector field sees them.
 
-use super::gain;
+use super::{AFTER_START, gain};
 use crate::scenario::{CouplingKind, NodeSpec, Scenario};
 use funnel_core::emergent::{Agent, field};
 use funnel_core::gain::BuiltinGain;
-
-/// An instant just after the start, where a funnel that is infinite at t = 0 has a width, in s.
-const AFTER_START: f64 = 1e-9;
 
 /// Agents whose funnels are scaled so that the widest is one. The funnels enter the emergent dynamics by their ratios only, so a
 /// funnel that tends to zero leaves them as they are (paper, remark on time-invariant emergent dynamics).
@@ -16,7 +13,7 @@ pub(super) struct Agents<'a> {
     /// As of the last [`Self::place`].
     pub(super) placed: Vec<Agent<f64, BuiltinGain<f64>>>,
     /// The last value of the field, from which the next search starts, by component.
-    guess: Vec<f64>,
+    pub(super) guess: Vec<f64>,
 }
 
 impl<'a> Agents<'a> {

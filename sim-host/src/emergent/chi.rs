@@ -6,13 +6,14 @@
 //! funnels scaled by their widest: with funnels that tend to zero, `e` would grow as they shrink.
 
 use super::agents::Agents;
-use super::{follows_the_paper, mean_state};
+use super::{STEPS_PER_CONSTANT, fastest, follows_the_paper, start};
+use crate::extremes::{larger, smaller};
 use crate::scenario::Scenario;
 use funnel_core::emergent::{contraction, partial_by_time, partials_by_field};
 
 /// Largest estimated error of a step, relative to `1 + |xi|` and `1 + |chi|`.
 const TOLERANCE: f64 = 1e-11;
-/// First and longest step, s.
+/// First and longest step, s, unless the fields ask for a shorter one.
 const LONGEST_STEP: f64 = 0.01;
 /// A step that is accepted whatever its error, s: `chi` jumps where a funnel closes.
 const SHORTEST_STEP: f64 = 1e-9;
@@ -26,6 +27,8 @@ pub struct ChiTrajectory<'a> {
     t: f64,
     state: Pair,
     step: f64,
+    /// A step resolves the fields: where a ripple turns whole times in half a step, the estimate of its error is zero.
+    longest: f64,
 }
 
 impl<'a> ChiTrajectory<'a> {
@@ -33,9 +36,10 @@ impl<'a> ChiTrajectory<'a> {
     /// vector states, and where the coupling is not the paper's.
     pub fn new(scenario: &'a Scenario, offset: f64) -> Option<Self> {
         let mut agents = Agents::new(scenario).filter(|_| follows_the_paper(scenario.coupling))?;
-        let &[xi] = mean_state(scenario).as_slice() else { return None };
+        let &[xi] = start(scenario).as_slice() else { return None };
         let chi = agents.field(0.0, xi) + offset;
-        Some(Self { agents, t: 0.0, state: [xi, chi], step: LONGEST_STEP })
+        let longest = smaller(LONGEST_STEP, 1.0 / (STEPS_PER_CONSTANT * fastest(scenario)));
+        Some(Self { agents, t: 0.0, state: [xi, chi], step: longest, longest })
     }
 
     /// `(xi, chi)` at time `t` (s), which must not decrease from call to call (state units, state units / s).
@@ -44,8 +48,8 @@ impl<'a> ChiTrajectory<'a> {
             let rest = t - self.t;
             let step = self.step.min(rest);
             let (next, error) = self.doubled(step);
-            let rejected = error > TOLERANCE && step > SHORTEST_STEP;
             // What is not a number is no better with a shorter step, and is passed on.
+            let rejected = error > TOLERANCE && step > SHORTEST_STEP;
             if !rejected {
                 // The last step ends at `t` itself, not beside it by a rounding.
                 self.t = if step == rest { t } else { self.t + step };
@@ -53,7 +57,7 @@ impl<'a> ChiTrajectory<'a> {
             }
             // The error of a step is of fifth order.
             let factor = 0.9 * funnel_core::math::pow(TOLERANCE / error.max(1e-30), 0.2);
-            self.step = (step * factor.clamp(0.2, 2.0)).clamp(SHORTEST_STEP, LONGEST_STEP);
+            self.step = (step * factor.clamp(0.2, 2.0)).clamp(SHORTEST_STEP, self.longest.max(SHORTEST_STEP));
         }
         let [xi, chi] = self.state;
         (xi, chi)
@@ -67,7 +71,7 @@ impl<'a> ChiTrajectory<'a> {
         let fine = self.runge_kutta(self.t + half, middle, half);
         let difference = [0, 1].map(|k| (fine[k] - whole[k]) / 15.0);
         let error = [0, 1].map(|k| difference[k].abs() / (1.0 + fine[k].abs()));
-        ([0, 1].map(|k| fine[k] + difference[k]), error[0].max(error[1]))
+        ([0, 1].map(|k| fine[k] + difference[k]), larger(error[0], error[1]))
     }
 
     fn runge_kutta(&mut self, t: f64, y: Pair, step: f64) -> Pair {

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use crate::figure::figure;
-use crate::record::AbsenceSummary;
+use crate::record::{AbsenceSummary, ReferenceSummary};
 use crate::scenario::{FloorSpec, Scenario, Stoppable};
 use funnel_protocol::report::Counters;
 use serde::Serialize;
@@ -10,7 +10,7 @@ use serde::Serialize;
 /// One of them, and what the run made of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Check {
-    /// Its name: `stopped`, `absent`, `heard`, `floor`, `measured` or `consistent`.
+    /// Its name: `stopped`, `absent`, `heard`, `floor`, `measured`, `resolved` or `consistent`.
     pub name: &'static str,
     /// Whether it held.
     pub pass: bool,
@@ -67,6 +67,8 @@ pub struct Evidence<'a> {
     pub silent: &'a [u16],
     /// Faults that contradict the run, as sentences; of a bench.
     pub contradictions: &'a [String],
+    /// Where the run was compared with one, or is one.
+    pub reference: Option<&'a ReferenceSummary>,
 }
 
 /// All checks of a run of `scenario`.
@@ -78,6 +80,7 @@ pub fn checks(scenario: &Scenario, evidence: &Evidence<'_>) -> Vec<Check> {
         heard(evidence),
         floor(scenario, evidence),
         measured(evidence.findings),
+        resolved(evidence.reference),
         consistent(evidence),
     ]
 }
@@ -172,6 +175,17 @@ fn measured(findings: &Findings) -> Check {
         faults.push("no state was known at the end".to_owned());
     }
     check("measured", faults, "every figure is a number")
+}
+
+/// A reference that does not know its own solution measures nothing.
+fn resolved(reference: Option<&ReferenceSummary>) -> Check {
+    let unresolved = reference.filter(|reference| !reference.resolved).map(|reference| {
+        let error = figure(reference.error_estimate, 3);
+        format!("the continuous-time reference has not resolved the problem: it may be off by {error} itself")
+    });
+    let fine =
+        if reference.is_some() { "the reference has resolved the problem" } else { "there is no reference" };
+    check("resolved", unresolved.into_iter().collect(), fine)
 }
 
 /// What nodes say of themselves against what they were seen to do.

@@ -37,7 +37,11 @@ impl<'a> Windows<'a> {
             windows,
             figures: vec![WindowFigures::default(); windows.len()],
             scenario,
-            emergent: asked.then(|| EmergentTrajectory::new(scenario)).flatten(),
+            // The distance to what is not resolved is no measurement.
+            emergent: asked
+                .then(|| EmergentTrajectory::new(scenario))
+                .flatten()
+                .filter(|emergent| emergent.unresolved().is_none()),
         }
     }
 

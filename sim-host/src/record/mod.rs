@@ -5,6 +5,7 @@
 mod atomic;
 mod junit;
 mod number;
+mod reference;
 mod summary;
 mod trace_hash;
 mod trajectory;

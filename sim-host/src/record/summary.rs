@@ -97,6 +97,10 @@ pub struct SyncSummary {
 /// How far from the emergent dynamics, and what they promise. A part that the scenario does not have is `null`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct EmergentSummary {
+    /// Why the steps of the prediction do not resolve the fields: nothing else here is then a prediction, and no distance to it is
+    /// given. Left out where they do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unresolved: Option<String>,
     /// `max |x_i - xi|` at the end, in state units.
     pub final_error: Option<f64>,
     /// `xi` at the end, in state units.
@@ -109,7 +113,7 @@ pub struct EmergentSummary {
     pub contraction: Option<Contraction>,
     /// `mu_i^-1(f_em - f_i)` at the end, by id: what `nu_i / psi_i` settles to under a narrow funnel.
     pub steady_ratio: Vec<f64>,
-    /// The largest of their sizes over the recorded rows, by id: one minus it is the margin of a node.
+    /// The largest of their sizes over all steps of the prediction, by id: one minus it is the margin of a node.
     pub steady_ratio_max: Vec<f64>,
 }
 
@@ -129,10 +133,14 @@ impl Serialize for PerComponent {
 /// How far from the continuous-time reference, in state units.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ReferenceSummary {
-    /// Over all nodes and recorded times.
+    /// Over all nodes and ticks.
     pub max_error: f64,
     /// Over all nodes, at the end.
     pub final_error: f64,
+    /// Whether the reference is near enough to the exact solution to stand for it. If not, no distance to it is judged.
+    pub resolved: bool,
+    /// How far the reference itself may be from the exact solution; `null` where it is not known to any bound.
+    pub error_estimate: f64,
 }
 
 /// What the bus carried.
@@ -336,6 +344,7 @@ pub(super) mod tests {
             funnel: Some(FunnelSummary { max_ratio: 0.955, ..FunnelSummary::default() }),
             sync: Some(SyncSummary { final_spread: 0.5, max_spread: 9.0, bound: 1.5, lambda2: 1.382 }),
             emergent: Some(EmergentSummary {
+                unresolved: None,
                 final_error: Some(0.25),
                 xi_final: Some(PerComponent(vec![-3.0])),
                 blended_error: Some(4.5),

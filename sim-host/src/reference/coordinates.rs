@@ -73,7 +73,9 @@ impl<'a> System<'a> {
         self.network.diffuse(&problem.x0, &mut nu);
         let ratio: Vec<f64> = nu.iter().zip(&problem.funnels).map(|(nu, f)| nu / f.width(0.0)).collect();
         let worst = (0..nu.len()).max_by(|&i, &j| ratio[i].abs().total_cmp(&ratio[j].abs())).unwrap_or(0);
-        if ratio[worst].abs() >= 1.0 {
+        // Written so that what is not a number is outside.
+        let inside = ratio[worst].abs() < 1.0;
+        if !inside {
             let psi = problem.funnels[worst].width(0.0);
             let (nu, ratio) = (nu[worst].abs(), ratio[worst].abs());
             return Err(ReferenceError::OutsideAtStart { node: worst, nu, psi, ratio });

@@ -10,6 +10,7 @@ use super::error::ReferenceError;
 use super::lu::RowPivotingLu;
 use super::options::ReferenceOptions;
 use super::solution::ReferenceSolution;
+use crate::extremes::{larger, largest, smallest};
 
 /// A stretch of the run ends when the widest funnel is this many times narrower than at its beginning, as
 /// long as the tolerance on the inputs still depends on the width.
@@ -28,6 +29,8 @@ pub(super) struct Run<'a> {
     pub(super) options: &'a ReferenceOptions,
     /// The output times that are still to come.
     pub(super) ahead: &'a [f64],
+    /// The last of them, s.
+    pub(super) end: f64,
     pub(super) solution: ReferenceSolution,
     pub(super) t: f64,
     pub(super) y: Vec<f64>,
@@ -101,7 +104,9 @@ impl Run<'_> {
         if !y.iter().chain(&point.x).all(|v| v.is_finite()) {
             return Err(Stop::Solver("the solution is not finite".into()));
         }
-        if point.sigma.abs() > DEFECT {
+        // Written so that what is not a number is a defect.
+        let closes = point.sigma.abs() <= DEFECT;
+        if !closes {
             let defect = point.sigma;
             return Err(Stop::Solver(format!("the diffusive terms add up to {defect:e} psi instead of 0")));
         }
@@ -121,7 +126,7 @@ impl Run<'_> {
         let tolerance = self.options.tolerance * LOCAL_SHARE;
         let reach = self.system.network.deviation_gain().max(1e-3);
         let point = self.system.at(self.t, &self.y);
-        let scale = 1.0 + point.x.iter().fold(0.0f64, |a, x| a.max(x.abs()));
+        let scale = 1.0 + largest(0.0, point.x.iter().map(|x| x.abs()));
         let slack = |psi: f64| (scale / (psi * reach)).min(1.0);
         let relative = (tolerance * slack(widest(self.system, self.t) / 4.0)).max(FINEST);
         let input = |(gain, &psi): (&super::Gain, &f64)| {
@@ -132,10 +137,12 @@ impl Run<'_> {
         (relative, std::iter::once(tolerance).chain(inputs).collect())
     }
 
-    /// Notes the largest ratio and defect at the present state.
+    /// Notes the largest ratio and defect at the present state. The last step may lead beyond the end, where nobody asks for them.
     fn watch(&mut self, point: &Point) {
-        self.solution.max_defect = self.solution.max_defect.max(point.sigma.abs());
-        self.solution.note_ratio(self.t, &point.ratio);
+        if self.t <= self.end {
+            self.solution.max_defect = larger(self.solution.max_defect, point.sigma.abs());
+            self.solution.note_ratio(self.t, &point.ratio);
+        }
     }
 
     fn write_rows_at_start(&mut self) {
@@ -148,7 +155,11 @@ impl Run<'_> {
     fn write_rows(&mut self, interpolate: impl Fn(f64) -> Result<Vec<f64>, Stop>) -> Result<(), Stop> {
         while let Some((&t, rest)) = self.ahead.split_first().filter(|(t, _)| **t <= self.t) {
             let y = interpolate(t)?;
-            self.solution.push_row(t, &self.system.at(t, &y), &y[1..]);
+            let point = self.system.at(t, &y);
+            self.solution.push_row(t, &point, &y[1..]);
+            if rest.is_empty() {
+                self.solution.note_ratio(t, &point.ratio);
+            }
             self.ahead = rest;
         }
         Ok(())
@@ -159,8 +170,8 @@ impl Run<'_> {
         self.solution.resolved_until = self.t;
         ReferenceError::Unresolved {
             at: self.t,
-            psi: point.psi.iter().copied().fold(f64::INFINITY, f64::min),
-            ratio: point.ratio.iter().fold(0.0, |a, s| s.abs().max(a)),
+            psi: smallest(f64::INFINITY, point.psi.iter().copied()),
+            ratio: largest(0.0, point.ratio.iter().map(|s| s.abs())),
             reason,
             partial: Box::new(self.solution),
         }
@@ -168,7 +179,7 @@ impl Run<'_> {
 }
 
 fn widest(system: &System, t: f64) -> f64 {
-    system.problem.funnels.iter().map(|f| f.width(t)).fold(0.0, f64::max)
+    largest(0.0, system.problem.funnels.iter().map(|f| f.width(t)))
 }
 
 fn why(error: DiffsolError) -> Stop {

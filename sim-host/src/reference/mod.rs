@@ -6,6 +6,7 @@
 
 mod coordinates;
 mod error;
+mod estimate;
 #[cfg(test)]
 pub(crate) mod examples;
 mod integrate;
@@ -20,6 +21,7 @@ mod tests;
 use std::ops::ControlFlow;
 
 pub use error::ReferenceError;
+pub use estimate::{ErrorEstimate, solve_estimated};
 pub use options::ReferenceOptions;
 pub use problem::{Affine, Funnel, Gain, ReferenceProblem, Sine};
 pub use solution::ReferenceSolution;
@@ -48,17 +50,39 @@ pub fn solve_with(
     options: &ReferenceOptions,
     on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<ReferenceSolution, ReferenceError> {
+    check(problem, times, options)?;
+    start_from(problem, times, options, 0.0, on_step)
+}
+
+fn check(
+    problem: &ReferenceProblem,
+    times: &[f64],
+    options: &ReferenceOptions,
+) -> Result<(), ReferenceError> {
     problem.validate()?;
     check_times(times)?;
     if !(1e-12..=1e-2).contains(&options.tolerance) {
         return Err(ReferenceError::Tolerance(options.tolerance));
     }
+    Ok(())
+}
+
+/// Solves a problem that was checked, with all states moved by `shift` at the start (state units), which moves no diffusive term.
+fn start_from(
+    problem: &ReferenceProblem,
+    times: &[f64],
+    options: &ReferenceOptions,
+    shift: f64,
+    on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<ReferenceSolution, ReferenceError> {
     // Threads would cost more than they gain at these sizes, and make the last bits depend on their number.
     faer::set_global_parallelism(faer::Par::Seq);
     let system = coordinates::System::new(problem);
-    let y = system.start()?;
+    let mut y = system.start()?;
+    y[0] += shift;
     let solution = ReferenceSolution::new(problem.x0.len());
-    integrate::Run { system: &system, options, ahead: times, solution, t: 0.0, y }.finish(on_step)
+    let end = times.last().copied().unwrap_or(0.0);
+    integrate::Run { system: &system, options, ahead: times, end, solution, t: 0.0, y }.finish(on_step)
 }
 
 fn check_times(times: &[f64]) -> Result<(), ReferenceError> {

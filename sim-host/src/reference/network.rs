@@ -51,7 +51,7 @@ impl Network {
     /// The largest absolute row sum of `L^+`: a deviation is at most this many times the largest `|nu|`.
     pub(super) fn deviation_gain(&self) -> f64 {
         let row_sum = |row: &[f64]| row.iter().map(|p| p.abs()).sum::<f64>();
-        self.inverse.chunks_exact(self.nodes()).map(row_sum).fold(0.0, f64::max)
+        crate::extremes::largest(0.0, self.inverse.chunks_exact(self.nodes()).map(row_sum))
     }
 }
 

@@ -1,6 +1,8 @@
 //! What a reference run returns.
 
 use super::coordinates::Point;
+use super::estimate::ErrorEstimate;
+use crate::extremes::{beyond, largest};
 
 /// The continuous-time solution at the requested times, row-major: row `k` of a table holds one number per
 /// node and belongs to `times[k]`.
@@ -21,7 +23,8 @@ pub struct ReferenceSolution {
     pub psi: Vec<f64>,
     /// Coupling inputs `u_i = mu_i(nu_i / psi_i)`, in state units per second.
     pub u: Vec<f64>,
-    /// The largest `|nu_i| / psi_i` over all nodes, accepted steps and output times.
+    /// The largest `|nu_i| / psi_i` over all nodes and accepted steps, and at the last output time. The other output times have no part in
+    /// it, so that it does not depend on how many are asked for.
     pub max_ratio: f64,
     /// When that was, in seconds.
     pub max_ratio_at: f64,
@@ -30,6 +33,8 @@ pub struct ReferenceSolution {
     pub max_defect: f64,
     /// Accepted steps.
     pub steps: usize,
+    /// How far the states may be from the exact solution, where that was asked for.
+    pub estimate: Option<ErrorEstimate>,
     /// Up to where the solution is resolved, in seconds: the last output time, or less if the run failed.
     pub resolved_until: f64,
 }
@@ -48,6 +53,7 @@ impl ReferenceSolution {
             max_ratio_at: 0.0,
             max_defect: 0.0,
             steps: 0,
+            estimate: None,
             resolved_until: 0.0,
         }
     }
@@ -58,13 +64,12 @@ impl ReferenceSolution {
         self.nu.extend_from_slice(&point.nu);
         self.psi.extend_from_slice(&point.psi);
         self.u.extend_from_slice(u);
-        self.note_ratio(t, &point.ratio);
     }
 
     pub(super) fn note_ratio(&mut self, t: f64, ratio: &[f64]) {
-        let largest = ratio.iter().fold(0.0f64, |a, s| a.max(s.abs()));
-        if largest > self.max_ratio {
-            (self.max_ratio, self.max_ratio_at) = (largest, t);
+        let most = largest(0.0, ratio.iter().map(|s| s.abs()));
+        if beyond(most, self.max_ratio) {
+            (self.max_ratio, self.max_ratio_at) = (most, t);
         }
     }
 

@@ -147,7 +147,9 @@ impl Sheet<'_> {
     }
 
     fn ratio<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
-        let reach = self.node.worst.clamp(1.0, 1e6) * 1.1;
+        // A ratio that is not a number is in the caption; what is known is drawn.
+        let worst = if self.node.worst.is_nan() { 1.0 } else { self.node.worst };
+        let reach = worst.clamp(1.0, 1e6) * 1.1;
         let mut chart =
             builder(area, 40).build_cartesian_2d(self.span.clone(), -reach..reach).map_err(PlotError::new)?;
         let flat = |y: f64| vec![(self.span.start, y), (self.span.end, y)];

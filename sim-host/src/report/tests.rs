@@ -109,3 +109,26 @@ fn nothing_to_show_is_an_error() {
     single.push(&Row { x: vec![1.0], nu: vec![0.0], psi: vec![1.0], ..Row::default() });
     assert!(funnels_svg(&single).is_err());
 }
+
+#[test]
+fn a_node_that_has_no_number_is_nearest_to_the_boundary_of_all() {
+    let mut trace = Trace::new("lost");
+    for k in 0..3 {
+        let nu: Vec<f64> =
+            (0..20).map(|i| if i == 17 && k == 1 { f64::NAN } else { 0.01 * f64::from(i) }).collect();
+        let (x, psi, u) = (vec![0.0; 20], vec![1.0; 20], vec![0.0; 20]);
+        trace.push(&Row {
+            t: f64::from(k),
+            x,
+            nu,
+            psi,
+            u,
+            xi: vec![0.0],
+            blended: vec![0.0],
+            ..Row::default()
+        });
+    }
+    assert!(trace.nodes[17].worst.is_nan() && trace.nodes[16].worst < 1.0);
+    let svg = funnels_svg(&trace).unwrap();
+    assert!(svg.contains("node 18") && svg.contains("NaN"), "the twelve that are shown have it first");
+}

@@ -1,5 +1,6 @@
 //! The data of a plot.
 
+use crate::extremes::larger;
 use crate::record::Row;
 
 use super::PlotError;
@@ -30,7 +31,7 @@ pub(super) struct Node {
     pub(super) x: Vec<f64>,
     pub(super) nu: Vec<f64>,
     pub(super) psi: Vec<f64>,
-    /// `nu / psi`, the largest magnitude.
+    /// `nu / psi`, the largest magnitude; not a number where one is not.
     pub(super) worst: f64,
 }
 
@@ -79,7 +80,7 @@ impl Trace {
             node.x.push(at(&row.x));
             node.nu.push(nu);
             node.psi.push(psi);
-            node.worst = node.worst.max((nu / psi).abs());
+            node.worst = larger(node.worst, (nu / psi).abs());
         }
     }
 

@@ -48,7 +48,7 @@ impl<'a> Collector<'a> {
             reference,
             hash: TraceHash::new(),
             accounts: scenario.nodes.iter().map(|node| account(node.id)).collect(),
-            reference_error: ReferenceSummary::default(),
+            reference_error: reference.map(ReferenceSummary::beside).unwrap_or_default(),
             outcome: Outcome::default(),
             x: Vec::new(),
             u: Vec::new(),

@@ -10,6 +10,10 @@ mod outcome;
 mod output;
 mod own_clock;
 mod reference;
+#[cfg(test)]
+pub(crate) mod testing;
+#[cfg(test)]
+mod tests;
 
 pub use commission::{commission, erase};
 pub use error::RunError;

@@ -146,6 +146,7 @@ impl Outcome {
                 unheard: &self.unheard,
                 silent: &self.silent,
                 contradictions: &self.contradictions,
+                reference: self.reference.as_ref(),
             },
         )
     }
@@ -172,8 +173,11 @@ impl Outcome {
     fn emergent(&self) -> EmergentSummary {
         let prediction = &self.prediction;
         let known = |values: &[f64]| (!values.is_empty()).then(|| PerComponent(values.to_vec()));
-        let error = |values: &[f64]| (!values.is_empty()).then(|| distance(&self.last, values));
+        // The distance to what was not resolved is no measurement.
+        let known_error = |values: &[f64]| !values.is_empty() && prediction.unresolved.is_none();
+        let error = |values: &[f64]| known_error(values).then(|| distance(&self.last, values));
         EmergentSummary {
+            unresolved: prediction.unresolved.clone(),
             final_error: error(&prediction.xi),
             xi_final: known(&prediction.xi),
             blended_error: error(&prediction.blended),
@@ -192,7 +196,8 @@ impl Outcome {
             let value = distance(&self.last, &vec![expected.is; scenario.components()]);
             Expectation::below("final_value", expected.within, Some(value))
         });
-        let reference = self.reference.map(|reference| reference.max_error);
+        let reference = self.reference.zip(expect.reference_error);
+        let reference = reference.and_then(|(reference, limit)| reference.measured(limit));
         let before = judged([
             ("funnel_ratio".to_owned(), expect.funnel_ratio, ratio),
             ("final_spread".to_owned(), expect.final_spread, Some(findings.final_spread)),
@@ -202,7 +207,8 @@ impl Outcome {
         ]);
         let after = judged([("max_input".to_owned(), expect.max_input, Some(findings.max_input))]);
         let windows = expect.windows.iter().zip(&findings.windows).enumerate();
-        let windows = windows.flat_map(|(n, (window, figures))| of_window(n + 1, window, figures));
+        let beside = self.reference.unwrap_or_default();
+        let windows = windows.flat_map(|(n, (window, figures))| of_window(n + 1, window, figures, beside));
         before.chain(final_value).chain(after).chain(windows).collect()
     }
 }
@@ -214,13 +220,21 @@ fn judged<const N: usize>(
     list.into_iter().filter_map(|(name, limit, value)| Some(Expectation::below(name, limit?, value)))
 }
 
-fn of_window(number: usize, window: &Window, figures: &WindowFigures) -> impl Iterator<Item = Expectation> {
+fn of_window(
+    number: usize,
+    window: &Window,
+    figures: &WindowFigures,
+    beside: ReferenceSummary,
+) -> impl Iterator<Item = Expectation> {
     let name = |key: &str| format!("window.{number}.{key}");
+    let reference_error = window.reference_error.zip(figures.reference_error);
+    let reference_error = reference_error
+        .and_then(|(limit, max_error)| ReferenceSummary { max_error, ..beside }.measured(limit));
     judged([
         (name("funnel_ratio"), window.funnel_ratio, figures.funnel_ratio),
         (name("spread"), window.spread, figures.spread),
         (name("emergent_error"), window.emergent_error, figures.emergent_error),
-        (name("reference_error"), window.reference_error, figures.reference_error),
+        (name("reference_error"), window.reference_error, reference_error),
         (name("max_input"), window.max_input, figures.max_input),
     ])
 }

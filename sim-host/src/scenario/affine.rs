@@ -88,7 +88,7 @@ impl Affine {
     pub fn lipschitz(&self) -> f64 {
         let n = self.offset.len();
         let row = |row| (0..n).map(|column| self.slope_of(row, column).abs()).sum();
-        (0..n).map(row).fold(0.0, f64::max)
+        crate::extremes::largest(0.0, (0..n).map(row))
     }
 }
 

@@ -123,7 +123,7 @@ impl Graph {
     /// The longest of the shortest ways between two nodes, where an edge is `1 / alpha` long; 0 for a single node.
     #[must_use]
     pub fn resistive_diameter(&self) -> f64 {
-        (0..self.nodes).map(|from| self.farthest(from)).fold(0.0, f64::max)
+        crate::extremes::largest(0.0, (0..self.nodes).map(|from| self.farthest(from)))
     }
 
     /// Dijkstra's algorithm from one node: the length of the way to the node that is farthest off.

@@ -4,6 +4,7 @@ use super::diagnostic::{Diagnostic, Diagnostics, Problem};
 use super::graph::Graph;
 use super::model::{CouplingKind, FunnelSpec, NodeSpec, Scenario};
 use super::tree::Place;
+use crate::extremes::{larger, largest};
 use crate::figure::figure;
 use funnel_core::math;
 
@@ -37,8 +38,8 @@ fn largest_edge_terms(graph: &Graph, states: &[f64]) -> Vec<f64> {
     let mut terms = vec![0.0f64; graph.nodes];
     for edge in &graph.edges {
         let term = edge.weight * (states[edge.b] - states[edge.a]).abs();
-        terms[edge.a] = terms[edge.a].max(term);
-        terms[edge.b] = terms[edge.b].max(term);
+        terms[edge.a] = larger(terms[edge.a], term);
+        terms[edge.b] = larger(terms[edge.b], term);
     }
     terms
 }
@@ -50,9 +51,11 @@ pub(super) fn check(scenario: &Scenario, places: &[Place]) -> Result<(), Diagnos
         return Ok(());
     }
     let ratios = initial_ratios(scenario);
-    let worst = |ratios: &[f64]| ratios.iter().copied().fold(0.0, f64::max);
+    let worst = |ratios: &[f64]| largest(0.0, ratios.iter().copied());
     let worst: Vec<_> = ratios.chunks_exact(scenario.components()).map(worst).collect();
-    let outside = scenario.nodes.iter().zip(worst).zip(places).filter(|((_, ratio), _)| *ratio >= 1.0);
+    // Written so that NaN is outside.
+    let inside = |ratio: f64| ratio < 1.0;
+    let outside = scenario.nodes.iter().zip(worst).zip(places).filter(|((_, ratio), _)| !inside(*ratio));
     let found: Vec<_> = outside.map(|((node, ratio), place)| explain(node, ratio, place)).collect();
     if found.is_empty() { Ok(()) } else { Err(Diagnostics(found)) }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use super::affine::Affine;
 use super::graph::Graph;
+use crate::extremes::largest;
 
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +52,7 @@ impl Scenario {
     /// The widest funnel at time `t` (s), over the nodes (state units).
     #[must_use]
     pub fn widest_funnel(&self, t: f64) -> f64 {
-        self.nodes.iter().map(|node| node.funnel.width(t)).fold(0.0, f64::max)
+        largest(0.0, self.nodes.iter().map(|node| node.funnel.width(t)))
     }
 
     /// The bound on `|x_i - x_j|`, component by component, while every diffusive term is inside funnels of at most `widest`

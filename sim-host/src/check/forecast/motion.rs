@@ -3,6 +3,8 @@
 use super::forcing::Forcing;
 use super::{Grid, relative_widths};
 use crate::check::widths::Widths;
+use crate::emergent;
+use crate::extremes::{larger, largest, smallest};
 use crate::scenario::{Affine, Scenario};
 use funnel_core::emergent::{Agent, field};
 use funnel_core::gain::BuiltinGain;
@@ -62,11 +64,11 @@ impl Fields<'_> {
     }
 
     fn highest(&self, instant: usize, x: f64) -> f64 {
-        self.each(instant, x).fold(f64::NEG_INFINITY, f64::max)
+        largest(f64::NEG_INFINITY, self.each(instant, x))
     }
 
     fn lowest(&self, instant: usize, x: f64) -> f64 {
-        self.each(instant, x).fold(f64::INFINITY, f64::min)
+        smallest(f64::INFINITY, self.each(instant, x))
     }
 }
 
@@ -80,7 +82,7 @@ fn step(x: f64, h: f64, mut f: impl FnMut(usize, f64) -> f64) -> f64 {
 }
 
 impl Motion {
-    /// From the mean of the initial states, as the emergent trajectory of a run.
+    /// From the same start as the emergent trajectory of a run.
     pub fn of(scenario: &Scenario, widths: &Widths, gains: &[BuiltinGain<f64>]) -> Self {
         let mut grid = Grid::of(scenario);
         let states = scenario.initial_states();
@@ -95,12 +97,12 @@ impl Motion {
         };
         relative_widths(scenario, widths, 0.0, &mut fields.widths[2]);
         let mut alone = Alone::of(scenario, grid.step);
-        let mean = states.iter().sum::<f64>() / states.len().max(1) as f64;
-        let (mut x, mut blended) = (mean, mean);
+        let start = |mean: Vec<f64>| mean.first().copied().unwrap_or(0.0);
+        let (mut x, mut blended) = (start(emergent::start(scenario)), start(emergent::plain_mean(scenario)));
         let (mut low, mut high) = super::super::extremes(states.iter().copied());
-        let mut reach = low.abs().max(high.abs());
+        let mut reach = larger(low.abs(), high.abs());
         let mut largest_state = reach;
-        let (mut xi, mut velocity) = (vec![mean], Vec::new());
+        let (mut xi, mut velocity) = (vec![x], Vec::new());
         for k in 0..grid.steps {
             next_instants(&mut fields, &mut forcing, widths, grid.at(k), grid.step);
             velocity.push(fields.emergent(0, x));
@@ -108,8 +110,8 @@ impl Motion {
             blended = step(blended, grid.step, |instant, x| fields.mean(instant, x));
             high = step(high, grid.step, |instant, x| fields.highest(instant, x));
             low = step(low, grid.step, |instant, x| fields.lowest(instant, x));
-            reach = reach.max(high.abs()).max(low.abs());
-            largest_state = largest_state.max(x.abs()).max(alone.advance(&fields.forcing[1]));
+            reach = largest(reach, [high.abs(), low.abs()]);
+            largest_state = largest(largest_state, [x.abs(), alone.advance(&fields.forcing[1])]);
             xi.push(x);
             if x.is_nan() || x.abs() >= FAR {
                 grid.steps = k + 1;
@@ -156,12 +158,12 @@ impl Alone {
 
     /// One step on; the largest `|x|` (state units).
     fn advance(&mut self, forcing: &[f64]) -> f64 {
-        let mut largest = 0.0f64;
+        let mut most = 0.0;
         for (index, x, decay, gain) in &mut self.nodes {
             *x = *x * *decay + *gain * forcing[*index];
-            largest = largest.max(x.abs());
+            most = larger(most, x.abs());
         }
-        largest
+        most
     }
 }
 

@@ -4,6 +4,7 @@ use super::forcing::Forcing;
 use super::motion::Motion;
 use super::relative_widths;
 use crate::check::widths::Widths;
+use crate::extremes::{beyond, larger};
 use crate::scenario::{Graph, Scenario};
 use funnel_core::emergent::{Agent, contraction};
 use funnel_core::gain::{BuiltinGain, Gain};
@@ -88,7 +89,7 @@ pub(super) fn along(
         compare.apart(&rates, &mut apart);
         for (index, psi) in widths.at(t).enumerate() {
             let floor = tick * tick * degrees[index] * apart[index];
-            seen.nodes[index].holds(floor, psi.max(resolution[index]), t);
+            seen.nodes[index].holds(floor, larger(psi, resolution[index]), t);
         }
         relative_widths(scenario, widths, t, &mut relative);
         agents.clear();
@@ -109,7 +110,7 @@ pub(super) fn along(
 impl Seen {
     fn contracts(&mut self, slope: f64, t: f64) {
         self.slope_mean += slope;
-        if slope > self.slope_largest {
+        if beyond(slope, self.slope_largest) {
             (self.slope_largest, self.slope_largest_at) = (slope, t);
         }
     }
@@ -128,7 +129,7 @@ impl Seen {
         for (index, _) in closed.enumerate().filter(|(_, closed)| *closed) {
             let needed = ROUNDING_ULPS / FLOOR_ULPS / scenario.nodes[index].funnel.factor();
             let margin = 1.0 - gains[index].inverse(inputs[index]).abs();
-            if self.at_floor.is_none_or(|before| margin / needed < before.margin / before.needed) {
+            if self.at_floor.is_none_or(|before| beyond(-margin / needed, -before.margin / before.needed)) {
                 self.at_floor = Some(AtFloor { index, margin, needed, t });
             }
         }
@@ -137,17 +138,17 @@ impl Seen {
 
 impl NodeSeen {
     fn holds(&mut self, floor: f64, kept: f64, t: f64) {
-        self.floor = self.floor.max(floor);
-        if floor / kept > self.taken {
+        self.floor = larger(self.floor, floor);
+        if beyond(floor / kept, self.taken) {
             (self.taken, self.taken_at) = (floor / kept, t);
             self.taken_of = kept;
         }
     }
 
     fn settles(&mut self, input: f64, gain: &BuiltinGain<f64>, t: f64) {
-        self.input = self.input.max(input.abs());
+        self.input = larger(self.input, input.abs());
         let margin = 1.0 - gain.inverse(input).abs();
-        if margin < self.margin {
+        if beyond(-margin, -self.margin) {
             (self.margin, self.margin_at) = (margin, t);
         }
     }
@@ -176,13 +177,13 @@ impl<'g> Compare<'g> {
                 apart.resize(rates.len(), 0.0);
                 for edge in &graph.edges {
                     let distance = (rates[edge.a] - rates[edge.b]).abs();
-                    apart[edge.a] = distance.max(apart[edge.a]);
-                    apart[edge.b] = distance.max(apart[edge.b]);
+                    apart[edge.a] = larger(distance, apart[edge.a]);
+                    apart[edge.b] = larger(distance, apart[edge.b]);
                 }
             }
             Self::Everyone => {
                 let (low, high) = crate::check::extremes(rates.iter().copied());
-                apart.extend(rates.iter().map(|rate| (high - rate).max(rate - low)));
+                apart.extend(rates.iter().map(|rate| larger(high - rate, rate - low)));
             }
         }
     }
@@ -192,6 +193,40 @@ impl<'g> Compare<'g> {
 mod tests {
     use super::*;
     use crate::scenario::Edge;
+    use funnel_core::gain::Reciprocal;
+
+    #[test]
+    fn a_margin_that_is_not_a_number_is_the_tightest_of_all() {
+        let gain = BuiltinGain::Reciprocal(Reciprocal { scale: 1.0 });
+        let mut node = NodeSeen {
+            input: 0.0,
+            margin: 1.0,
+            margin_at: 0.0,
+            floor: 0.0,
+            taken: 0.0,
+            taken_at: 0.0,
+            taken_of: f64::INFINITY,
+        };
+        for (t, input) in [(1.0, 2.0), (2.0, f64::NAN), (3.0, 5.0)] {
+            node.settles(input, &gain, t);
+            node.holds(input, 10.0, t);
+        }
+        assert!(node.margin.is_nan() && node.input.is_nan() && node.taken.is_nan() && node.floor.is_nan());
+        assert_eq!((node.margin_at, node.taken_at), (2.0, 2.0));
+    }
+
+    #[test]
+    fn a_slope_that_is_not_a_number_is_the_largest_of_all() {
+        let mut seen = Seen {
+            nodes: Vec::new(),
+            slope_largest: f64::NEG_INFINITY,
+            slope_largest_at: 0.0,
+            slope_mean: 0.0,
+            at_floor: None,
+        };
+        [-1.0, f64::NAN, 3.0].into_iter().zip(0u8..).for_each(|(slope, t)| seen.contracts(slope, t.into()));
+        assert!(seen.slope_largest.is_nan() && seen.slope_largest_at == 1.0 && seen.slope_mean.is_nan());
+    }
 
     #[test]
     fn on_a_complete_graph_everyone_is_a_neighbour() {
