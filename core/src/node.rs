@@ -482,7 +482,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// meanwhile too far behind its neighbours to hear them.
     fn beyond_making_up(&self, now: u64, due: u64) -> u32 {
         let late_by = now.saturating_sub(due);
-        let over = late_by.checked_div(self.params.tick_ns).map_or(0, |n| u32::try_from(n).unwrap_or(u32::MAX));
+        let over =
+            late_by.checked_div(self.params.tick_ns).map_or(0, |n| u32::try_from(n).unwrap_or(u32::MAX));
         let made_up = if self.plant.is_some() { 0 } else { CATCH_UP_LIMIT - 1 };
         over.saturating_sub(made_up)
     }

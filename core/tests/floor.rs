@@ -168,7 +168,10 @@ fn rounding_moves_nu_by_no_more_than_the_floor_allows_for() {
     }
     println!("rounding moves nu by up to {moved:.2} d (ulp(x) + T ulp(u)); the largest ratio is {ratio:.3}");
     assert!(moved < ROUNDING && moved > ROUNDING / 4.0, "{moved}");
-    assert!(ratio < 1.0, "nodes settle within 80 % of their funnels, and rounding takes less than the rest: {ratio}");
+    assert!(
+        ratio < 1.0,
+        "nodes settle within 80 % of their funnels, and rounding takes less than the rest: {ratio}"
+    );
 }
 
 /// Two nodes, one edge.

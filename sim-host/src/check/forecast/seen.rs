@@ -130,8 +130,7 @@ impl Seen {
         (floors, state): (&[Floor<f64>], f64),
         t: f64,
     ) {
-        let closed: Vec<_> =
-            widths.at(t).zip(&self.resolution).map(|(psi, floor)| psi <= *floor).collect();
+        let closed: Vec<_> = widths.at(t).zip(&self.resolution).map(|(psi, floor)| psi <= *floor).collect();
         for (index, _) in closed.iter().enumerate().filter(|(_, closed)| **closed) {
             let needed = ROUNDING * floors[index].unit(state, inputs[index].abs()) / self.resolution[index];
             let margin = 1.0 - gains[index].inverse(inputs[index]).abs();
