@@ -6,17 +6,8 @@ use funnel_protocol::config::{FunnelConfig, FunnelShape, NormalisedShape};
 /// A funnel prepared for a tick period `T`: state units in, state units out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Funnel<F> {
-    /// `span * exp(-rate t) + end`.
-    Exponential {
-        /// `factor * (start - end)`.
-        span: F,
-        /// `factor * end`.
-        end: F,
-        /// `rate * T`.
-        decay_per_tick: F,
-        /// `exp(-rate * theta * T)`, from a tick to the instant that the law aims at.
-        partial_decay: F,
-    },
+    /// `end + (start - end) exp(-rate t)`.
+    Exponential(Transient<F>),
     /// The same width for ever.
     Constant {
         /// `factor * width`.
@@ -54,15 +45,51 @@ pub enum Funnel<F> {
         switch: u32,
         /// `factor * eps * psibar(t_1)`, where the parts join.
         joined: F,
-        /// `factor * eps *` the span of `psibar`.
-        span: F,
-        /// `factor * eps *` the limit of `psibar`.
-        end: F,
-        /// The rate of `psibar` times T.
-        later_decay: F,
-        /// `exp` of minus `theta` times that.
-        later_partial: F,
+        /// `factor * eps * psibar`.
+        later: Transient<F>,
     },
+}
+
+/// `end + (start - end) exp(-rate t)`, as the sum of two terms that are not negative: a funnel that widens from a millionth of its end is
+/// as exact at its start as one that narrows (in f32 `span exp() + end` would be zero there).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transient<F> {
+    /// The smaller one of start and end.
+    least: F,
+    /// How far the other one is from it.
+    span: F,
+    /// `rate * T`.
+    decay_per_tick: F,
+    /// `exp(-rate * theta * T)`, from a tick to the instant that the law aims at.
+    partial_decay: F,
+    /// `1 - exp(-rate * theta * T)` of one that widens.
+    partial_rise: Option<F>,
+}
+
+impl<F: Real> Transient<F> {
+    /// From `start` to `end` (state units) at `rate` (1/s).
+    fn new((start, end, rate): (f64, f64, f64), scale: f64, tick: f64, theta: f64) -> Self {
+        let part = -rate * theta * tick;
+        Self {
+            least: F::from_f64(scale * start.min(end)),
+            span: F::from_f64(scale * (start - end).abs()),
+            decay_per_tick: F::from_f64(rate * tick),
+            partial_decay: F::from_f64(Real::exp(part)),
+            partial_rise: (start < end).then(|| F::from_f64(-Real::exp_m1(part))),
+        }
+    }
+
+    #[inline]
+    fn widths(&self, k: u32) -> Widths<F> {
+        let exponent = -(self.decay_per_tick * F::from_u32(k));
+        let Some(partial_rise) = self.partial_rise else {
+            let left = self.span * exponent.exp();
+            return Widths { now: left + self.least, ahead: left * self.partial_decay + self.least };
+        };
+        let risen = -exponent.exp_m1();
+        let ahead = risen * self.partial_decay + partial_rise;
+        Widths { now: self.span * risen + self.least, ahead: self.span * ahead + self.least }
+    }
 }
 
 /// Funnel widths that one tick needs.
@@ -75,10 +102,17 @@ pub struct Widths<F> {
 }
 
 impl<F: Real> Widths<F> {
-    /// The same, nowhere narrower than `floor`, from where the width ahead reaches it.
+    /// The same, nowhere narrower than `floor`. Not a number where the floor is none.
     #[inline]
     pub fn floored(self, floor: F) -> Self {
-        if self.ahead > floor { self } else { Self { now: self.now.max(floor), ahead: floor } }
+        let above = |width: F| if width > floor { width } else { floor };
+        Self { now: above(self.now), ahead: above(self.ahead) }
+    }
+
+    /// Whether neither end of the tick is as narrow as `floor`.
+    #[inline]
+    pub fn clears(self, floor: F) -> bool {
+        self.now > floor && self.ahead > floor
     }
 }
 
@@ -88,13 +122,8 @@ impl<F: Real> Funnel<F> {
         let factor = f64::from(config.factor);
         match config.shape {
             FunnelShape::Exponential { start, end, rate } => {
-                let rate = f64::from(rate);
-                Self::Exponential {
-                    span: F::from_f64(factor * (f64::from(start) - f64::from(end))),
-                    end: F::from_f64(factor * f64::from(end)),
-                    decay_per_tick: F::from_f64(rate * tick),
-                    partial_decay: F::from_f64(Real::exp(-rate * theta * tick)),
-                }
+                let shape = (f64::from(start), f64::from(end), f64::from(rate));
+                Self::Exponential(Transient::new(shape, factor, tick, theta))
             }
             FunnelShape::Constant { width } => {
                 Self::Constant { width: F::from_f64(factor * f64::from(width)) }
@@ -111,10 +140,10 @@ impl<F: Real> Funnel<F> {
             },
             FunnelShape::Schedule { start, at_ns, eps, then } => {
                 let (start, at) = (f64::from(start), at_ns as f64 * 1e-9);
-                let (span, end, rate) = normalised(then);
+                let shape = normalised(then);
                 let scale = factor * f64::from(eps);
                 // A funnel that has closed by then has no logarithm.
-                let joined = (f64::from(eps) * (span * Real::exp(-rate * at) + end)).max(f64::TINY);
+                let joined = (f64::from(eps) * at_time(shape, at)).max(f64::TINY);
                 let per_tick = math::ln(start / joined) * tick / at;
                 Self::Schedule {
                     start: F::from_f64(factor * start),
@@ -123,10 +152,7 @@ impl<F: Real> Funnel<F> {
                     // From the first tick at or after t_1 on; saturates, as a node's ticks do.
                     switch: -math::floor(1e-9 - at / tick) as u32,
                     joined: F::from_f64(factor * joined),
-                    span: F::from_f64(scale * span),
-                    end: F::from_f64(scale * end),
-                    later_decay: F::from_f64(rate * tick),
-                    later_partial: F::from_f64(Real::exp(-rate * theta * tick)),
+                    later: Transient::new(shape, scale, tick, theta),
                 }
             }
         }
@@ -136,10 +162,7 @@ impl<F: Real> Funnel<F> {
     #[inline]
     pub fn widths(&self, k: u32) -> Widths<F> {
         match *self {
-            Self::Exponential { span, end, decay_per_tick, partial_decay } => {
-                let transient = span * (-(decay_per_tick * F::from_u32(k))).exp();
-                Widths { now: transient + end, ahead: transient * partial_decay + end }
-            }
+            Self::Exponential(ref transient) => transient.widths(k),
             Self::Constant { width } => Widths { now: width, ahead: width },
             Self::ReciprocalTime { per_tick, theta } => {
                 let ticks = F::from_u32(k);
@@ -151,17 +174,7 @@ impl<F: Real> Funnel<F> {
                 let width = |ticks: F| start * (F::ONE - ticks * per_tick).max(F::ZERO).pow(power);
                 Widths { now: width(ticks), ahead: width(ticks + theta) }
             }
-            Self::Schedule {
-                start,
-                decay_per_tick,
-                partial_decay,
-                switch,
-                joined,
-                span,
-                end,
-                later_decay,
-                later_partial,
-            } => {
+            Self::Schedule { start, decay_per_tick, partial_decay, switch, joined, ref later } => {
                 if k < switch {
                     let now = start * (-(decay_per_tick * F::from_u32(k))).exp();
                     // Not past the join, which may lie far within a tick.
@@ -169,19 +182,24 @@ impl<F: Real> Funnel<F> {
                     let ahead = if decay_per_tick < F::ZERO { ahead.min(joined) } else { ahead.max(joined) };
                     return Widths { now, ahead };
                 }
-                let transient = span * (-(later_decay * F::from_u32(k))).exp();
-                Widths { now: transient + end, ahead: transient * later_partial + end }
+                later.widths(k)
             }
         }
     }
 }
 
-/// Span, limit and rate (1/s) of a normalised funnel.
+/// Start, end and rate (1/s) of a normalised funnel.
 fn normalised(shape: NormalisedShape) -> (f64, f64, f64) {
     match shape {
-        NormalisedShape::Constant { width } => (0.0, f64::from(width), 0.0),
+        NormalisedShape::Constant { width } => (f64::from(width), f64::from(width), 0.0),
         NormalisedShape::Exponential { start, end, rate } => {
-            (f64::from(start) - f64::from(end), f64::from(end), f64::from(rate))
+            (f64::from(start), f64::from(end), f64::from(rate))
         }
     }
+}
+
+/// That funnel at `t` (s).
+fn at_time((start, end, rate): (f64, f64, f64), t: f64) -> f64 {
+    let left = Real::exp(-rate * t);
+    if start < end { start - (end - start) * Real::exp_m1(-rate * t) } else { end + (start - end) * left }
 }

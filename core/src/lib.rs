@@ -12,6 +12,7 @@ mod collect;
 pub mod emergent;
 pub mod feeding;
 pub mod field;
+pub mod floor;
 pub mod funnel;
 pub mod gain;
 pub mod law;

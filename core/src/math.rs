@@ -72,6 +72,15 @@ pub trait Real:
     fn sin_turns(turns: u64) -> Self;
 }
 
+/// The larger of two; NaN where one of them is, so that what is compared with it does not hold ([`Real::max`] drops it).
+#[inline]
+pub fn larger<F: Real>(a: F, b: F) -> F {
+    // Only a NaN differs from itself.
+    #[allow(clippy::eq_op)]
+    let b_counts = a <= b || b != b;
+    if b_counts { b } else { a }
+}
+
 macro_rules! real {
     ($t:ident, $sqrt:path, $exp:path, $expm1:path, $log1p:path, $pow:path, $sin_turns:path) => {
         impl Real for $t {

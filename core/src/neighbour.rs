@@ -4,10 +4,11 @@
 //! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of ticks, and then
 //! its edge is dropped until it is heard again (LAW.md 4: holding instead costs up to thirty times the error).
 
+use crate::floor::Floor;
 use crate::funnel::Widths;
 use crate::gain::Gain;
 use crate::law::edge_wise::{EdgeTerm, EdgeWise};
-use crate::math::Real;
+use crate::math::{Real, larger};
 use funnel_protocol::config::{EdgeConfig, MAX_NEIGHBOURS};
 use funnel_protocol::message::{Component, NodeId};
 use funnel_protocol::{Refusal, TickStamp};
@@ -30,27 +31,65 @@ struct Edge<F> {
     value: F,
     /// Change of the value per tick, state units.
     increment: F,
+    /// Of `value`; of one that was never heard, the tick before the first at which it should have been.
     tick: u32,
-    presence: Presence,
+    hearing: Hearing,
     /// The last input of this edge (edge-wise coupling), state units / s.
     last: Option<F>,
 }
 
-/// Whether the value of an edge means anything.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Presence {
-    /// Never heard.
+/// What a node knows of a neighbour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// Not heard yet, and not waited for too long.
     Unheard,
     /// Heard, and not expired since.
     Known,
-    /// Silent for too long.
+    /// Silent for too long: since it was heard last, or since it should have been heard first.
     Lost,
 }
 
+/// What a component of an edge has heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Hearing {
+    /// Nothing: there was no tick yet.
+    New,
+    /// Nothing since the first tick.
+    Waiting,
+    /// Its value means something.
+    Known,
+    /// Nothing for too long.
+    Lost,
+    /// Nothing ever, and for too long.
+    Missed,
+}
+
 impl<F: Real> Edge<F> {
+    fn presence(&self) -> Presence {
+        match self.hearing {
+            Hearing::New | Hearing::Waiting => Presence::Unheard,
+            Hearing::Known => Presence::Known,
+            Hearing::Lost | Hearing::Missed => Presence::Lost,
+        }
+    }
+
     #[inline]
     fn is_known(&self) -> bool {
-        self.presence == Presence::Known
+        self.hearing == Hearing::Known
+    }
+
+    /// At tick `k`, where there is no value: whether the edge is given up now. Time counts from the first tick, since a node may join
+    /// a network that runs, and get a neighbour while it does.
+    #[cold]
+    fn gives_up(&mut self, k: u32, extrapolate_ticks: i32) -> bool {
+        if self.hearing == Hearing::New {
+            (self.hearing, self.tick) = (Hearing::Waiting, k.wrapping_sub(1));
+        }
+        let gives_up = self.hearing == Hearing::Waiting && self.age(k) > extrapolate_ticks;
+        if gives_up {
+            self.hearing = Hearing::Missed;
+        }
+        gives_up
     }
 
     /// Ticks since `value`; below zero where it came early.
@@ -78,20 +117,21 @@ pub struct EdgeInputs<F> {
     pub u: F,
 }
 
-/// The funnel of every edge at one tick. Each is floored by the states at its two ends and by nothing else: both ends know these,
-/// and their inputs have to cancel.
+/// The funnel of every edge at one tick. Each is floored by the states at its two ends, by its own input and stiffness, and by nothing
+/// else: both ends know these, and their inputs have to cancel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFunnel<F> {
     /// Before flooring.
     pub widths: Widths<F>,
-    /// Floor per unit of the larger `|x|`.
-    pub floor_per_state: F,
+    /// That of an edge of stiffness 1.
+    pub floor: Floor<F>,
 }
 
 impl<F: Real> EdgeFunnel<F> {
     #[inline]
-    fn between(&self, x: F, other: F) -> Widths<F> {
-        self.widths.floored((self.floor_per_state * x.abs().max(other.abs())).max(F::TINY))
+    fn of(&self, edge: &EdgeTerm<F>, x: F, other: F) -> Widths<F> {
+        let input = edge.last.map_or(F::ZERO, F::abs);
+        self.widths.floored(self.floor.times(edge.stiffness).width(larger(x.abs(), other.abs()), input))
     }
 }
 
@@ -116,19 +156,27 @@ pub struct Sums<F> {
     pub largest: F,
     /// Neighbours that had to be extrapolated, since no value of this tick has come.
     pub extrapolated: u32,
-    /// A neighbour whose edge was dropped at this tick (the last one, where there were several), and how many.
+    /// A neighbour that was lost at this tick (the last one, where there were several).
     pub lost: Option<NodeId>,
     /// How many edges were dropped at this tick.
     pub lost_count: u32,
 }
 
+impl<F> Sums<F> {
+    #[cold]
+    fn lose(&mut self, id: u8) {
+        self.lost = NodeId::new(id);
+        self.lost_count += 1;
+    }
+}
+
 /// What a received state was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Heard {
-    /// A newer value of a known neighbour.
-    Newer,
-    /// The first value, or the first after its edge was dropped.
-    First,
+pub struct Heard {
+    /// The first value of this neighbour, or the first after its edge was dropped.
+    pub first: bool,
+    /// The tick that it is for has run already.
+    pub late: bool,
 }
 
 /// Table of neighbours with a fixed capacity.
@@ -194,7 +242,7 @@ impl<F: Real> Neighbours<F> {
                 value: F::ZERO,
                 increment: F::ZERO,
                 tick: 0,
-                presence: Presence::Unheard,
+                hearing: Hearing::New,
                 last: None,
             });
         }
@@ -218,10 +266,28 @@ impl<F: Real> Neighbours<F> {
         self.edges.len() / usize::from(self.components.max(1))
     }
 
-    /// Number of neighbours that were heard once and are silent now.
+    /// Number of neighbours that have been silent for too long.
     pub fn lost(&self) -> usize {
-        let lost = |edge: &&Edge<F>| edge.component == 0 && edge.presence == Presence::Lost;
+        let lost = |edge: &&Edge<F>| edge.component == 0 && edge.presence() == Presence::Lost;
         self.edges.iter().filter(lost).count()
+    }
+
+    /// What is known of neighbour `id`, by the first component of its state; `None` for a stranger.
+    pub fn presence(&self, id: NodeId) -> Option<Presence> {
+        self.of(id).first().map(Edge::presence)
+    }
+
+    /// Whether any component of neighbour `id` was ever heard, or has been since it became a neighbour; `None` for a stranger.
+    pub fn was_heard(&self, id: NodeId) -> Option<bool> {
+        let of_id = self.of(id);
+        let heard = |edge: &Edge<F>| matches!(edge.hearing, Hearing::Known | Hearing::Lost);
+        (!of_id.is_empty()).then(|| of_id.iter().any(heard))
+    }
+
+    /// The components of the edge to `id`; none where there is no such edge.
+    fn of(&self, id: NodeId) -> &[Edge<F>] {
+        let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
+        self.edges.get(first..first + usize::from(self.components)).unwrap_or(&[])
     }
 
     /// The edge to the `index`-th neighbour: its id and weight.
@@ -257,14 +323,15 @@ impl<F: Real> Neighbours<F> {
         let index = usize::from(slot) + usize::from(component.get());
         let edge = self.edges.get_mut(index).ok_or(Refusal::UnknownSource)?;
         let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
+        let age = own.wrapping_sub(tick) as i32;
+        let late = age > 0;
         if !edge.is_known() {
             // Older than what is extrapolated, it would be dropped again at the next tick.
-            let age = own.wrapping_sub(tick) as i32;
             if age > self.extrapolate_ticks as i32 {
                 return Err(Refusal::Stale);
             }
-            (edge.value, edge.increment, edge.tick, edge.presence) = (x, F::ZERO, tick, Presence::Known);
-            return Ok(Heard::First);
+            (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
+            return Ok(Heard { first: true, late });
         }
         let gap = tick.wrapping_sub(edge.tick) as i32;
         match gap {
@@ -274,7 +341,7 @@ impl<F: Real> Neighbours<F> {
             _ => return Err(Refusal::Stale),
         }
         (edge.value, edge.tick) = (x, tick);
-        Ok(Heard::Newer)
+        Ok(Heard { first: false, late })
     }
 
     /// Sums of one component at tick `k`, for the node's own state.
@@ -284,14 +351,19 @@ impl<F: Real> Neighbours<F> {
         let extrapolate_ticks = self.extrapolate_ticks as i32;
         let mut sums = Sums { largest: x.abs(), ..Sums::default() };
         for edge in &mut self.edges {
-            if !edge.is_known() || edge.component != component {
+            if edge.component != component {
+                continue;
+            }
+            if !edge.is_known() {
+                if edge.gives_up(k, extrapolate_ticks) {
+                    sums.lose(edge.id);
+                }
                 continue;
             }
             let age = edge.age(k);
             if age > extrapolate_ticks {
-                (edge.presence, edge.last) = (Presence::Lost, None);
-                sums.lost = NodeId::new(edge.id);
-                sums.lost_count += 1;
+                (edge.hearing, edge.last) = (Hearing::Lost, None);
+                sums.lose(edge.id);
                 continue;
             }
             let value = edge.value_at(k);
@@ -331,7 +403,7 @@ impl<F: Real> Neighbours<F> {
             let nu = edge.weight * (value - own.x);
             let dnu = edge.weight * (edge.increment - own.dx);
             let term = EdgeTerm { nu, dnu, stiffness: edge.stiffness, last: edge.last };
-            let u = law.step(gain, &term, psi.between(own.x, value));
+            let u = law.step(gain, &term, psi.of(&term, own.x, value));
             edge.last = Some(u);
             inputs.u += u;
             if nu.abs() > inputs.nu.abs() {

@@ -14,8 +14,8 @@ use crate::gain::{BuiltinGain, Gain};
 use crate::law::max_gain::{self, Term};
 use crate::law::node_wise::Memory;
 use crate::law::{Coupling, EdgeWise};
-use crate::math::Real;
-use crate::neighbour::{EdgeFunnel, Heard, Neighbours, Own, Sums};
+use crate::math::{Real, larger};
+use crate::neighbour::{EdgeFunnel, Neighbours, Own, Presence, Sums};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
 use crate::plant::{Plant, Purpose, Step};
@@ -27,7 +27,7 @@ use heapless::{Deque, Vec};
 
 /// Events that wait for the app at most; more are dropped, oldest first kept.
 const EVENT_CAPACITY: usize = 8;
-/// Late ticks that one call of [`Node::poll`] makes up for at most.
+/// Late ticks that a virtual node makes up for at most, however late it comes; it skips those before them.
 pub const CATCH_UP_LIMIT: u32 = 4;
 /// Ticks that a SYNC may skip before it is taken for a stray one.
 const SYNC_AHEAD: u32 = 1000;
@@ -210,6 +210,16 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         &self.observations
     }
 
+    /// What it knows of its neighbour `id`, by the first component of that one's state; `None` for a stranger.
+    pub fn neighbour_presence(&self, id: NodeId) -> Option<Presence> {
+        self.neighbours.presence(id)
+    }
+
+    /// Whether its neighbour `id` was ever heard, in any component; `None` for a stranger.
+    pub fn neighbour_was_heard(&self, id: NodeId) -> Option<bool> {
+        self.neighbours.was_heard(id)
+    }
+
     /// Counters.
     pub fn counters(&self) -> &Counters {
         &self.counters
@@ -272,8 +282,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// Does what is due at `now` (ns) and gives the next action; call it until it gives `None`.
     ///
-    /// Bounded: at most [`CATCH_UP_LIMIT`] ticks per call. Ticks that came late are made up for, or with a plant skipped, and
-    /// counted; of their states only the latest is worth sending. What concerns the actuator comes first.
+    /// Bounded: at most [`CATCH_UP_LIMIT`] ticks at one `now`, in however many calls. Of the ticks that came late so many are made up
+    /// for, with a plant none, and those before them are skipped; all are counted. Of their states only the latest is worth sending. What
+    /// concerns the actuator comes first.
     pub fn poll(&mut self, now: u64) -> Option<Action> {
         self.run_due_ticks(now);
         self.check_holdover(now);
@@ -348,8 +359,11 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         let heard = self.neighbours.hear(source, component, tick, self.tick, x)?;
         // Once per neighbour, whatever its number of components.
-        if heard == Heard::First && component == Component::FIRST {
+        if heard.first && component == Component::FIRST {
             self.report_event(Event::NeighbourFound(source));
+        }
+        if heard.late {
+            count(&mut self.counters.late);
         }
         Ok(())
     }
@@ -407,18 +421,15 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
+    /// A FAULT goes from line to line, so one with the node's own id may be its own, come back: no sign of a twin, which sends states, too.
     fn on_fault(&mut self, source: NodeId) -> Result<(), Refusal> {
-        if source == self.params.id {
-            self.fault(FaultCode::DUPLICATE_ID);
-            return Err(Refusal::OwnId);
-        }
-        Ok(())
+        if source == self.params.id { Err(Refusal::OwnId) } else { Ok(()) }
     }
 
     /// Compares an announced weight with the node's own (paper, Assumption 1). The law goes on; people must act.
     fn on_edge(&mut self, source: NodeId, neighbour: NodeId, weight: f32) -> Result<(), Refusal> {
+        // As for a FAULT: a host that hands it on to everybody hands it back.
         if source == self.params.id {
-            self.fault(FaultCode::DUPLICATE_ID);
             return Err(Refusal::OwnId);
         }
         if neighbour != self.params.id {
@@ -459,27 +470,29 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if !self.late {
             self.report_event(Event::Overrun { tick: self.tick });
         }
-        let missed = self.beyond_measuring(now, due);
+        let missed = self.beyond_making_up(now, due);
         self.skip(missed);
         let is_due = !self.commit_is_due();
         self.schedule = Schedule::At(due + (u64::from(missed) + u64::from(is_due)) * self.params.tick_ns);
         is_due
     }
 
-    /// Ticks, from the one due at `due` (ns) on, whose time is over at `now` (ns). A virtual node makes up for them; a plant cannot be
-    /// measured in the past.
-    fn beyond_measuring(&self, now: u64, due: u64) -> u32 {
-        if self.plant.is_none() {
-            return 0;
-        }
+    /// Ticks, from the one due at `due` (ns) on, that are not run any more at `now` (ns): those whose time is over. A plant cannot be measured
+    /// in the past. A virtual node makes up for the last few: for all of a long sleep it would be away from its link and its watchdog, and
+    /// meanwhile too far behind its neighbours to hear them.
+    fn beyond_making_up(&self, now: u64, due: u64) -> u32 {
         let late_by = now.saturating_sub(due);
-        late_by.checked_div(self.params.tick_ns).map_or(0, |ticks| u32::try_from(ticks).unwrap_or(u32::MAX))
+        let over =
+            late_by.checked_div(self.params.tick_ns).map_or(0, |n| u32::try_from(n).unwrap_or(u32::MAX));
+        let made_up = if self.plant.is_some() { 0 } else { CATCH_UP_LIMIT - 1 };
+        over.saturating_sub(made_up)
     }
 
     /// Moves on over ticks that this node never runs.
     fn skip(&mut self, ticks: u32) {
         self.tick = self.tick.wrapping_add(ticks);
         self.skipped = self.skipped.wrapping_add(ticks);
+        self.counters.skipped = self.counters.skipped.saturating_add(ticks);
     }
 
     fn run_tick(&mut self) {
@@ -489,7 +502,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if let Coupling::EdgeWise(law) = self.params.coupling {
             self.edge_inputs(k, &law);
         }
-        let ratio = self.parts.iter().fold(F::ZERO, |most, part| most.max(part.nu.abs())) / psi.now;
+        let ratio = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.nu.abs())) / psi.now;
         let breach = self.judge(k, ratio);
         // What is seen is the funnel that was left, and what the law uses the one that a breach has made of it.
         let left = psi.now;
@@ -503,6 +516,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             psi = self.reopen(k, ratio, psi);
         }
         self.compute_inputs(psi);
+        if let Some(component) = self.parts.iter().position(|part| !part.u.is_finite()) {
+            return self.stop_at(k, left, FaultCode::INPUT, component as u16);
+        }
         self.saturate();
         self.observe(k, left);
         self.advance(k);
@@ -534,7 +550,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             let Some(part) = self.parts.get_mut(component) else { continue };
             let sums = self.neighbours.sums(k, component as u8, part.own());
             (part.nu, part.dnu) = (sums.nu, sums.dnu);
-            largest = largest.max(sums.largest);
+            largest = larger(largest, sums.largest);
             self.note_neighbours(component, &sums);
         }
         largest
@@ -562,8 +578,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// Edge-wise coupling: the input of every component, and as its diffusive term that of the edge where it is largest.
     fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>) {
-        let psi =
-            EdgeFunnel { widths: self.params.funnel.widths(k), floor_per_state: self.params.floor_per_state };
+        let psi = EdgeFunnel { widths: self.params.funnel.widths(k), floor: law.floor };
         for (component, part) in self.parts.iter_mut().enumerate() {
             let law = (law, &self.params.law.gain);
             let inputs = self.neighbours.edge_inputs(k, component as u8, part.own(), law, psi);
@@ -628,8 +643,9 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4).
     fn floored_widths(&mut self, k: u32, largest: F) -> Widths<F> {
         let psi = self.params.funnel.widths(k);
-        let floor = (self.params.floor_per_state * largest).max(F::TINY);
-        if psi.ahead > floor {
+        let input = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.u.abs()));
+        let floor = self.params.floor.width(largest, input);
+        if psi.clears(floor) {
             return psi;
         }
         count(&mut self.counters.floored);
@@ -642,8 +658,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// Counts a breach and says when it begins and ends; what follows from it is up to the policy (LAW.md 5).
     fn judge(&mut self, k: u32, ratio: F) -> bool {
-        self.max_ratio = self.max_ratio.max(ratio);
-        let breach = ratio >= F::ONE;
+        self.max_ratio = larger(self.max_ratio, ratio);
+        // What is not a number is not inside.
+        let inside = ratio < F::ONE;
+        let breach = !inside;
         if breach {
             count(&mut self.counters.breaches);
         }

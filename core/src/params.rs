@@ -5,6 +5,7 @@
 
 use crate::collect::collect;
 use crate::field::{AffineSines, State};
+use crate::floor::Floor;
 use crate::funnel::Funnel;
 use crate::gain::{self, BuiltinGain, Linear, LocallyLinear, Logarithmic, Reciprocal};
 use crate::law::node_wise::{NodeWise, THETA};
@@ -29,9 +30,6 @@ pub const LARGEST_RATE: f64 = 1e6;
 pub const LARGEST_PHASE: f64 = 1e6;
 /// Shortest tick period, ns.
 pub const SHORTEST_TICK_NS: u32 = 10_000;
-/// Width, in units of the last place of the largest state, below which a funnel is not resolved (LAW.md 4, and
-/// docs/notes/2026-11-23-first-light.md for why it does not depend on the degree).
-pub const FLOOR_ULPS: f64 = 256.0;
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
 ///
@@ -59,9 +57,8 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     pub law: NodeWise<F, G>,
     /// Funnel.
     pub funnel: Funnel<F>,
-    /// Funnel floor per unit of the largest `|x|`: `FLOOR_ULPS * epsilon * factor`, so that floored funnels
-    /// keep their ratios, and with them the emergent dynamics.
-    pub floor_per_state: F,
+    /// What rounding leaves of the funnel.
+    pub floor: Floor<F>,
     /// What to do outside the funnel.
     pub on_breach: OnBreach<F>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
@@ -162,7 +159,7 @@ impl<F: Real, V, G: crate::Gain<F>> Params<F, V, G> {
             coupling: check_coupling(&config.coupling, tick)?,
             law: NodeWise::new(gain, tick, degree),
             funnel: Funnel::new(&config.funnel, tick, THETA),
-            floor_per_state: F::from_f64(FLOOR_ULPS * f64::from(config.funnel.factor)) * F::EPSILON,
+            floor: Floor::new(degree, tick),
             on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
             extrapolate_ticks: config.extrapolate_ticks.into(),
             plant: None,

@@ -51,9 +51,18 @@ impl InputRange {
         self.high
     }
 
-    /// The input nearest to `u` (state units / s) that the actuator can do.
+    /// The input nearest to `u` (state units / s) that the actuator can do; none at all for what is not a number.
     pub fn clamp<F: Real>(&self, u: F) -> F {
-        u.max(F::from_f32(self.low)).min(F::from_f32(self.high))
+        let (low, high) = (F::from_f32(self.low), F::from_f32(self.high));
+        if u >= high {
+            high
+        } else if u >= low {
+            u
+        } else if u < low {
+            low
+        } else {
+            F::ZERO
+        }
     }
 }
 

@@ -59,6 +59,8 @@ pub struct Session<M: Model = Configured> {
     keep: Option<Keep>,
     /// What the app has been asked to do with its storage.
     performing: Option<Keep>,
+    /// The kind of a request that came before the one before it was answered, until that is said.
+    refused: Option<u8>,
     /// Argument of the FAULT that says why the node was gone, until it has an id to say it with.
     confession: Option<u16>,
     /// The app is to be told that the actuator belongs in its safe position.
@@ -91,6 +93,7 @@ impl<M: Model> Session<M> {
             reply: None,
             keep: None,
             performing: None,
+            refused: None,
             confession: confession(identity.reset),
             safe: true,
             giving: None,
@@ -151,7 +154,7 @@ impl<M: Model> Session<M> {
 
     /// When [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
     pub fn poll_at(&self) -> Option<u64> {
-        let waits = self.safe || self.reply.is_some() || self.keep.is_some();
+        let waits = self.safe || self.reply.is_some() || self.keep.is_some() || self.refused.is_some();
         if waits { Some(0) } else { self.node.as_ref()?.poll_at() }
     }
 
@@ -198,6 +201,12 @@ impl<M: Model> Session<M> {
             self.performing = self.keep.take();
             return Some(Output::Keep);
         }
+        // After the answer to the one before, since a host takes answers in order.
+        if self.performing.is_none()
+            && let Some(reply) = self.refused.take().and_then(Reply::busy)
+        {
+            return Some(Output::Reply(reply));
+        }
         let node = self.node.as_mut()?;
         match node.poll(now) {
             Some(Action::Send(message)) => Some(Output::Send(message)),
@@ -230,7 +239,13 @@ impl<M: Model> Session<M> {
     }
 
     fn on_request(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
-        let reply = match Request::split(kind, body)? {
+        let request = Request::split(kind, body)?;
+        let only_asks = matches!(request, Request::Hello | Request::Report);
+        if self.is_busy_for(only_asks) {
+            self.refused = self.refused.or((!only_asks).then_some(kind));
+            return Err(Refusal::Phase);
+        }
+        let reply = match request {
             Request::Hello => Reply::Identity(Identity { id: self.id(), ..self.identity }),
             Request::Stage(bytes) => {
                 match self.read(bytes).map_err(StageError::Config).and_then(|()| self.may_stage()) {
@@ -251,6 +266,13 @@ impl<M: Model> Session<M> {
         };
         self.reply = Some(reply);
         Ok(())
+    }
+
+    /// Whether another request has to be answered first. One that comes meanwhile must not touch what that one is about: the room, the
+    /// configuration, the place of its answer.
+    fn is_busy_for(&self, only_asks: bool) -> bool {
+        let keeps = self.keep.is_some() && !only_asks;
+        self.reply.is_some() || self.performing.is_some() || keeps
     }
 
     /// Reads a configuration into the room: in place, since each copy of it is 2 KiB of stack. One that cannot be read is counted, and

@@ -1,7 +1,7 @@
 //! Funnels by tick number, f32 and f64.
 
 use funnel_core::Real;
-use funnel_core::funnel::Funnel;
+use funnel_core::funnel::{Funnel, Widths};
 use funnel_core::law::node_wise::THETA;
 use funnel_protocol::config::{FunnelConfig, FunnelShape, NormalisedShape};
 
@@ -66,4 +66,38 @@ fn the_ends_are_defined() {
     assert!((finite.widths(0).now - 20.0).abs() < 1e-12);
     assert_eq!(finite.widths(2000).now, 0.0);
     assert_eq!(finite.widths(u32::MAX).ahead, 0.0);
+}
+
+/// In f32 the span of such a funnel is its end.
+#[test]
+fn a_funnel_that_widens_from_a_billionth_of_its_end_is_exact_from_its_start_on() {
+    let (start, end, rate) = (1e-6f32, 1e3f32, 1.0f32);
+    let exact = |t: f64| {
+        let (start, end) = (f64::from(start), f64::from(end));
+        start - (end - start) * funnel_core::math::exp_m1(-t)
+    };
+    let at_ns = 1_000_000;
+    let then = NormalisedShape::Exponential { start, end, rate };
+    let schedule = FunnelShape::Schedule { start: 1e-6, at_ns, eps: 1.0, then };
+    for (shape, from) in [(FunnelShape::Exponential { start, end, rate }, 0), (schedule, 1)] {
+        let funnel: Funnel<f32> = Funnel::new(&FunnelConfig { factor: 1.0, shape }, TICK, THETA);
+        for k in [0, 1, 2, 10, 1_000, 100_000].into_iter().filter(|&k| k >= from) {
+            let widths = funnel.widths(k);
+            let t = f64::from(k) * TICK;
+            for (found, exact) in [(widths.now, exact(t)), (widths.ahead, exact(t + THETA * TICK))] {
+                let off = (f64::from(found) - exact).abs() / exact;
+                assert!(off < 1e-6, "{shape:?} at {k}: {found} for {exact}");
+            }
+        }
+    }
+}
+
+#[test]
+fn both_ends_of_a_tick_are_floored_wherever_they_are_narrow() {
+    let narrows = Widths { now: 3.0, ahead: 1.0 };
+    let widens = Widths { now: 1.0, ahead: 3.0 };
+    assert_eq!(narrows.floored(2.0), Widths { now: 3.0, ahead: 2.0 });
+    assert_eq!(widens.floored(2.0), Widths { now: 2.0, ahead: 3.0 });
+    assert!(narrows.clears(0.5) && !narrows.clears(2.0) && !widens.clears(2.0));
+    assert!(narrows.floored(f64::NAN).now.is_nan(), "what is not a number stays one");
 }

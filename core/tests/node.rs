@@ -1,12 +1,13 @@
 //! The node as a state machine: start, ticks, neighbours that fall silent, strangers, a twin, bad numbers.
 #![allow(clippy::unwrap_used)]
 
+use funnel_core::neighbour::Presence;
 use funnel_core::{Action, Event, Node, Observation, Params, Phase};
 use funnel_protocol::config::{
     BreachPolicy, ConfigError, ConfigField, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig,
     FunnelShape, GainConfig, NodeConfig, TickSource, scalar,
 };
-use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Target, TickStamp};
+use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
 use funnel_protocol::refusal::Refusal;
 
 const MS: u64 = 1_000_000;
@@ -150,7 +151,7 @@ fn a_state_too_old_to_be_extrapolated_does_not_revive_an_edge() {
     }
     assert_eq!(node.on_message(&state(2, 3, 2.0), 5 * MS), Err(Refusal::Stale));
     assert_eq!(actions(&mut node, 6 * MS).len(), 1);
-    assert_eq!(node.counters().neighbours_lost, 0);
+    assert_eq!(node.neighbour_was_heard(NodeId::new(2).unwrap()), Some(false));
     node.on_message(&state(2, 5, 2.0), 6 * MS).unwrap();
 }
 
@@ -223,6 +224,10 @@ fn a_twin_silences_the_node() {
     assert_eq!(node.phase(), Phase::Faulted(FaultCode::DUPLICATE_ID));
     let last = actions(&mut node, MS);
     assert!(matches!(sent(&last)[..], [Message::Fault { code: FaultCode::DUPLICATE_ID, .. }]), "{last:?}");
+    // One that is ready and has said nothing yet hears of its twin as well.
+    let mut other = self::node(&config());
+    assert_eq!(other.on_message(&state(1, 0, 3.0), 0), Err(Refusal::OwnId));
+    assert_eq!(other.phase(), Phase::Faulted(FaultCode::DUPLICATE_ID));
     assert_eq!(actions(&mut node, 100 * MS), []);
     assert_eq!(node.on_message(&start(), 0), Err(Refusal::Phase));
 }
@@ -322,14 +327,15 @@ fn so_many_neighbours_lost_at_once_stop_it_and_one_that_comes_back_does_not_coun
         let neighbours = [edge(2), edge(3), edge(4)].into_iter().collect();
         started(&NodeConfig { lost_neighbours, neighbours, extrapolate_ticks: 1, ..config() })
     };
-    // 4 is never heard: it is not lost. 2 falls silent after tick 0, and 3 after tick 2; each is dropped two ticks later.
+    // 2 falls silent after tick 0, and 3 after tick 2; each is dropped two ticks later. 4 is heard all the time.
     let play = |node: &mut Node, back: bool| {
         for k in 0..=4 {
             let speak = |id: u8| match id {
                 2 => k == 0 || (back && k == 3),
-                _ => k <= 2,
+                3 => k <= 2,
+                _ => true,
             };
-            for id in [2, 3].into_iter().filter(|&id| speak(id)) {
+            for id in [2, 3, 4].into_iter().filter(|&id| speak(id)) {
                 node.on_message(&state(id, k, 1.0), u64::from(k) * MS).unwrap();
             }
             if k == 4 {
@@ -419,4 +425,174 @@ fn a_fault_is_reported_however_many_events_wait() {
     let fault = Action::Report(Event::Fault(FaultCode::FUNNEL_LEFT));
     assert_eq!(actions.iter().filter(|action| **action == fault).count(), 1, "{actions:?}");
     assert!(actions.contains(&Action::Report(Event::Started)), "the oldest ones stay: {actions:?}");
+}
+
+#[test]
+fn what_the_node_has_said_itself_and_a_relay_gives_back_stops_nobody() {
+    let mut node = started(&config());
+    let own = NodeId::new(1).unwrap();
+    for (code, severity) in [(FaultCode::PANIC, Severity::Warning), (FaultCode(99), Severity::Stopped)] {
+        let fault = Message::Fault { source: own, code, severity, arg: 1, tick: TickStamp::low(0, 16) };
+        assert_eq!(node.on_message(&fault, 0), Err(Refusal::OwnId));
+    }
+    let edge = Message::Edge { source: own, neighbour: NodeId::new(2).unwrap(), weight: 1.0 };
+    assert_eq!(node.on_message(&edge, 0), Err(Refusal::OwnId));
+    assert_eq!((node.phase(), node.counters().refused(Refusal::OwnId)), (Phase::Running, 3));
+    actions(&mut node, MS);
+    assert_eq!(node.counters().ticks, 1);
+}
+
+/// The tick at which this node loses a neighbour that says nothing.
+fn lost_at(
+    node: &mut Node,
+    ticks: impl IntoIterator<Item = u32>,
+    run: impl Fn(&mut Node, u32) -> Vec<Action>,
+) -> u32 {
+    let lost = Action::Report(Event::NeighbourLost(NodeId::new(2).unwrap()));
+    for k in ticks {
+        assert_eq!(node.neighbour_presence(NodeId::new(2).unwrap()), Some(Presence::Unheard), "tick {k}");
+        if run(node, k).contains(&lost) {
+            return k;
+        }
+    }
+    panic!("never lost")
+}
+
+#[test]
+fn a_neighbour_that_was_never_heard_is_lost_after_the_same_time() {
+    let two = NodeId::new(2).unwrap();
+    let by_timer = |node: &mut Node, k: u32| actions(node, u64::from(k + 1) * MS);
+    let mut node = started(&config());
+    // As one that is heard up to tick 1 is lost at tick 5.
+    assert_eq!(lost_at(&mut node, 0.., by_timer), 3);
+    assert_eq!(node.counters().neighbours_lost, 1);
+    assert_eq!(node.neighbour_presence(two), Some(Presence::Lost));
+    assert_eq!(node.neighbour_was_heard(two), Some(false));
+    (4..20).for_each(|k| drop(by_timer(&mut node, k)));
+    assert_eq!(node.counters().neighbours_lost, 1, "told once");
+    node.on_message(&state(2, 20, 1.0), 20 * MS).unwrap();
+    let found = actions(&mut node, 21 * MS);
+    assert!(found.contains(&Action::Report(Event::NeighbourFound(two))), "{found:?}");
+    assert_eq!(
+        (node.neighbour_presence(two), node.neighbour_was_heard(two)),
+        (Some(Presence::Known), Some(true))
+    );
+    (21..30).for_each(|k| drop(by_timer(&mut node, k)));
+    assert_eq!(
+        (node.neighbour_presence(two), node.neighbour_was_heard(two)),
+        (Some(Presence::Lost), Some(true))
+    );
+    assert_eq!(node.neighbour_presence(NodeId::new(9).unwrap()), None, "a stranger");
+}
+
+#[test]
+fn a_node_that_nobody_talks_to_stops_where_so_many_neighbours_stop_it() {
+    let mut node = started(&NodeConfig { lost_neighbours: 1, ..config() });
+    (0..4).for_each(|k| drop(actions(&mut node, (k + 1) * MS)));
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::NEIGHBOURS_LOST));
+}
+
+#[test]
+fn a_node_that_joins_late_waits_for_its_neighbours_from_its_own_first_tick_on() {
+    let mut node = started(&NodeConfig { tick_source: TickSource::Sync, ..config() });
+    let run = |node: &mut Node, k: u32| {
+        node.on_message(&sync(k.wrapping_sub(1)), 0).unwrap();
+        actions(node, 0)
+    };
+    assert_eq!(lost_at(&mut node, 5000.., run), 5003);
+}
+
+#[test]
+fn after_a_long_sleep_a_bounded_number_of_ticks_runs_at_one_time_and_the_rest_is_skipped_and_counted() {
+    let mut node = started(&config());
+    // Tick 0 was due at 1 ms, tick 99 is due now.
+    let (mut states, now) = (0, 100 * MS);
+    for _ in 0..50 {
+        states += sent(&actions(&mut node, now)).len();
+    }
+    let counters = node.counters();
+    assert_eq!((counters.ticks, counters.skipped, node.tick()), (4, 96, 100));
+    assert_eq!((states, counters.overruns), (1, 3), "the last one is in time");
+    assert_eq!(node.poll_at(), Some(101 * MS), "it is in step with its neighbours again");
+    assert_eq!(node.progress().completed, 4, "what was skipped feeds no watchdog");
+    actions(&mut node, 101 * MS);
+    assert_eq!((node.counters().ticks, node.counters().skipped), (5, 96));
+}
+
+#[test]
+fn a_state_that_comes_after_its_tick_has_run_is_counted() {
+    let mut node = started(&NodeConfig { extrapolate_ticks: 10, ..config() });
+    node.on_message(&state(2, 0, 1.0), 0).unwrap();
+    (1..=6).for_each(|k| drop(actions(&mut node, k * MS)));
+    assert_eq!((node.tick(), node.counters().late), (6, 0));
+    // Four ticks late, then in time, then ahead.
+    for (tick, late) in [(2, 1), (6, 1), (7, 1)] {
+        node.on_message(&state(2, tick, 1.0), 6 * MS).unwrap();
+        assert_eq!(node.counters().late, late, "{tick}");
+    }
+    assert_eq!(node.on_message(&state(2, 5, 1.0), 6 * MS), Err(Refusal::Stale));
+    assert_eq!(node.counters().late, 1, "what is refused is not late");
+}
+
+/// A gain whose input is not a number from a tenth of the funnel on.
+#[derive(Clone, Copy, Debug)]
+struct Broken;
+
+impl funnel_core::Gain<f32> for Broken {
+    fn inverse(&self, u: f32) -> f32 {
+        u / (1.0 + u.abs())
+    }
+
+    fn inverse_slope(&self, u: f32) -> f32 {
+        1.0 / (1.0 + u.abs()).powi(2)
+    }
+
+    fn apply(&self, s: f32) -> f32 {
+        s / (1.0 - s.abs())
+    }
+
+    fn solve(&self, psi: f32, b: f32, r: f32) -> funnel_core::gain::Solution<f32> {
+        let u = if r.abs() < 0.1 * psi { r / (psi + b) } else { f32::NAN };
+        funnel_core::gain::Solution { u, s: 0.0 }
+    }
+}
+
+#[test]
+fn an_input_that_is_not_finite_stops_the_node_with_its_state() {
+    let field = |tick| funnel_core::AffineSines::configured(&config(), tick);
+    let params: Params<f32, _, Broken> = Params::with_field_and_gain(&config(), field, Broken).unwrap();
+    let mut node = Node::new(params, &config().neighbours);
+    node.on_message(&start(), 0).unwrap();
+    while node.poll(0).is_some() {}
+    node.on_message(&state(2, 0, 1.5), 0).unwrap();
+    while node.poll(MS).is_some() {}
+    assert_eq!(node.phase(), Phase::Running);
+    let x = node.state().next().unwrap();
+    node.on_message(&state(2, 1, 9.0), MS).unwrap();
+    let said: Vec<_> = core::iter::from_fn(|| node.poll(2 * MS)).collect();
+    assert_eq!(said[0], Action::Safe);
+    assert!(said.contains(&Action::Report(Event::Fault(FaultCode::INPUT))), "{said:?}");
+    let faults = said
+        .iter()
+        .filter(|said| matches!(said, Action::Send(Message::Fault { code: FaultCode::INPUT, .. })));
+    assert_eq!(faults.count(), 1);
+    assert_eq!((node.state().next(), node.observations()[0].u), (Some(x), 0.0));
+    assert_eq!(node.phase(), Phase::Faulted(FaultCode::INPUT));
+}
+
+#[test]
+fn a_funnel_that_opens_from_nearly_nothing_is_floored_at_once_and_no_policy_makes_nonsense_of_it() {
+    let shape = FunnelShape::Exponential { start: 1e-6, end: 100.0, rate: 1.0 };
+    let funnel = FunnelConfig { factor: 1.0, shape };
+    for on_breach in [BreachPolicy::Ride, BreachPolicy::Reopen { margin: 2.0, rate: 1.0 }] {
+        let mut node = started(&NodeConfig { funnel, on_breach, initial_state: scalar(0.0), ..config() });
+        for k in 0..20 {
+            node.on_message(&state(2, k, 1e-7), 0).unwrap();
+            actions(&mut node, u64::from(k + 1) * MS);
+            let seen = seen(&node);
+            assert!(seen.psi >= 1e-6 && seen.ratio < 1.0, "{k}: {seen:?}");
+            assert!(seen.u.is_finite() && seen.x.is_finite(), "{k}: {seen:?}");
+        }
+        assert_eq!((node.phase(), node.counters().breaches), (Phase::Running, 0), "{on_breach:?}");
+    }
 }

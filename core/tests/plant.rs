@@ -488,6 +488,65 @@ fn a_plant_is_not_measured_for_ticks_whose_time_is_over() {
     assert_eq!((samples, stamps), (1, vec![4]));
     assert_eq!(node.poll_at(), Some(5 * tick), "tick 4 is on time again");
     let counters = node.node().unwrap().report().counters;
-    assert_eq!((counters.ticks, counters.overruns), (1, 1));
+    assert_eq!((counters.ticks, counters.overruns, counters.skipped), (1, 1, 3));
     assert_eq!(node.progress().completed, 1, "what was skipped feeds no watchdog");
+}
+
+/// A model that gives no number where the state is beyond 25.
+#[derive(Clone, Copy, Debug)]
+struct Lost;
+
+impl funnel_core::VectorField<f32> for Lost {
+    fn at(&self, _: u64, x: f32) -> f32 {
+        if x <= 25.0 { 0.0 } else { f32::NAN }
+    }
+}
+
+impl funnel_core::Model for Lost {
+    type Field = Self;
+
+    fn field(&self, _: &NodeConfig, _: f64) -> Result<Self, ConfigError> {
+        Ok(*self)
+    }
+
+    fn plant(&self) -> Option<PlantSetup> {
+        Some(PlantSetup::new([InputRange::new(-100.0, 100.0).unwrap()], 3))
+    }
+}
+
+#[test]
+fn a_field_that_gives_no_number_stops_the_node_safe_and_its_inputs_are_numbers() {
+    let mut node = session(Lost, config(1, &[2]));
+    tell(&mut node, command(Command::Start));
+    let drain = |node: &mut Session<Lost>, x: f32| {
+        let mut said = Vec::new();
+        while let Some(output) = node.poll(0) {
+            if output == Output::Sample {
+                node.measured(&[x]);
+            }
+            assert!(node.inputs().iter().all(|u| u.is_finite()), "{said:?}");
+            said.push(output);
+        }
+        said
+    };
+    drain(&mut node, 20.0);
+    for (tick, x) in [(0, 20.0), (1, 26.0)] {
+        tell(&mut node, state(2, tick, 21.0));
+        tell(&mut node, sync(tick));
+        let said = drain(&mut node, x);
+        let driven = said.contains(&Output::Actuate);
+        assert_eq!((driven, said.contains(&Output::Safe)), (tick == 0, tick == 1), "{said:?}");
+    }
+    assert_eq!(node.node().unwrap().phase(), Phase::Faulted(FaultCode::STATE_LIMIT));
+    assert_eq!(node.node().unwrap().state().next(), Some(26.0));
+}
+
+#[test]
+fn an_actuator_is_given_no_input_for_what_is_not_a_number() {
+    let range = InputRange::new(-2.0, 3.0).unwrap();
+    for (u, done) in
+        [(f32::NAN, 0.0), (-9.0, -2.0), (9.0, 3.0), (-1.0, -1.0), (1.0, 1.0), (f32::INFINITY, 3.0)]
+    {
+        assert_eq!(range.clamp(u), done, "{u}");
+    }
 }

@@ -1,14 +1,16 @@
 //! A session in memory: identity, configuration and its refusals, telemetry, report.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnel_core::{Output, Phase, Session, Task};
+use funnel_core::{Event, Output, Phase, Session, Task};
 use funnel_protocol::config::{
     BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
     GainConfig, NodeConfig, TickSource, scalar,
 };
 use funnel_protocol::message::{Command, Message, Severity, Target, TickStamp};
 use funnel_protocol::serial::Frame;
-use funnel_protocol::service::{Body, Identity, Reply, Request, ResetCause, StoreError, kind};
+use funnel_protocol::service::{
+    Body, Identity, Key, Reply, Request, ResetCause, StageError, StoreError, kind,
+};
 use funnel_protocol::{FaultCode, Refusal, WIRE_VERSION};
 
 const IDENTITY: Identity = Identity {
@@ -112,8 +114,12 @@ fn it_runs_by_sync_with_telemetry_and_reports() {
     let refused = ask(&mut session, &Request::Configure(config()));
     assert_eq!(refused, [Output::Reply(Reply::Configured(Err(ConfigError::Running)))]);
     let ticks: Vec<_> = (0..4).map(|k: u32| tell(&mut session, sync(k.wrapping_sub(1)))).collect();
+    // Nobody has said anything to it.
+    let lost = |outputs: &Vec<Output>| matches!(outputs[0], Output::Report(Event::NeighbourLost(_)));
+    assert_eq!(ticks.iter().position(lost), Some(3));
     for (k, outputs) in ticks.iter().enumerate() {
-        assert!(matches!(outputs[0], Output::Send(Message::State { .. })), "{outputs:?}");
+        let sends = |output: &Output| matches!(output, Output::Send(Message::State { .. }));
+        assert!(outputs.iter().any(sends), "{outputs:?}");
         let telemetry =
             outputs.iter().any(|o| matches!(o, Output::Reply(Reply::Telemetry(t)) if t.tick == k as u32));
         assert_eq!(telemetry, k % 2 == 0, "every second tick: {outputs:?}");
@@ -239,4 +245,70 @@ fn after_a_panic_it_says_so_once_it_has_its_id_and_does_not_run_by_itself() {
         tell(&mut session, start());
         assert_eq!(session.node().unwrap().phase(), Phase::Running);
     }
+}
+
+fn say(session: &mut Session, request: &Request) {
+    let mut body = [0; 1024];
+    let length = request.encode(&mut body).unwrap();
+    let frame = Frame::Service { kind: request.kind(), source: 0, body: &body[..length] };
+    session.on_frame(Ok(frame), 0);
+}
+
+/// What the app is given of a request, with the storage doing what it is asked for.
+fn kept(session: &mut Session) -> (Option<NodeConfig>, Vec<Reply>) {
+    let (mut staged, mut replies) = (None, Vec::new());
+    while let Some(output) = session.poll(0) {
+        match output {
+            Output::Keep => {
+                if let Some(Task::Stage(config) | Task::Store(config)) = session.task() {
+                    staged = Some(config.clone());
+                }
+                session.performed(Ok(7));
+            }
+            Output::Reply(reply) => replies.push(reply),
+            _ => {}
+        }
+    }
+    (staged, replies)
+}
+
+#[test]
+fn a_second_request_is_refused_while_one_is_pending_and_changes_nothing_of_it() {
+    let other = NodeConfig { tick_ns: 2_000_000, ..config() };
+    let bad = NodeConfig { tick_ns: 1, ..config() };
+    let seconds = [
+        (Request::Stage(other.clone()), Reply::Staged(Err(StageError::Store(StoreError::Busy)))),
+        (Request::Stage(bad), Reply::Staged(Err(StageError::Store(StoreError::Busy)))),
+        (Request::Configure(other), Reply::Configured(Err(ConfigError::Busy))),
+        (Request::Store, Reply::Stored(Err(StoreError::Busy))),
+        (Request::Erase, Reply::Erased(Err(StoreError::Busy))),
+        (Request::Key(Key([1; 16])), Reply::Keyed(Err(StoreError::Busy))),
+    ];
+    for (second, refused) in seconds {
+        let mut session = blank();
+        ask(&mut session, &Request::Configure(config()));
+        say(&mut session, &Request::Stage(config()));
+        say(&mut session, &second);
+        say(&mut session, &second);
+        let (staged, replies) = kept(&mut session);
+        assert_eq!(staged, Some(config()), "{second:?}");
+        assert_eq!(replies, [Reply::Staged(Ok(config().checksum())), refused], "in order, and once");
+        let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else {
+            panic!()
+        };
+        assert_eq!(report.counters.refused(Refusal::Phase), 2, "each is counted");
+        assert_eq!(session.config(), Some(&config()));
+    }
+}
+
+#[test]
+fn who_asks_while_something_is_kept_is_answered_and_no_answer_is_lost() {
+    let mut session = blank();
+    ask(&mut session, &Request::Configure(config()));
+    say(&mut session, &Request::Stage(config()));
+    say(&mut session, &Request::Hello);
+    // The place of the answer is taken now.
+    say(&mut session, &Request::Report);
+    let (_, replies) = kept(&mut session);
+    assert!(matches!(replies[..], [Reply::Identity(_), Reply::Staged(Ok(_))]), "{replies:?}");
 }

@@ -340,6 +340,8 @@ pub enum ConfigError {
     GainOfCoupling,
     /// The two ends of an edge share its funnel: with edge-wise coupling none can reopen it alone.
     PolicyOfCoupling,
+    /// The request before it is not answered yet.
+    Busy,
 }
 
 impl fmt::Display for ConfigError {
@@ -364,6 +366,7 @@ impl fmt::Display for ConfigError {
                     "a lambda-tracker needs a linear gain; edge-wise and max-gain coupling need a funnel's gain"
                 )
             }
+            Self::Busy => f.write_str("the node has not answered the request before yet: ask again"),
             Self::PolicyOfCoupling => {
                 write!(f, "with edge-wise coupling a node cannot reopen a funnel alone: ride on, or stop")
             }

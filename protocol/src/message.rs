@@ -158,6 +158,8 @@ impl FaultCode {
     pub const PLANT: Self = Self(8);
     /// The node's storage has failed at a commit; it goes on with its old configuration, and says so as a warning.
     pub const COMMIT: Self = Self(9);
+    /// The law, or a field or gain of a user's own, has given an input that is not a finite number; the argument is its component.
+    pub const INPUT: Self = Self(10);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -173,6 +175,7 @@ macro_rules! say {
             FaultCode::HOLDOVER => $($write)::+!($f, "it has heard no SYNC for too long"),
             FaultCode::PLANT => $($write)::+!($f, "its sensor or actuator has failed"),
             FaultCode::COMMIT => $($write)::+!($f, "its storage has failed at a commit"),
+            FaultCode::INPUT => $($write)::+!($f, "its input is not a finite number"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };

@@ -34,6 +34,10 @@ pub struct Counters {
     pub coasted: u32,
     /// Ticks at which the actuator could not do what the law asked for.
     pub saturated: u32,
+    /// States that were accepted after the tick that they are for had run.
+    pub late: u32,
+    /// Ticks that the node was moved on over without running them: SYNC skipped them, or they came too late to be made up for.
+    pub skipped: u32,
 }
 
 impl Counters {

@@ -9,7 +9,7 @@ use crate::report::{Report, Telemetry};
 use serde::{Deserialize, Serialize};
 
 /// Longest body of a [`Reply`], bytes: a report whose counters are all at their largest.
-pub const MAX_REPLY_BODY: usize = 144;
+pub const MAX_REPLY_BODY: usize = 152;
 
 /// Kinds of serial frame of the service plane.
 pub mod kind {
@@ -145,6 +145,8 @@ pub enum StoreError {
     Absent,
     /// The flash has failed. The next start finds what was stored before or the new one, whole.
     Failed,
+    /// The request before it is not answered yet.
+    Busy,
 }
 
 impl fmt::Display for StoreError {
@@ -154,6 +156,7 @@ impl fmt::Display for StoreError {
             Self::Blank => "the node has no configuration to store",
             Self::Absent => "the board has no storage",
             Self::Failed => "the flash did not take it",
+            Self::Busy => "the node has not answered the request before yet: ask again",
         })
     }
 }
@@ -219,6 +222,20 @@ pub enum Reply {
     Staged(Result<u32, StageError>),
     /// I keep the key: the epoch.
     Keyed(Result<u32, StoreError>),
+}
+
+impl Reply {
+    /// The refusal of a request of this kind because another one is not answered yet; none for those that only ask, which are asked again.
+    pub fn busy(kind: u8) -> Option<Self> {
+        match kind {
+            kind::CONFIGURE => Some(Self::Configured(Err(ConfigError::Busy))),
+            kind::STORE => Some(Self::Stored(Err(StoreError::Busy))),
+            kind::ERASE => Some(Self::Erased(Err(StoreError::Busy))),
+            kind::STAGE => Some(Self::Staged(Err(StageError::Store(StoreError::Busy)))),
+            kind::KEY => Some(Self::Keyed(Err(StoreError::Busy))),
+            _ => None,
+        }
+    }
 }
 
 /// A body that travels in a service frame.

@@ -99,6 +99,8 @@ fn largest_reply_fits_and_little_is_wasted() {
         weights_differ: most,
         coasted: most,
         saturated: most,
+        late: most,
+        skipped: most,
         refused: [most; Refusal::COUNT],
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });
@@ -121,7 +123,7 @@ fn storing_has_these_bytes() {
     for wrong in [&[7; 15][..], &[7; 17], &[]] {
         assert_eq!(Request::decode(0x4D, wrong), Err(Refusal::Length));
     }
-    let answers: [(Reply, u8, &[u8]); 13] = [
+    let answers: [(Reply, u8, &[u8]); 16] = [
         (Reply::Stored(Ok(u32::MAX)), 0x48, &[0, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]),
         (Reply::Stored(Err(StoreError::Running)), 0x48, &[1, 0]),
         (Reply::Stored(Err(StoreError::Blank)), 0x48, &[1, 1]),
@@ -133,6 +135,9 @@ fn storing_has_these_bytes() {
         (Reply::Staged(Err(StageError::Config(ConfigError::Malformed))), 0x4C, &[1, 0, 4]),
         (Reply::Staged(Err(StageError::Store(StoreError::Running))), 0x4C, &[1, 1, 0]),
         (Reply::Staged(Err(StageError::Store(StoreError::Absent))), 0x4C, &[1, 1, 2]),
+        (Reply::Stored(Err(StoreError::Busy)), 0x48, &[1, 4]),
+        (Reply::Staged(Err(StageError::Store(StoreError::Busy))), 0x4C, &[1, 1, 4]),
+        (Reply::Configured(Err(ConfigError::Busy)), 0x43, &[1, 7]),
         (Reply::Keyed(Ok(300)), 0x4E, &[0, 0xAC, 0x02]),
         (Reply::Keyed(Err(StoreError::Failed)), 0x4E, &[1, 3]),
     ];

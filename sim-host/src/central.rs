@@ -15,7 +15,8 @@ use crate::scenario::Graph;
 use funnel_core::field::{State, VectorField, compensated_add};
 use funnel_core::funnel::Widths;
 use funnel_core::law::node_wise::{C, THETA};
-use funnel_core::{Event, Gain, Observation, Params, Real};
+use funnel_core::math::larger;
+use funnel_core::{Event, Gain, Observation, Params};
 use funnel_protocol::message::FaultCode;
 use funnel_protocol::report::{Counters, Report, count};
 
@@ -24,7 +25,7 @@ pub struct Central {
     members: Vec<Member>,
     noise: Noise,
     tick: u32,
-    /// A state went beyond its limit.
+    /// A state went beyond its limit, or an input was not a finite number.
     stopped: bool,
     /// It had done so before the last tick.
     stood_still: bool,
@@ -109,12 +110,15 @@ impl Central {
             for member in &mut self.members {
                 member.right_sides(first);
             }
-            let largest = largest(self.members.iter().map(Member::gain));
+            let largest = self.members.iter().map(Member::gain).fold(0.0, larger);
             for member in &mut self.members {
                 member.inputs(largest);
             }
+            self.refuse_inputs();
             self.observe();
-            self.step();
+            if !self.stopped {
+                self.step();
+            }
         }
         &self.observations
     }
@@ -144,23 +148,41 @@ impl Central {
             let mut most = 0.0f32;
             for (component, own) in member.parts.iter_mut().enumerate() {
                 (own.nu, own.dnu) = (0.0, 0.0);
-                most = largest([most, own.x.abs()]);
+                most = larger(most, own.x.abs());
                 for &(other, weight) in &member.neighbours {
                     let Some(other) = parts.get(other).and_then(|parts| parts.get(component)) else {
                         continue;
                     };
                     own.nu += weight * (other.seen - own.x);
                     own.dnu += weight * (other.increment - own.dx);
-                    most = largest([most, other.seen.abs()]);
+                    most = larger(most, other.seen.abs());
                 }
             }
             member.widths(self.tick, most);
         }
     }
 
+    /// As a node does: an input that is not a finite number stops it, and here all, with none at all.
+    fn refuse_inputs(&mut self) {
+        let at = self.now();
+        for (node, member) in self.members.iter().enumerate() {
+            if member.parts.iter().any(|part| !part.u.is_finite()) {
+                self.stopped = true;
+                self.events.push(NodeEvent { at, node, event: Event::Fault(FaultCode::INPUT) });
+            }
+        }
+        if self.stopped {
+            self.members.iter_mut().flat_map(|member| &mut member.parts).for_each(|part| part.u = 0.0);
+        }
+    }
+
+    /// When the next tick is over, ns.
+    fn now(&self) -> u64 {
+        (u64::from(self.tick) + 1) * self.members.first().map_or(0, |member| member.params.tick_ns)
+    }
+
     fn observe(&mut self) {
-        let (tick, at) =
-            (self.tick, (u64::from(self.tick) + 1) * self.members.first().map_or(0, |m| m.params.tick_ns));
+        let (tick, at) = (self.tick, self.now());
         self.observations.clear();
         for (node, member) in self.members.iter_mut().enumerate() {
             let psi = member.psi.now;
@@ -173,7 +195,7 @@ impl Central {
                 u: part.u,
             };
             self.observations.extend(member.parts.iter().map(seen));
-            let ratio = largest(member.parts.iter().map(|part| part.nu.abs() / psi));
+            let ratio = member.parts.iter().map(|part| part.nu.abs() / psi).fold(0.0, larger);
             if let Some(event) = member.judge(tick, ratio) {
                 self.events.push(NodeEvent { at, node, event });
             }
@@ -182,7 +204,7 @@ impl Central {
 
     /// Advances all states by a tick.
     fn step(&mut self) {
-        let at = (u64::from(self.tick) + 1) * self.members.first().map_or(0, |member| member.params.tick_ns);
+        let at = self.now();
         for (node, member) in self.members.iter_mut().enumerate() {
             let before: Vec<f32> = member.parts.iter().map(|part| part.x).collect();
             midpoint(&member.params, self.tick, &mut member.parts);
@@ -208,10 +230,11 @@ impl Member {
     /// The funnel, floored as a node floors it.
     fn widths(&mut self, tick: u32, largest: f32) {
         self.psi = self.params.funnel.widths(tick);
-        let floor = (self.params.floor_per_state * largest).max(f32::TINY);
-        if self.psi.ahead <= floor {
+        let input = self.parts.iter().map(|part| part.u.abs()).fold(0.0, larger);
+        let floor = self.params.floor.width(largest, input);
+        if !self.psi.clears(floor) {
             count(&mut self.counters.floored);
-            self.psi = Widths { now: self.psi.now.max(floor), ahead: floor };
+            self.psi = self.psi.floored(floor);
         }
     }
 
@@ -232,7 +255,7 @@ impl Member {
             let solution = law.solve(self.psi.ahead, self.b, part.r);
             if solution.s == 0.0 { 1.0 / law.inverse_slope(0.0) } else { (solution.u / solution.s).abs() }
         };
-        largest(self.parts.iter().map(gamma))
+        self.parts.iter().map(gamma).fold(0.0, larger)
     }
 
     /// Inputs with the gain of all.
@@ -243,12 +266,10 @@ impl Member {
     }
 
     fn judge(&mut self, tick: u32, ratio: f32) -> Option<Event> {
-        // Written so that NaN is outside, and stays the largest.
+        // What is not a number is not inside, and stays the largest.
         let inside = ratio < 1.0;
         let breach = !inside;
-        if ratio > self.max_ratio || ratio.is_nan() {
-            self.max_ratio = ratio;
-        }
+        self.max_ratio = larger(self.max_ratio, ratio);
         self.counters.breaches += u32::from(breach);
         let changed = std::mem::replace(&mut self.in_breach, breach) != breach;
         changed.then_some(match breach {
@@ -256,11 +277,6 @@ impl Member {
             false => Event::BreachEnded { tick },
         })
     }
-}
-
-/// The largest of values that are zero or more; NaN where one is.
-fn largest(values: impl IntoIterator<Item = f32>) -> f32 {
-    values.into_iter().fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f32::NAN } else { a.max(b) })
 }
 
 /// The node's midpoint step, for all components at once.

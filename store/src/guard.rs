@@ -9,6 +9,8 @@ use embedded_storage_async::nor_flash::{
 pub struct Guard<'a, S> {
     pub flash: &'a mut S,
     pub may_change: bool,
+    /// A hash of all that was read so far.
+    pub seen: &'a mut u32,
 }
 
 impl<S: ErrorType> Guard<'_, S> {
@@ -41,7 +43,11 @@ impl<S: ReadNorFlash> ReadNorFlash for Guard<'_, S> {
     const READ_SIZE: usize = S::READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
-        self.flash.read(offset, bytes).await.map_err(GuardError::Flash)
+        self.flash.read(offset, bytes).await.map_err(GuardError::Flash)?;
+        // FNV-1a: not against malice, but against cells.
+        let hash = |hash: u32, &byte: &u8| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+        *self.seen = bytes.iter().fold(*self.seen, hash);
+        Ok(())
     }
 
     fn capacity(&self) -> usize {

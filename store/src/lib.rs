@@ -10,7 +10,7 @@
 //!
 //! [`Store::stage`] erases the half that is not current and writes a configuration there, with the key of the current one.
 //! [`Store::commit`] adds the commit record with a larger epoch, which makes that half the current one: a short write and no
-//! erase. Nothing ever writes or erases the current half, so a power
+//! erase. Nothing ever writes or erases the current half, but for what a new key or a blank node has replaced, so a power
 //! cut leaves the old configuration or the new one, whatever an interrupted write or erase leaves in the other half.
 //!
 //! Why not one map over the whole region: `sequential-storage` then moves live records out of a page before it erases
@@ -50,6 +50,9 @@ const KEY: u8 = 2;
 pub const MAX_CONFIG: usize = MAX_BODY + 1;
 /// Room for a configuration and its key, in whole words of any flash (32 bytes).
 const BUFFER: usize = (MAX_CONFIG + 1).next_multiple_of(32);
+/// How often a commit record is read before it counts: a cell that an interrupted write or erase has left in between reads one way
+/// now and another way later, and what counts at one start has to count at the next.
+const READS: usize = 3;
 /// Smallest page, bytes: all records fit into the first one, so that no map ever moves a record.
 pub const MIN_PAGE: usize = 2048;
 /// Smallest region, pages: two for each half.
@@ -81,32 +84,45 @@ pub enum Change<'a> {
     Key(Key, &'a mut Option<NodeConfig>),
 }
 
+/// What waits for its commit.
+#[derive(Clone, Copy)]
+struct Staged {
+    half: Half,
+    /// The [`checksum`] of it at epoch 0.
+    crc: u32,
+    /// What is current now must not be readable after the commit.
+    replaces: bool,
+}
+
 /// The stored configuration of a node. Dropping a future of it is a power cut: call [`Store::open`] again.
 pub struct Store<S> {
     flash: S,
     region: Range<u32>,
     current: Option<(Half, Commit)>,
-    /// What was staged since the start, with the [`checksum`] of it at epoch 0.
-    staged: Option<(Half, u32)>,
+    /// What was staged since the start.
+    staged: Option<Staged>,
     buffer: [u8; BUFFER],
+    /// See [`Guard`].
+    seen: u32,
 }
 
 impl<S: NorFlash> Store<S> {
     /// A store in `region` of `flash` (byte addresses of the driver) that nobody has looked into: for [`Store::find`], once it is where it
     /// stays. What it is moved through on its way there is stack, 1.4 KiB each time.
     pub const fn new(flash: S, region: Range<u32>) -> Self {
-        Self { flash, region, current: None, staged: None, buffer: [0; BUFFER] }
+        Self { flash, region, current: None, staged: None, buffer: [0; BUFFER], seen: 0 }
     }
 
     /// Finds the current configuration; reads only. A stage that was not committed is no longer there. Flash that holds anything else is a
-    /// store without a configuration.
+    /// store without a configuration, and a half that the driver cannot read is as one without a record.
     ///
     /// # Errors
     /// `Region` where it does not consist of at least [`MIN_PAGES`] whole pages, an even number, of at least [`MIN_PAGE`]
-    /// bytes; `Flash` where the driver fails.
+    /// bytes.
     pub async fn find(&mut self) -> Result<(), Error<S::Error>> {
         check_region::<S>(&self.region)?;
-        self.look().await
+        let _ = self.look().await;
+        Ok(())
     }
 
     /// A store that has [found](Self::find) what is current.
@@ -153,7 +169,13 @@ impl<S: NorFlash> Store<S> {
     /// staged then.
     pub async fn stage(&mut self, change: Change<'_>) -> Result<(), Error<S::Error>> {
         // A commit that has failed may be there all the same. Then it is what counts, and its half must not be erased.
-        self.look().await?;
+        match self.look().await {
+            // Erased is what it is going to be. The other half could hold what counts more than anything that is written now.
+            Some((half, _)) if half == self.target() => {}
+            Some((_, error)) => return Err(error),
+            None => {}
+        }
+        let replaces = !matches!(change, Change::Config(_));
         let (config, key) = match change {
             Change::Config(config) => match self.key().await {
                 Err(Error::Corrupt | Error::Newer { .. }) => (Some(config), None),
@@ -165,7 +187,7 @@ impl<S: NorFlash> Store<S> {
                 (room.as_ref(), Some(key))
             }
         };
-        self.put(config, key).await
+        self.put(config, key, replaces).await
     }
 
     /// Puts what a commit would make the current configuration into `room`.
@@ -173,21 +195,23 @@ impl<S: NorFlash> Store<S> {
     /// # Errors
     /// `NotStaged`; `Corrupt` where it has changed since it was staged; `Flash`.
     pub async fn staged(&mut self, room: &mut Option<NodeConfig>) -> Result<(), Error<S::Error>> {
-        let (half, crc) = self.staged.ok_or(Error::NotStaged)?;
+        let Staged { half, crc, .. } = self.staged.ok_or(Error::NotStaged)?;
         let (_, bytes) = self.checked(half, LAYOUT, 0, crc).await?;
         layout::read(LAYOUT, bytes, room).map_err(|_| Error::Corrupt)
     }
 
-    /// Makes the staged configuration the current one. A power cut leaves the one or the other.
+    /// Makes the staged configuration the current one. A power cut leaves the one or the other. After a key or a blank node the half of
+    /// before is erased: neither an old key nor what a blank node was can be read from the flash any more.
     ///
     /// # Errors
     /// `NotStaged`; `Epoch` unless `epoch` is larger than the [present one](Self::epoch); `Corrupt`, `Flash`: then the old
-    /// one stays until the next [`Store::open`] or [`Store::stage`], which finds the one or the other, since the record may be written.
+    /// one stays until the next [`Store::open`] or [`Store::stage`], which finds the one or the other, since the record may be written; or
+    /// the new one counts, and the old half could not be erased, which the same change once more makes up for.
     pub async fn commit(&mut self, epoch: u32) -> Result<(), Error<S::Error>> {
         if epoch <= self.epoch() {
             return Err(Error::Epoch { present: self.epoch() });
         }
-        let (half, crc) = self.staged.take().ok_or(Error::NotStaged)?;
+        let Staged { half, crc, replaces } = self.staged.take().ok_or(Error::NotStaged)?;
         let (key, bytes) = self.checked(half, LAYOUT, 0, crc).await?;
         let commit = Commit { layout: LAYOUT, epoch, crc: checksum(LAYOUT, epoch, key.as_ref(), bytes) };
         self.write(half, COMMIT, &Record::Bytes(&commit.encode())).await?;
@@ -195,7 +219,7 @@ impl<S: NorFlash> Store<S> {
             return Err(Error::Corrupt);
         }
         self.current = Some((half, commit));
-        Ok(())
+        if replaces { self.erase(half.other()).await } else { Ok(()) }
     }
 
     /// The flash, for drivers that need attention. What is changed through it is the caller's risk.
@@ -208,23 +232,43 @@ impl<S: NorFlash> Store<S> {
         self.flash
     }
 
-    /// Finds what is current.
-    async fn look(&mut self) -> Result<(), Error<S::Error>> {
+    /// Finds what is current; gives a half that cannot be read, and why.
+    async fn look(&mut self) -> Option<(Half, Error<S::Error>)> {
+        let mut unread = None;
         for half in [Half::Low, Half::High] {
-            let found = self.read_commit(half).await?;
-            if let Some(commit) = found.filter(|found| found.epoch > self.epoch()) {
-                self.current = Some((half, commit));
+            match self.read_commit(half).await {
+                Ok(Some(commit)) if commit.epoch > self.epoch() => self.current = Some((half, commit)),
+                Ok(_) => {}
+                Err(error) => unread = Some((half, error)),
             }
         }
-        Ok(())
+        unread
+    }
+
+    /// Where the next change is written.
+    fn target(&self) -> Half {
+        self.current.map_or(Half::Low, |(half, _)| half.other())
+    }
+
+    async fn erase(&mut self, half: Half) -> Result<(), Error<S::Error>> {
+        let range = self.range(half);
+        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)
     }
 
     /// Writes both beside what is current, and looks whether they are there.
-    async fn put(&mut self, config: Option<&NodeConfig>, key: Option<Key>) -> Result<(), Error<S::Error>> {
+    async fn put(
+        &mut self,
+        config: Option<&NodeConfig>,
+        key: Option<Key>,
+        replaces: bool,
+    ) -> Result<(), Error<S::Error>> {
         self.staged = None;
-        let half = self.current.map_or(Half::Low, |(half, _)| half.other());
-        let range = self.range(half);
-        self.flash.erase(range.start, range.end).await.map_err(Error::Flash)?;
+        let half = self.target();
+        if self.current.is_none() {
+            // A record in there that could not be read now would count for more than the first one of a new row.
+            self.erase(half.other()).await?;
+        }
+        self.erase(half).await?;
         self.write(half, CONFIG, &Record::Config(config)).await?;
         if let Some(Key(bytes)) = &key {
             self.write(half, KEY, &Record::Bytes(bytes)).await?;
@@ -238,7 +282,8 @@ impl<S: NorFlash> Store<S> {
         if !same || written_key != key {
             return Err(Error::Corrupt);
         }
-        self.staged = Some((half, checksum(LAYOUT, 0, key.as_ref(), written)));
+        let crc = checksum(LAYOUT, 0, key.as_ref(), written);
+        self.staged = Some(Staged { half, crc, replaces });
         Ok(())
     }
 
@@ -285,15 +330,27 @@ impl<S: NorFlash> Store<S> {
         }
     }
 
+    /// The commit record of a half; `None`, too, where not all that leads to it reads the same each time: a map that reads a record wrong
+    /// reads it once more, and says nothing of it.
     async fn read_commit(&mut self, half: Half) -> Result<Option<Commit>, Error<S::Error>> {
-        Ok(self.read(half, COMMIT).await?.and_then(Commit::decode))
+        let mut first = None;
+        for _ in 0..READS {
+            self.seen = 0;
+            let Some(commit) = self.read(half, COMMIT).await?.and_then(Commit::decode) else {
+                return Ok(None);
+            };
+            if *first.get_or_insert((commit, self.seen)) != (commit, self.seen) {
+                return Ok(None);
+            }
+        }
+        Ok(first.map(|(commit, _)| commit))
     }
 
     /// A record, `None` where there is none that can be read. Never writes: repairs are for a half that is going to be erased
     /// anyway.
     async fn read(&mut self, half: Half, key: u8) -> Result<Option<&[u8]>, Error<S::Error>> {
         let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
-        let flash = Guard { flash: &mut self.flash, may_change: false };
+        let flash = Guard { flash: &mut self.flash, may_change: false, seen: &mut self.seen };
         let mut map = MapStorage::<u8, _, _>::new(flash, config, Cache::new_uncached());
         match map.fetch_item(&mut self.buffer, &key).await {
             Ok(record) => Ok(record),
@@ -306,7 +363,7 @@ impl<S: NorFlash> Store<S> {
 
     async fn write(&mut self, half: Half, key: u8, record: &Record<'_>) -> Result<(), Error<S::Error>> {
         let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
-        let flash = Guard { flash: &mut self.flash, may_change: true };
+        let flash = Guard { flash: &mut self.flash, may_change: true, seen: &mut self.seen };
         let mut map = MapStorage::<u8, _, _>::new(flash, config, Cache::new_uncached());
         map.store_item(&mut self.buffer, &key, record).await.map_err(|error| match error {
             sequential_storage::Error::Storage { value: GuardError::Flash(error), .. } => Error::Flash(error),

@@ -82,7 +82,9 @@ pub trait Gain<F: Real> {
 pub fn newton<F: Real, G: Gain<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Solution<F> {
     let rho = r.abs();
     if !(rho > F::ZERO && b > F::ZERO) {
-        return Solution { u: F::ZERO, s: F::ZERO };
+        // Zero, and not a number where `r` is none.
+        let nothing = rho * F::ZERO;
+        return Solution { u: nothing, s: nothing };
     }
     let low = ((rho - psi) / b).max(F::ZERO);
     let left_side = |u| {

@@ -13,6 +13,7 @@
 //! two inputs cancel bit for bit while no frame is lost.
 
 use super::node_wise::C;
+use crate::floor::Floor;
 use crate::funnel::Widths;
 use crate::gain::Gain;
 use crate::math::Real;
@@ -24,6 +25,8 @@ pub struct EdgeWise<F> {
     theta: F,
     /// `theta (c / 2) T`, s.
     share: F,
+    /// What rounding leaves of the funnel of an edge of stiffness 1.
+    pub(crate) floor: Floor<F>,
 }
 
 /// One edge at one tick, as one end sees it.
@@ -42,7 +45,9 @@ pub struct EdgeTerm<F> {
 impl<F: Real> EdgeWise<F> {
     /// The law for tick period `tick` (s), with `theta` in [1/2, 1].
     pub fn new(tick: f64, theta: f64) -> Self {
-        Self { theta: F::from_f64(theta), share: F::from_f64(theta * C / 2.0 * tick) }
+        // Half its stiffness is to an edge what its degree is to a node: it stands in `b` alike.
+        let floor = Floor::new(0.5, tick);
+        Self { theta: F::from_f64(theta), share: F::from_f64(theta * C / 2.0 * tick), floor }
     }
 
     /// One tick: the input of one edge, state units / s.

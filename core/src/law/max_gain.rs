@@ -6,7 +6,7 @@
 use super::node_wise::{Memory, NodeWise};
 use crate::funnel::Widths;
 use crate::gain::Gain;
-use crate::math::Real;
+use crate::math::{Real, larger};
 
 /// One component of the diffusive term, and the input that the law finds for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,20 +22,20 @@ pub struct Term<F> {
 /// One tick for all components. `first`: there is no last input yet.
 pub fn step<F: Real, G: Gain<F>>(law: &NodeWise<F, G>, terms: &mut [Term<F>], first: bool, psi: Widths<F>) {
     if first {
-        let longest = terms.iter().fold(F::ZERO, |most, term| most.max(term.nu.abs()));
+        let longest = terms.iter().fold(F::ZERO, |most, term| larger(most, term.nu.abs()));
         let u = law.first_input(longest, psi);
         terms.iter_mut().for_each(|term| term.u = share(u, term.nu, longest));
     }
     // From here on `u` holds the right side, until it is the input.
     terms.iter_mut().for_each(|term| term.u = law.right_side(term.nu, term.dnu, term.u));
-    let longest = terms.iter().fold(F::ZERO, |most, term| most.max(term.u.abs()));
+    let longest = terms.iter().fold(F::ZERO, |most, term| larger(most, term.u.abs()));
     let u = law.gain.solve(psi.ahead, law.b, longest).u;
     terms.iter_mut().for_each(|term| term.u = share(u, term.u, longest));
 }
 
 /// `length part / longest`, and zero where there is no direction.
 fn share<F: Real>(length: F, part: F, longest: F) -> F {
-    if longest > F::ZERO { length * (part / longest) } else { F::ZERO }
+    if longest == F::ZERO { F::ZERO } else { length * (part / longest) }
 }
 
 impl<F: Real> Memory<F> {

@@ -135,6 +135,7 @@ impl<M: Model> Session<M> {
         let running = self.is_running();
         match (self.staged, self.node.as_mut()) {
             _ if !meant => {}
+            _ if self.keep.is_some() || self.performing.is_some() => self.refuse(Refusal::Phase),
             (None, _) => self.refuse(Refusal::Phase),
             // The node counts what it refuses.
             (Some(Staged { lasting, .. }), Some(node)) if running => {

@@ -9,7 +9,6 @@ use crate::emergent;
 use crate::extremes::{larger, largest};
 use crate::scenario::Scenario;
 use funnel_core::gain::BuiltinGain;
-use funnel_core::params;
 use motion::Motion;
 pub(super) use seen::{AtFloor, NodeSeen};
 
@@ -67,7 +66,7 @@ pub(super) struct Forecast {
     pub reach: f64,
     /// Largest `|x|` of the initial states, of `xi`, and of the contracting nodes left to themselves (state units).
     pub largest_state: f64,
-    /// The width at which a node floors its funnel, as `funnel_core::params` has it, by index (state units).
+    /// The width at which a node floors its funnel, `funnel_core::floor`, by index (state units).
     pub resolution: Vec<f64>,
     /// By index.
     pub nodes: Vec<NodeSeen>,
@@ -83,16 +82,14 @@ impl Forecast {
     pub fn of(scenario: &Scenario, widths: &Widths, degrees: &[f64]) -> Self {
         let gains = gains(scenario);
         let motion = Motion::of(scenario, widths, &gains);
-        let ulps = params::FLOOR_ULPS * f64::from(f32::EPSILON) * motion.largest_state;
-        let resolution: Vec<_> = scenario.nodes.iter().map(|node| ulps * node.funnel.factor()).collect();
-        let seen = seen::along(&motion, scenario, widths, &gains, degrees, &resolution);
+        let seen = seen::along(&motion, scenario, widths, &gains, degrees);
         Self {
             grid: motion.grid,
             xi: motion.xi,
             blended_end: motion.blended,
             reach: motion.reach,
             largest_state: motion.largest_state,
-            resolution,
+            resolution: seen.resolution,
             nodes: seen.nodes,
             slope_largest: seen.slope_largest,
             slope_largest_at: seen.slope_largest_at,

@@ -15,13 +15,10 @@ pub use windows::WindowFigures;
 
 use crate::extremes::{larger, largest, smallest};
 use crate::presence::Presence;
-use crate::scenario::{FloorSpec, Scenario};
-use funnel_core::Real;
+use crate::scenario::{CouplingKind, FloorSpec, Scenario};
+use funnel_core::floor::Floor;
 use truth::Truth;
 use windows::Windows;
-
-/// Bits of an f32, with which the nodes compute.
-const F32_EPSILON: f64 = f32::EPSILON as f64;
 
 /// What is known of the network at a tick, by index and then by component.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +62,8 @@ pub struct Findings {
 pub struct Judge<'a> {
     scenario: &'a Scenario,
     truth: Truth,
-    degrees: Vec<f64>,
+    /// What the f32 of each node resolves, by index; with edge-wise coupling that of its steepest edge.
+    floors: Vec<Floor<f64>>,
     windows: Windows<'a>,
     findings: Findings,
     /// Of the last tick, by index and then by component: true terms, NaN where they are not known.
@@ -82,7 +80,7 @@ impl<'a> Judge<'a> {
         Self {
             scenario,
             truth: Truth::of(scenario),
-            degrees: scenario.graph.degrees(),
+            floors: floors(scenario),
             windows: Windows::of(scenario),
             findings: Findings::default(),
             terms: vec![f64::NAN; entries],
@@ -159,7 +157,7 @@ impl<'a> Judge<'a> {
             .fold(0.0f64, |most, x| most.max(x.abs()));
         let inputs = moment.u.iter().skip(index * components).take(components);
         let input = inputs.fold(0.0f64, |most, u| most.max(u.abs()));
-        resolution(self.degrees[index], self.scenario.time.tick_s(), state, input)
+        self.floors[index].width(state, input)
     }
 
     /// Counts what is outside, and gives the largest ratio of the tick.
@@ -186,6 +184,25 @@ impl<'a> Judge<'a> {
     }
 }
 
+/// The floors of the nodes, by index.
+fn floors(scenario: &Scenario) -> Vec<Floor<f64>> {
+    let graph = &scenario.graph;
+    let mut degrees = graph.degrees();
+    if scenario.coupling == CouplingKind::EdgeWise {
+        // Both ends of an edge floor it by what both know: half its stiffness `alpha_ij (n_i + n_j)`.
+        let count =
+            |index: usize| graph.edges.iter().filter(|edge| edge.a == index || edge.b == index).count();
+        let counts: Vec<_> = (0..graph.nodes).map(count).collect();
+        degrees.fill(0.0);
+        for edge in &graph.edges {
+            let stiffness = 0.5 * edge.weight * (counts[edge.a] + counts[edge.b]) as f64;
+            degrees[edge.a] = larger(degrees[edge.a], stiffness);
+            degrees[edge.b] = larger(degrees[edge.b], stiffness);
+        }
+    }
+    degrees.into_iter().map(|degree| Floor::of_f32(degree, scenario.time.tick_s())).collect()
+}
+
 fn is_known(moment: &Moment<'_>, index: usize) -> bool {
     moment.presence.get(index).is_some_and(|presence| presence.is_known())
 }
@@ -207,11 +224,6 @@ fn spread(moment: &Moment<'_>, components: usize) -> Option<f64> {
 fn input(moment: &Moment<'_>, components: usize) -> f64 {
     let ran = |&(at, _): &(usize, &f64)| moment.presence.get(at / components) == Some(&Presence::Ran);
     largest(0.0, moment.u.iter().enumerate().filter(ran).map(|(_, u)| u.abs()))
-}
-
-/// The narrowest funnel that an f32 node resolves, state units: what rounding makes of `nu` and of a step by `T u`.
-fn resolution(degree: f64, tick_s: f64, state: f64, input: f64) -> f64 {
-    (16.0 * F32_EPSILON * degree * (state + tick_s * input)).max(f32::TINY.into())
 }
 
 #[cfg(test)]

@@ -7,11 +7,11 @@ use crate::check::widths::Widths;
 use crate::extremes::{beyond, larger};
 use crate::scenario::{Graph, Scenario};
 use funnel_core::emergent::{Agent, contraction};
+use funnel_core::floor::Floor;
 use funnel_core::gain::{BuiltinGain, Gain};
-use funnel_core::params::FLOOR_ULPS;
 
-/// How far the rounding of `nu` was seen to move it, in units of the last place of the largest state.
-const ROUNDING_ULPS: f64 = 5.0;
+/// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnel_core::floor` (5 ulp at degree 2).
+const ROUNDING: f64 = 2.5;
 /// Edge-steps up to which neighbours are compared one by one.
 const EDGE_STEPS: usize = 50_000_000;
 
@@ -46,6 +46,8 @@ pub(in crate::check) struct AtFloor {
 /// Everything that is seen along the motion.
 pub(super) struct Seen {
     pub nodes: Vec<NodeSeen>,
+    /// Where each node floors its funnel with the largest input that it has by then (state units).
+    pub resolution: Vec<f64>,
     pub slope_largest: f64,
     pub slope_largest_at: f64,
     pub slope_mean: f64,
@@ -59,8 +61,10 @@ pub(super) fn along(
     widths: &Widths,
     gains: &[BuiltinGain<f64>],
     degrees: &[f64],
-    resolution: &[f64],
 ) -> Seen {
+    let tick = scenario.time.tick_s();
+    let floors: Vec<Floor<f64>> = degrees.iter().map(|&degree| Floor::of_f32(degree, tick)).collect();
+    let state = motion.largest_state;
     let nothing = NodeSeen {
         input: 0.0,
         margin: 1.0,
@@ -72,13 +76,13 @@ pub(super) fn along(
     };
     let mut seen = Seen {
         nodes: vec![nothing; scenario.nodes.len()],
+        resolution: floors.iter().map(|floor| floor.width(state, 0.0)).collect(),
         slope_largest: f64::NEG_INFINITY,
         slope_largest_at: 0.0,
         slope_mean: 0.0,
         at_floor: None,
     };
     let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope()).collect();
-    let tick = scenario.time.tick_s();
     let compare = Compare::new(&scenario.graph, motion.grid.steps);
     let mut forcing = Forcing::new(scenario, motion.grid.step);
     let (mut relative, mut rates, mut apart, mut agents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -89,7 +93,7 @@ pub(super) fn along(
         compare.apart(&rates, &mut apart);
         for (index, psi) in widths.at(t).enumerate() {
             let floor = tick * tick * degrees[index] * apart[index];
-            seen.nodes[index].holds(floor, larger(psi, resolution[index]), t);
+            seen.nodes[index].holds(floor, larger(psi, seen.resolution[index]), t);
         }
         relative_widths(scenario, widths, t, &mut relative);
         agents.clear();
@@ -100,7 +104,10 @@ pub(super) fn along(
         for (node, (input, gain)) in seen.nodes.iter_mut().zip(inputs.iter().zip(gains)) {
             node.settles(*input, gain, t);
         }
-        seen.floored(&inputs, scenario, widths, gains, resolution, t);
+        for ((floor, node), width) in floors.iter().zip(&seen.nodes).zip(&mut seen.resolution) {
+            *width = floor.width(state, node.input);
+        }
+        seen.floored(&inputs, widths, gains, (&floors, state), t);
         forcing.advance();
     }
     seen.slope_mean /= motion.xi.len() as f64;
@@ -119,15 +126,14 @@ impl Seen {
     fn floored(
         &mut self,
         inputs: &[f64],
-        scenario: &Scenario,
         widths: &Widths,
         gains: &[BuiltinGain<f64>],
-        resolution: &[f64],
+        (floors, state): (&[Floor<f64>], f64),
         t: f64,
     ) {
-        let closed = widths.at(t).zip(resolution).map(|(psi, floor)| psi <= *floor);
-        for (index, _) in closed.enumerate().filter(|(_, closed)| *closed) {
-            let needed = ROUNDING_ULPS / FLOOR_ULPS / scenario.nodes[index].funnel.factor();
+        let closed: Vec<_> = widths.at(t).zip(&self.resolution).map(|(psi, floor)| psi <= *floor).collect();
+        for (index, _) in closed.iter().enumerate().filter(|(_, closed)| **closed) {
+            let needed = ROUNDING * floors[index].unit(state, inputs[index].abs()) / self.resolution[index];
             let margin = 1.0 - gains[index].inverse(inputs[index]).abs();
             if self.at_floor.is_none_or(|before| beyond(-margin / needed, -before.margin / before.needed)) {
                 self.at_floor = Some(AtFloor { index, margin, needed, t });
