@@ -225,6 +225,7 @@ mod tests {
     fn a_slope_that_is_not_a_number_is_the_largest_of_all() {
         let mut seen = Seen {
             nodes: Vec::new(),
+            resolution: Vec::new(),
             slope_largest: f64::NEG_INFINITY,
             slope_largest_at: 0.0,
             slope_mean: 0.0,
