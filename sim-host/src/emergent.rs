@@ -20,7 +20,7 @@ mod grid;
 mod predictor;
 mod start;
 
-pub(crate) use grid::{STEPS_PER_CONSTANT, fastest};
+pub(crate) use grid::{STEPS_PER_CONSTANT, fastest, outgrown};
 pub(crate) use start::{plain_mean, start};
 
 pub use blended::BlendedTrajectory;

@@ -132,7 +132,7 @@ fn the_summary_has_the_keys_of_the_contract() {
         keys(&summary["emergent"]),
         "blended_error blended_final contraction final_error steady_ratio steady_ratio_max xi_final"
     );
-    assert_eq!(keys(&summary["reference"]), "final_error max_error");
+    assert_eq!(keys(&summary["reference"]), "error_estimate final_error max_error resolved");
     assert_eq!(keys(&summary["bus"]), "lost refused sent utilisation");
     assert_eq!(keys(&summary["expect"][0]), "limit name pass value");
     let hash = summary["trace_hash"].as_str().unwrap();

@@ -6,6 +6,7 @@ use super::assumptions::median_scale;
 use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, extremes, figure, largest, share};
+use crate::emergent::outgrown;
 use crate::extremes::{beyond, larger};
 use crate::scenario::{GainSpec, Scenario};
 use funnel_core::{math, params};
@@ -64,6 +65,10 @@ fn trajectory(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
             figure(params::LARGEST)
         );
         return found.advise(Status::Warn, advice);
+    }
+    if outgrown(forecast.slope_mean * until, most) {
+        let advice = "the emergent dynamics expand, and no digit of this is left by the end: any small error leads elsewhere";
+        return found.advise(Status::Warn, advice.to_owned());
     }
     let end = subject.scenario.time.end_s();
     if !forecast.grid.reaches(subject.scenario) {

@@ -504,3 +504,19 @@ fn a_motion_that_is_not_a_number_leaves_no_finding_ok() {
         assert!(found.text.contains("NaN"), "{found:?}");
     }
 }
+
+#[test]
+fn a_motion_that_errors_outgrow_is_not_ok() {
+    let unstable = |slope: &str| {
+        let field = format!("{{kind='affine',slope={slope},sines=[{{amplitude=1.0,frequency=2.0}}]}}");
+        pair(&[
+            &format!("node.1.dynamics={field}"),
+            &format!("node.2.dynamics={field}"),
+            "agent.state=-0.4",
+            "time.duration=30s",
+        ])
+    };
+    // Exactly -0.2 sin(2 t) - 0.4 cos(2 t), which is 0.44 at 30 s.
+    assert_eq!(find(&unstable("1.0"), "prediction").status, Status::Warn);
+    assert_eq!(find(&unstable("-1.0"), "prediction").status, Status::Ok);
+}

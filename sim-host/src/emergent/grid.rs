@@ -1,7 +1,7 @@
 //! Steps in time that resolve what forces a motion, however long the tick is, and a motion that goes by them.
 
 use super::runge_kutta;
-use crate::extremes::{largest, smaller};
+use crate::extremes::{larger, largest, smaller};
 use crate::figure::figure;
 use crate::scenario::{NodeSpec, Scenario};
 
@@ -21,6 +21,17 @@ pub(crate) fn fastest(scenario: &Scenario) -> f64 {
         largest(node.dynamics.lipschitz(), sines.map(|sine| sine.frequency.abs()))
     };
     largest(0.0, scenario.nodes.iter().map(rates))
+}
+
+/// What the steps are off by beside a state of size one, and what a prediction may be: both as the reference has them.
+const ERROR: f64 = 1e-9;
+const ALLOWED: f64 = 1e-3;
+
+/// Whether errors that have grown by `e^growth` leave nothing of a motion whose states are up to `size` (state units).
+pub(crate) fn outgrown(growth: f64, size: f64) -> bool {
+    // Written so that what is not a number is outgrown.
+    let kept = ERROR * funnel_core::math::exp(growth) <= ALLOWED * larger(1.0, size);
+    !kept
 }
 
 /// Equal steps over a run.

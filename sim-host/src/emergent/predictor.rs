@@ -1,7 +1,8 @@
 //! What is predicted of a whole run: at its recorded rows, and over all steps of the integration, which do not depend on the rows.
 
 use super::{BlendedTrajectory, EmergentTrajectory};
-use crate::extremes::larger;
+use crate::extremes::{larger, largest};
+use crate::figure::figure;
 use crate::scenario::Scenario;
 use serde::Serialize;
 
@@ -38,6 +39,7 @@ pub struct Predictor<'a> {
     blended: BlendedTrajectory<'a>,
     /// Steps that were looked at.
     seen: u64,
+    growth: Growth,
     prediction: Prediction,
 }
 
@@ -47,7 +49,7 @@ impl<'a> Predictor<'a> {
         let (emergent, blended) = (EmergentTrajectory::new(scenario), BlendedTrajectory::new(scenario));
         let unresolved = blended.unresolved().map(str::to_owned);
         let prediction = Prediction { unresolved, ..Prediction::default() };
-        Self { emergent, blended, seen: 0, prediction }
+        Self { emergent, blended, seen: 0, growth: Growth::default(), prediction }
     }
 
     /// Advances to the row at time `t` (s), which must increase from call to call, and gives the prediction so far.
@@ -60,6 +62,10 @@ impl<'a> Predictor<'a> {
             }
             while emergent.step(t) {
                 prediction.note(emergent, &mut self.seen);
+                self.growth.note(emergent);
+            }
+            if prediction.unresolved.is_none() {
+                prediction.unresolved = self.growth.outgrown();
             }
             prediction.xi = emergent.advance(t).to_vec();
             prediction.steady_ratio.clear();
@@ -71,6 +77,38 @@ impl<'a> Predictor<'a> {
     /// The prediction up to the last row.
     pub fn finish(self) -> Prediction {
         self.prediction
+    }
+}
+
+/// How much the error of a step has grown at most: the emergent dynamics multiply it by `e` to the integral of `df_em/dxi`.
+#[derive(Default)]
+struct Growth {
+    /// The exponent, from the step from which it is largest.
+    now: f64,
+    /// The largest `|xi|` (state units).
+    size: f64,
+    /// The exponent when it was too large, and the time, s.
+    beyond: Option<(f64, f64)>,
+}
+
+impl Growth {
+    fn note(&mut self, emergent: &mut EmergentTrajectory<'_>) {
+        let Some(rate) = emergent.contraction() else { return };
+        let walk = &emergent.walk;
+        self.now = larger(0.0, self.now + rate * walk.grid.step);
+        self.size = largest(self.size, walk.x.iter().map(|x| x.abs()));
+        if self.beyond.is_none() && super::outgrown(self.now, self.size) {
+            self.beyond = Some((self.now, walk.t));
+        }
+    }
+
+    fn outgrown(&self) -> Option<String> {
+        let (exponent, t) = self.beyond?;
+        Some(format!(
+            "the emergent dynamics expand: an error has grown by {} up to {} s",
+            figure(funnel_core::math::exp(exponent), 2),
+            figure(t, 4)
+        ))
     }
 }
 
@@ -207,6 +245,23 @@ mod tests {
         let begin = std::time::Instant::now();
         let prediction = with_rows(&scenario, 10);
         println!("{:?} {:?}", begin.elapsed(), prediction);
+    }
+
+    #[test]
+    fn a_motion_that_errors_outgrow_is_not_resolved() {
+        let alike = |field: &str| -> Vec<String> {
+            (1..=5).map(|id| format!("node.{id}.dynamics={field}")).collect()
+        };
+        let of = |field: &str| {
+            let sets = alike(field);
+            with_rows(&five_agents(&sets.iter().map(String::as_str).collect::<Vec<_>>()), 100).unresolved
+        };
+        // From 0.5, which is where the first of them rests, an error grows by e^20 in 20 s; by e^6 it does no harm.
+        let why = of("{kind='affine',slope=1.0,offset=-0.5,sines=[]}").unwrap();
+        assert!(why.contains("an error has grown by"), "{why}");
+        assert_eq!(of("{kind='affine',slope=0.3,offset=-0.15,sines=[]}"), None);
+        // What the states share in growth is known to as many digits as before.
+        assert_eq!(of("{kind='affine',slope=1.0,offset=1.0,sines=[]}"), None);
     }
 
     #[test]
