@@ -375,7 +375,10 @@ fn ctrl_c_stops_every_node() {
         let sent = Command::new("sh").args(["-c", &format!("kill -{name} {}", child.id())]).status().unwrap();
         assert!(sent.success());
         let ended = end(child);
-        ended.failed(130, &["interrupted after ", " of 600001 ticks; ", "all nodes confirmed that they stopped"]);
+        ended.failed(
+            130,
+            &["interrupted after ", " of 600001 ticks; ", "all nodes confirmed that they stopped"],
+        );
         assert!(bench.ended_early().ends_with(" of 600001 ticks: interrupted"));
         assert!(ended.took < AT_ONCE, "{:?}", ended.took);
         assert_eq!(boards.map(Board::end), [Some(Phase::Stopped); 3]);
@@ -585,7 +588,8 @@ fn between_nodes_that_are_wired_to_each_other_nothing_is_relayed() {
     entries[2].push_str("\n[[wire]]\nbetween = [1, 2]");
     let bench = Bench::new(SCENARIO, &entries);
     let ended = bench.run(&["--set", "bus.loss=0.1"]);
-    ended.fell_short(&["whose lines are real: bus.loss", "failed: heard: no neighbour has ever heard node 1"]);
+    ended
+        .fell_short(&["whose lines are real: bus.loss", "failed: heard: no neighbour has ever heard node 1"]);
     let summary = bench.summary();
     assert_eq!(summary["bench"]["wires"]["count"], 1);
     let first = |node: usize| summary["bench"]["nodes"][node]["first_difference"].clone();

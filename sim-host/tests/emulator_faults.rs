@@ -253,7 +253,11 @@ fn ctrl_c_ends_the_run_and_all_emulators() {
         signal(name, run.child.id());
         let ended = run.end();
         assert_eq!((ended.code, ended.out.as_str()), (Some(130), ""), "{}", ended.err);
-        assert!(ended.err.contains("interrupted after ") && ended.err.contains(" of 600001 ticks"), "{}", ended.err);
+        assert!(
+            ended.err.contains("interrupted after ") && ended.err.contains(" of 600001 ticks"),
+            "{}",
+            ended.err
+        );
         assert!(ended.ended_early().ends_with(": interrupted"));
         assert!(ended.took < AT_ONCE, "{:?}", ended.took);
     }

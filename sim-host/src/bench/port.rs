@@ -165,7 +165,10 @@ mod tests {
         let ports = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
         assert_eq!(one_of(2, "0001", ports(&["/dev/ttyUSB0"])).unwrap(), "/dev/ttyUSB0");
         let error = one_of(2, "0001", ports(&["/dev/ttyUSB0", "/dev/ttyUSB1"])).unwrap_err().to_string();
-        assert!(error.starts_with("node 2: the USB serial number 0001 is that of several ports: "), "{error}");
+        assert!(
+            error.starts_with("node 2: the USB serial number 0001 is that of several ports: "),
+            "{error}"
+        );
         assert!(error.contains("/dev/ttyUSB0, /dev/ttyUSB1"), "{error}");
         assert!(one_of(2, "0001", Vec::new()).unwrap_err().to_string().contains("is not there"));
     }

@@ -12,19 +12,19 @@ pub(super) struct Hearing {
     nodes: usize,
     /// Tick at which a state of a node was last handed to another one, by sender and then by receiver.
     last: Vec<Option<u32>>,
-    /// Frames that were handed to a node.
-    handed: Vec<u64>,
+    /// Components of states that were handed to a node, and other frames.
+    handed: Vec<(u64, u64)>,
 }
 
 impl Hearing {
     pub(super) fn of(nodes: usize) -> Self {
-        Self { nodes, last: vec![None; nodes * nodes], handed: vec![0; nodes] }
+        Self { nodes, last: vec![None; nodes * nodes], handed: vec![(0, 0); nodes] }
     }
 
     /// A frame of one node was handed to another one.
     pub(super) fn hand(&mut self, from: usize, to: usize, is_state: bool, tick: u32) {
-        if let Some(count) = self.handed.get_mut(to) {
-            *count += 1;
+        if let Some((states, others)) = self.handed.get_mut(to) {
+            *(if is_state { states } else { others }) += 1;
         }
         if let Some(last) = self.last.get_mut(from * self.nodes + to).filter(|_| is_state) {
             *last = Some(tick);
@@ -35,8 +35,8 @@ impl Hearing {
         self.last.get(from * self.nodes + to).copied().flatten()
     }
 
-    fn handed(&self, to: usize) -> u64 {
-        self.handed.get(to).copied().unwrap_or(0)
+    fn handed(&self, to: usize) -> (u64, u64) {
+        self.handed.get(to).copied().unwrap_or_default()
     }
 }
 
@@ -45,7 +45,7 @@ impl Hub {
     pub fn unheard(&self, reports: &[Option<Report>]) -> Vec<u16> {
         let report = |index: usize| reports.get(index).and_then(Option::as_ref);
         let heard = |from: usize, to: usize| {
-            if report(to).is_some_and(|report| self.accepted(report) == 0) {
+            if report(to).is_some_and(|report| self.accepted(to, report) == 0) {
                 return false;
             }
             match self.bus.carries(from, to) {
@@ -58,13 +58,15 @@ impl Hub {
 
     /// Ids of nodes that run to the end, and whose states reach none of the neighbours that do so, too, any more; `reports` by index.
     pub fn silent(&self, reports: &[Option<Report>]) -> Vec<u16> {
-        let runs = |index: usize| {
-            self.nodes.get(index).is_some_and(|node| node.away.is_none() && !node.stopped)
-        };
+        let runs =
+            |index: usize| self.nodes.get(index).is_some_and(|node| node.away.is_none() && !node.stopped);
         let has_lost = |from: usize, to: usize| {
-            let (Some(node), Some(Some(report))) = (self.nodes.get(to), reports.get(to)) else { return false };
+            let (Some(node), Some(Some(report))) = (self.nodes.get(to), reports.get(to)) else {
+                return false;
+            };
             let patience = u32::from(node.config.extrapolate_ticks);
-            let late = self.hearing.last(from, to).is_none_or(|last| self.tick.saturating_sub(last) > patience);
+            let late =
+                self.hearing.last(from, to).is_none_or(|last| self.tick.saturating_sub(last) > patience);
             late && report.counters.neighbours_lost > 0 && self.bus.carries(from, to)
         };
         self.those_who(|from, neighbours| {
@@ -84,15 +86,17 @@ impl Hub {
         self.nodes.iter().enumerate().filter_map(of).collect()
     }
 
-    /// Frames of other nodes that a node has accepted, at least: the rest are SYNC and CTRL.
-    fn accepted(&self, report: &Report) -> u64 {
+    /// Components of states that a node has accepted: the rest are SYNC and CTRL, and what else was handed to it, such as announced weights.
+    fn accepted(&self, to: usize, report: &Report) -> u64 {
         let syncs = if self.own.is_some() { 0 } else { report.counters.ticks };
-        u64::from(report.counters.accepted).saturating_sub(u64::from(syncs) + COMMANDS)
+        let (_, others) = self.hearing.handed(to);
+        u64::from(report.counters.accepted).saturating_sub(u64::from(syncs) + COMMANDS + others)
     }
 
-    /// Whether more frames have come to a node than this program has handed to it.
+    /// Whether more states have come to a node than this program has handed to it.
     fn may_have_heard_by_wire(&self, to: usize, report: &Report) -> bool {
         let refused: u64 = report.counters.refused.iter().map(|&count| u64::from(count)).sum();
-        self.accepted(report) + refused > self.hearing.handed(to)
+        let (states, _) = self.hearing.handed(to);
+        self.accepted(to, report) + refused > states
     }
 }

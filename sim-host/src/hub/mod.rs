@@ -33,7 +33,7 @@ use crate::presence::Presence;
 use absence::Away;
 use doubt::Doubts;
 use funnel_core::{Event, Observation};
-use funnel_protocol::config::NodeConfig;
+use funnel_protocol::config::{BreachPolicy, NodeConfig};
 use funnel_protocol::message::{Command, Component, FaultCode, Message, Severity, Target, TickStamp};
 use funnel_protocol::report::{Report, Telemetry};
 use funnel_protocol::service::{Identity, Reply, Request};
@@ -158,12 +158,7 @@ impl HubNode {
     }
 
     /// Fails once its time for a tick is over: it may have said what it wants.
-    fn check_patience(
-        &self,
-        deadline: Deadline,
-        tick: u32,
-        awaited: &'static str,
-    ) -> Result<(), HubError> {
+    fn check_patience(&self, deadline: Deadline, tick: u32, awaited: &'static str) -> Result<(), HubError> {
         if !deadline.is_over() {
             return Ok(());
         }
@@ -349,6 +344,8 @@ impl Hub {
         } else {
             self.note_presence();
         }
+        // Those of this tick.
+        self.collect_doubts();
         self.tick += 1;
         Ok(())
     }
@@ -517,18 +514,31 @@ impl Hub {
         }
     }
 
-    /// What a node that has ticked by SYNC only, and of which every tick was seen, cannot have counted.
-    pub fn contradiction_of_lockstep(&self, account: &Account) -> Option<String> {
-        let (_, counters) = account.report.as_ref()?;
-        if self.own.is_some() || !account.whole || account.unknown > 0 {
-            return None;
+    /// What a node cannot have counted, of which every tick was seen.
+    pub fn cannot_have_counted(&self, index: usize, account: &Account) -> Vec<String> {
+        let (Some((_, counters)), Some(node)) = (&account.report, self.nodes.get(index)) else {
+            return Vec::new();
+        };
+        let (id, mut found) = (account.id, Vec::new());
+        let asked = matches!(node.config.on_breach, BreachPolicy::Reopen { .. });
+        if counters.reopened > 0 && !asked {
+            let times = counters.reopened;
+            found.push(format!(
+                "node {id} reports that it has reopened its funnel {times} times, which nobody has asked for"
+            ));
         }
-        let id = account.id;
-        match (counters.sync_gaps, counters.overruns) {
-            (0, 0) => None,
-            (0, late) => Some(format!("node {id} reports {late} overruns, and was told when to tick")),
-            (gaps, _) => Some(format!("node {id} reports {gaps} SYNC gaps, and was seen to run every tick")),
+        // By SYNC only.
+        if self.own.is_none() && account.whole && account.unknown == 0 {
+            if counters.sync_gaps > 0 {
+                let gaps = counters.sync_gaps;
+                found.push(format!("node {id} reports {gaps} SYNC gaps, and was seen to run every tick"));
+            }
+            if counters.overruns > 0 {
+                let late = counters.overruns;
+                found.push(format!("node {id} reports {late} overruns, and was told when to tick"));
+            }
         }
+        found
     }
 
     /// Takes note of what lines have refused.
@@ -618,7 +628,8 @@ impl Hub {
         if let Some(node) = self.nodes.get_mut(index) {
             node.states = 0;
         }
-        while let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped && !node.has_told_its_state())
+        while let Some(node) =
+            self.nodes.get_mut(index).filter(|node| !node.stopped && !node.has_told_its_state())
         {
             node.check_patience(deadline, 0, "state")?;
             let message = match node.on_can {
@@ -671,7 +682,9 @@ impl Hub {
 
     /// Waits for the states of a node on CAN, or for a fault.
     fn take_states_on_can(&mut self, index: usize, now: u64, deadline: Deadline) -> Result<(), HubError> {
-        while let Some(node) = self.nodes.get(index).filter(|node| !node.stopped && !node.has_told_its_state()) {
+        while let Some(node) =
+            self.nodes.get(index).filter(|node| !node.stopped && !node.has_told_its_state())
+        {
             node.check_patience(deadline, self.tick, "state on CAN")?;
             let (message, at) = self.wait_on_can(index, deadline)?;
             self.take_message(index, message, now);

@@ -199,7 +199,7 @@ impl Hub {
         self.note_heard(index);
         let (Some(own), Some(node)) = (&mut self.own, self.nodes.get(index)) else { return Ok(()) };
         // A node whose states do not come has come so far all the same.
-        if let Some(watched) = own.nodes.get_mut(index).filter(|_| node.on_can.is_some()) {
+        if let Some(watched) = own.nodes.get_mut(index) {
             watched.newest = watched.newest.max(told.tick.saturating_add(1));
         }
         let id = node.link.id();

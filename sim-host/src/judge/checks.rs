@@ -286,7 +286,10 @@ mod tests {
         assert_eq!(contradictions(&whole(report(0.5, |c| c.breaches = 1))), Vec::<String>::new());
         for (account, words) in [
             (report(0.5, |_| {}), "reports 0 breaches, and was seen to have 1"),
-            (report(0.25, |c| c.breaches = 1), "reports a largest |nu| / psi of 0.25, and was seen to have 0.5"),
+            (
+                report(0.25, |c| c.breaches = 1),
+                "reports a largest |nu| / psi of 0.25, and was seen to have 0.5",
+            ),
             (report(0.5, |c| (c.breaches, c.ticks) = (1, 4)), "reports 4 ticks, and was seen to run 11"),
         ] {
             let found = contradictions(&whole(account));

@@ -120,7 +120,8 @@ mod tests {
         assert_eq!(of(HubError::Leapt { node: 2, from: 5, to: 4 }), Exit::ExpectationFailed);
         let babbles = HubError::Babbles { node: 2, tick: 5, awaited: "state", waited };
         assert_eq!(of(babbles.with_words("its log".to_owned())), Exit::ExpectationFailed);
-        let twins = HubError::Ambiguous { node: 2, number: "0001".into(), ports: vec!["a".into(), "b".into()] };
+        let twins =
+            HubError::Ambiguous { node: 2, number: "0001".into(), ports: vec!["a".into(), "b".into()] };
         assert_eq!(of(twins), Exit::BadInput);
         assert_eq!(of(HubError::OnePort { node: 2, other: 1, port: "a".into() }), Exit::BadInput);
     }

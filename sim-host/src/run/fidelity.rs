@@ -124,7 +124,8 @@ pub(super) fn lockstep(
     hub.start()?;
     let (mut seen, mut presence, mut failed) = (Vec::new(), Vec::new(), None);
     for k in 0..=scenario.time.ticks {
-        let ran = if options.interrupt.is_set() { Err(HubError::Interrupted) } else { hub.advance().map(drop) };
+        let ran =
+            if options.interrupt.is_set() { Err(HubError::Interrupted) } else { hub.advance().map(drop) };
         if let Err(error) = ran {
             let Some(last) = k.checked_sub(1) else { return Err(RunError::in_the_run(error)) };
             // An observation may be of the tick that has failed.
@@ -180,7 +181,7 @@ fn with_words_of(
     let mut outcome = outcome.with_reports(reports);
     for (index, account) in outcome.accounts.iter_mut().enumerate() {
         (account.unseen, account.whole) = (unseen, hub.was_there_throughout(index));
-        contradictions.extend(hub.contradiction_of_lockstep(account));
+        contradictions.extend(hub.cannot_have_counted(index, account));
     }
     let (events, warnings) = (hub.events().to_vec(), hub.warnings());
     Outcome { bus, events, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
