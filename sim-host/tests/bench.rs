@@ -481,6 +481,8 @@ impl Emulated {
     fn wait_until_running(&self) {
         let image = fs::read(repository().join(IMAGE)).unwrap();
         wait("ticks", || decode_log(&image, &self.said().unwrap().1).contains("hears node"));
+        // Some of them, so that there is something to record.
+        std::thread::sleep(Duration::from_millis(100));
     }
 }
 

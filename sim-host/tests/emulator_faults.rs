@@ -121,6 +121,8 @@ impl Run {
             let logs = emulators(&self.folder).into_iter().map(|(process, _)| log(&image, process));
             logs.filter(|log| log.contains("hears node")).count() == 5
         });
+        // Some of them, so that there is something to record.
+        std::thread::sleep(Duration::from_millis(300));
     }
 
     /// The emulator of a node.

@@ -58,10 +58,10 @@ impl<'a> Collector<'a> {
     /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
         // Runs of which something is not known are equal to none.
-        let components = self.scenario.components();
-        let known = |at: usize| presence.get(at / components).is_some_and(|presence| presence.is_known());
-        let states = seen.iter().enumerate();
-        self.hash.extend(states.map(|(at, seen)| if known(at) { seen.x } else { f32::NAN }));
+        for (seen, presence) in seen.chunks(self.scenario.components()).zip(presence) {
+            let known = presence.is_known();
+            self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { f32::NAN }));
+        }
         self.x.clear();
         self.x.extend(seen.iter().map(|observation| f64::from(observation.x)));
         self.u.clear();

@@ -40,7 +40,7 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let mut early = None;
     for k in 0..=scenario.time.ticks {
         if let Err(interrupted) = check_interrupt(options) {
-            let Some(last) = k.checked_sub(1) else { return Err(interrupted) };
+            let Some(last) = last_of(k) else { return Err(interrupted) };
             collector.end_at(last, engine.observations(), &engine.presence(last));
             early = Some(EarlyEnd::after(k, scenario, interrupted));
             break;
@@ -84,7 +84,7 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let (mut seen, mut early) = (Vec::new(), None);
     for k in 0..=scenario.time.ticks {
         if let Err(interrupted) = check_interrupt(options) {
-            let Some(last) = k.checked_sub(1) else { return Err(interrupted) };
+            let Some(last) = last_of(k) else { return Err(interrupted) };
             collector.end_at(last, &seen, &central.presence());
             early = Some(EarlyEnd::after(k, scenario, interrupted));
             break;
@@ -127,7 +127,7 @@ pub(super) fn lockstep(
         let ran =
             if options.interrupt.is_set() { Err(HubError::Interrupted) } else { hub.advance().map(drop) };
         if let Err(error) = ran {
-            let Some(last) = k.checked_sub(1) else { return Err(RunError::in_the_run(error)) };
+            let Some(last) = last_of(k) else { return Err(RunError::in_the_run(error)) };
             // An observation may be of the tick that has failed.
             collector.end_at(last, &seen, &presence);
             failed = Some((k, error));
@@ -143,6 +143,11 @@ pub(super) fn lockstep(
     }
     let closed = close(scenario, hub, failed);
     Ok(with_words_of(hub, closed, collector.finish()))
+}
+
+/// The last of so many ticks, where that is enough for a record: a picture takes two.
+fn last_of(ticks: u64) -> Option<u64> {
+    ticks.checked_sub(1).filter(|&last| last > 0)
 }
 
 /// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error after so many ticks, or as the
