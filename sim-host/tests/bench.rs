@@ -223,6 +223,8 @@ fn a_board_that_is_plugged_in_again_joins_the_others_who_went_on() {
     for word in ["node 2 is lost at tick 49, the others go on: the serial port", "node 2 is back at tick "] {
         assert!(ended.err.contains(word), "no '{word}' in: {}", ended.err);
     }
+    // What a node that was restarted reports is less than what was seen, and no contradiction.
+    assert_eq!(bench.failed_checks(), ["absent"]);
     let absences = &bench.summary()["bench"]["absences"];
     let back = absences[0]["to_tick"].as_u64().unwrap() as usize;
     assert_eq!((&absences[0]["node"], &absences[0]["from_tick"]), (&2.into(), &49.into()));
@@ -250,6 +252,7 @@ fn a_process_that_is_killed_is_started_anew_and_joins() {
     assert!(Command::new("kill").args(["-KILL", &second]).status().unwrap().success());
     let ended = end(child);
     ended.fell_short(&["node 2 is back at tick ", "failed: absent: node 2 was away from tick "]);
+    assert_eq!(bench.failed_checks(), ["absent"]);
     let summary = bench.summary();
     assert_eq!(summary["stopped"], serde_json::json!([]));
     let absences = summary["bench"]["absences"].as_array().unwrap();

@@ -346,6 +346,28 @@ fn a_node_that_is_lost_at_its_first_tick_was_never_there() {
 }
 
 #[test]
+fn honest_nodes_that_stop_as_the_scenario_allows_contradict_nothing() {
+    let boards = boards::three();
+    let bench = Bench::of(&boards.each_ref());
+    let sets = ["coupling.on_breach=stop", "agent.noise=20", "expect.stopped=any"];
+    let ended = bench.run(&sets.iter().flat_map(|set| ["--set", set]).collect::<Vec<_>>());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let summary = bench.summary();
+    assert!(!summary["stopped"].as_array().unwrap().is_empty(), "{summary}");
+    // They stop in loopback too, at the same ticks.
+    assert_eq!(
+        (&summary["bench"]["bit_for_bit"], &summary["bench"]["unrecorded"]),
+        (&true.into(), &0.into())
+    );
+    drop(boards);
+    let boards = boards::three();
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&sets[..2].iter().flat_map(|set| ["--set", set]).collect::<Vec<_>>());
+    ended.fell_short(&["failed: stopped: node "]);
+    assert_eq!(bench.failed_checks(), ["stopped"]);
+}
+
+#[test]
 fn nodes_that_nobody_hears_are_named() {
     let boards = boards::three();
     let bench = Bench::of(&boards.each_ref());
@@ -392,6 +414,13 @@ fn a_node_whose_states_never_come_is_named_though_it_tells_every_tick() {
     let (ended, summary) = by_its_own_clock(mute);
     ended.fell_short(&["failed: heard: no neighbour has ever heard node 2"]);
     assert_eq!(summary["bench"]["nodes"][1]["unrecorded"], 51, "{summary}");
+}
+
+#[test]
+fn a_state_of_a_tick_that_is_nowhere_near_is_named_by_clocks_of_their_own_too() {
+    let (ended, summary) = by_its_own_clock(before_state(20, vec![state(2, 5020, 1.0)]));
+    ended.fell_short(&["node 2 sent a state of another tick: the stamp 5020 after tick "]);
+    assert!(summary["ended_early"].is_null(), "{summary}");
 }
 
 #[test]

@@ -779,7 +779,7 @@ impl Hub {
         let due = now.checked_div(self.tick_ns).and_then(|due| u32::try_from(due).ok()).unwrap_or(0);
         if stamp.rebuild(due, 0, 0).is_none() {
             let value = || format!("the stamp {} where {due} was awaited", stamp.value());
-            self.doubts.note(id, "sent a state of another tick", tick, value);
+            self.doubts.note(id, OTHER_TICK, tick, value);
             return false;
         }
         let Some(next) = node.next_state.get_mut(usize::from(component.get())) else {
@@ -855,6 +855,8 @@ impl Hub {
 
 /// What a node does that names a component which no state has.
 const OTHER_COMPONENT: &str = "spoke of a component that its state does not have";
+/// What a node does whose states are not of the tick that is awaited.
+const OTHER_TICK: &str = "sent a state of another tick";
 /// Ticks by which a clock may be ahead of this program's, and that a stop may take to be heard.
 const CLOCK_SPARE: u64 = 4;
 /// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.

@@ -5,9 +5,9 @@
 
 use super::readers::{Readers, Reading, What};
 use super::recording::{Leap, Recording};
-use super::{CanSide, Hub, HubError, OTHER_COMPONENT, Received, SLICE, START, STOP, measure};
+use super::{CanSide, Hub, HubError, OTHER_COMPONENT, OTHER_TICK, Received, SLICE, START, STOP, measure};
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_protocol::message::{Component, Message, Severity};
+use funnel_protocol::message::{Component, Message, Severity, TickStamp};
 use funnel_protocol::report::Telemetry;
 use funnel_protocol::serial;
 use funnel_protocol::service::Reply;
@@ -237,9 +237,8 @@ impl Hub {
                 if !self.has_component(index, component) {
                     return Ok(());
                 }
-                if let Some(tick) = self.rebuilt(index, tick) {
-                    self.record_state(index, (tick, component, x), (at, on_bus))?;
-                }
+                let Some(tick) = self.near(index, tick) else { return Ok(()) };
+                self.record_state(index, (tick, component, x), (at, on_bus))?;
             }
             Message::Fault { tick, severity, .. } => {
                 self.note_fault(index, &message, now);
@@ -252,6 +251,17 @@ impl Hub {
         }
         self.put_on_bus(index, message, now);
         Ok(())
+    }
+
+    /// The whole tick of a state; takes note of it where that is nowhere near what is awaited.
+    fn near(&mut self, index: usize, stamp: TickStamp) -> Option<u32> {
+        let tick = self.rebuilt(index, stamp);
+        if let (None, Some(own), Some(node)) = (tick, &self.own, self.nodes.get(index)) {
+            let telling = own.telling(index);
+            let value = || format!("the stamp {} after tick {telling}", stamp.value());
+            self.doubts.note(node.link.id(), OTHER_TICK, telling, value);
+        }
+        tick
     }
 
     /// Whether the state of a node has a component; takes note of it where it has not.

@@ -139,6 +139,13 @@ impl Bench {
         why
     }
 
+    /// The checks that the run did not pass.
+    pub fn failed_checks(&self) -> Vec<String> {
+        let summary = self.summary();
+        let checks = summary["checks"].as_array().unwrap().iter().filter(|check| check["pass"] == false);
+        checks.map(|check| check["name"].as_str().unwrap().to_owned()).collect()
+    }
+
     pub fn summary(&self) -> serde_json::Value {
         serde_json::from_str(&fs::read_to_string(self.path("out/summary.json")).unwrap()).unwrap()
     }
