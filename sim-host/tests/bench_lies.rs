@@ -226,9 +226,10 @@ fn warnings_are_counted_and_listed_and_stop_nobody() {
 
 #[test]
 fn a_warning_after_a_stop_does_not_make_the_node_run_again() {
+    // It stops at the end of a tick, so that its telemetry of it follows the warning.
     let stop = |said: Says| match said {
         Says::Message(Message::State { tick, .. }) if tick.value() == 50 => {
-            let (source, code, severity) = (id(2), FaultCode::HOLDOVER, Severity::Stopped);
+            let (source, code, severity) = (id(2), FaultCode::FUNNEL_LEFT, Severity::Stopped);
             let stopped = Message::Fault { source, code, severity, arg: 0, tick };
             vec![Says::Message(warning(50)), Says::Message(stopped), Says::Message(warning(51))]
         }
@@ -236,7 +237,7 @@ fn a_warning_after_a_stop_does_not_make_the_node_run_again() {
     };
     let summary = caught(
         stop,
-        &["failed: stopped: node 2 stopped by itself at 0.049 s: it has heard no SYNC for too long"],
+        &["failed: stopped: node 2 stopped by itself at 0.049 s: its diffusive term has left the funnel"],
     );
     assert_eq!(
         (&summary["stopped"], &summary["ended_early"]),
@@ -421,6 +422,20 @@ fn a_state_of_a_tick_that_is_nowhere_near_is_named_by_clocks_of_their_own_too() 
     let (ended, summary) = by_its_own_clock(before_state(20, vec![state(2, 5020, 1.0)]));
     ended.fell_short(&["node 2 sent a state of another tick: the stamp 5020 after tick "]);
     assert!(summary["ended_early"].is_null(), "{summary}");
+}
+
+#[test]
+fn a_node_that_falls_mute_is_lost_by_its_neighbours_at_the_end() {
+    let mute = |said: Says| match said {
+        Says::Message(Message::State { tick, .. }) if tick.value() > 20 => vec![],
+        said => vec![said],
+    };
+    let (bench, _boards) = bench(mute);
+    let bench = bench.with("clock = \"own\"");
+    // Its neighbours do not stop for it.
+    let ended = bench.run(&[&OWN[..], &["--set", "safety.lost_neighbours=2"]].concat());
+    ended.fell_short(&["failed: heard: all neighbours of node 2 have lost it at the end"]);
+    assert_eq!(bench.failed_checks()[0], "heard", "{}", ended.err);
 }
 
 #[test]
