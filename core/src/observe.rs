@@ -78,6 +78,8 @@ pub enum Event {
         /// First tick that it is for.
         tick: u32,
     },
+    /// The node has said a fault that did not stop it.
+    Warned(FaultCode),
     /// The node has stopped by itself.
     Fault(FaultCode),
 }
@@ -113,6 +115,7 @@ macro_rules! say {
                 $($write)::+!($f, "is late by a whole period or more from tick {} on", tick)
             }
             Event::Adopted { tick } => $($write)::+!($f, "has another configuration from tick {} on", tick),
+            Event::Warned(code) => $($write)::+!($f, "warns: {}", code),
             Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
         }
     };
@@ -161,6 +164,7 @@ mod tests {
             (Event::NeighbourFound(id), "hears node 7"),
             (Event::BreachBegan { tick: 40, ratio: 1.5 }, "left its funnel at tick 40: |nu| / psi = 1.5"),
             (Event::Fault(FaultCode::STATE_LIMIT), "stopped by itself: its state is beyond its limit"),
+            (Event::Warned(FaultCode::PANIC), "warns: its firmware panicked"),
             (Event::Fault(FaultCode(99)), "stopped by itself: fault 99"),
         ] {
             assert_eq!(event.to_string(), text);

@@ -121,6 +121,8 @@ impl Run {
             let logs = emulators(&self.folder).into_iter().map(|(process, _)| log(&image, process));
             logs.filter(|log| log.contains("hears node")).count() == 5
         });
+        // Some of them, so that there is something to record.
+        std::thread::sleep(Duration::from_millis(300));
     }
 
     /// The emulator of a node.
@@ -164,6 +166,25 @@ impl Ended {
             assert!(self.err.contains(word), "no '{word}' in: {}", self.err);
         }
         assert_eq!(files(&self.folder.path().join("out")), [] as [PathBuf; 0], "half-written output");
+    }
+}
+
+impl Ended {
+    /// Code 1, each of `words` in the message, and what was recorded.
+    fn fell_short(&self, words: &[&str]) {
+        assert_eq!(self.code, Some(1), "{}", self.err);
+        for word in words {
+            assert!(self.err.contains(word), "no '{word}' in: {}", self.err);
+        }
+        assert!(self.ended_early().contains(words[0]), "{}", self.ended_early());
+    }
+
+    /// What the summary says about the end.
+    fn ended_early(&self) -> String {
+        let text = fs::read_to_string(self.folder.path().join("out/summary.json")).unwrap();
+        let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(summary["passed"], false);
+        summary["ended_early"].as_str().unwrap().to_owned()
     }
 }
 
@@ -233,7 +254,13 @@ fn ctrl_c_ends_the_run_and_all_emulators() {
         run.wait_until_ticking();
         signal(name, run.child.id());
         let ended = run.end();
-        ended.failed(130, &["interrupted; no output was written"]);
+        assert_eq!((ended.code, ended.out.as_str()), (Some(130), ""), "{}", ended.err);
+        assert!(
+            ended.err.contains("interrupted after ") && ended.err.contains(" of 600001 ticks"),
+            "{}",
+            ended.err
+        );
+        assert!(ended.ended_early().ends_with(": interrupted"));
         assert!(ended.took < AT_ONCE, "{:?}", ended.took);
     }
 }
@@ -267,7 +294,7 @@ fn an_emulator_that_dies_is_named() {
     run.wait_until_ticking();
     signal("KILL", run.emulator(4));
     let ended = run.end();
-    ended.failed(3, &["the emulator of node 4 ended", "signal: 9", "its log: "]);
+    ended.fell_short(&["the emulator of node 4 ended", "signal: 9", "its log: "]);
     assert!(ended.took < AT_ONCE, "{:?}", ended.took);
 }
 
@@ -277,5 +304,5 @@ fn an_emulator_that_hangs_is_named() {
     let mut run = start(&["--set", "time.duration=10min"]);
     run.wait_until_ticking();
     signal("STOP", run.emulator(2));
-    run.end().failed(3, &["node 2 did not answer: no ", " within 5 s"]);
+    run.end().fell_short(&["node 2 did not answer: no ", " within 5 s"]);
 }

@@ -1,29 +1,29 @@
 //! A run on a bench beside the same run in loopback, tick by tick.
 
-use crate::engine::Engine;
+use crate::engine::{Engine, NodeEvent};
 use crate::extremes::larger;
-use funnel_core::Observation;
+use crate::presence::Presence;
+use funnel_core::{Event, Observation};
+use funnel_protocol::message::FaultCode;
 
 /// How a node's run differs from loopback.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Difference {
-    /// First tick at which a bit of state, diffusive term, funnel or input differs.
+    /// First tick at which a bit of tick number, state, diffusive term, funnel or input differs, at which one has stopped and the other has
+    /// not, or at which nothing was recorded: a node at rest sends the same value dead or alive.
     pub first: Option<u64>,
-    /// Largest distance of the states, state units; not a number where one is not.
+    /// Largest distance of the states where both are known, state units; not a number where one is not.
     pub largest: f64,
-}
-
-impl Difference {
-    /// Takes a state of the bench and the one of loopback.
-    fn note(&mut self, bench: f64, loopback: f64) {
-        self.largest = larger(self.largest, (bench - loopback).abs());
-    }
+    /// Ticks at which nothing was recorded of the bench's node, or not all.
+    pub unrecorded: u64,
 }
 
 /// Runs loopback along, so that nothing has to be kept.
 pub struct Comparison {
     engine: Engine,
     differences: Vec<Difference>,
+    /// The last tick that was compared.
+    last: u64,
 }
 
 impl Comparison {
@@ -31,23 +31,37 @@ impl Comparison {
     pub fn new(mut engine: Engine) -> Self {
         engine.start();
         let differences = vec![Difference::default(); engine.nodes().len()];
-        Self { engine, differences }
+        Self { engine, differences, last: 0 }
     }
 
-    /// Takes what the bench's nodes saw at tick `k`, by index and then by component.
-    pub fn tick(&mut self, k: u64, seen: &[Observation<f32>]) {
+    /// Takes what the bench's nodes saw at tick `k`, by index and then by component, and what is known of them, by index.
+    pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
         // Once all nodes have stopped by themselves, what they saw last stays.
         let _ = self.engine.advance();
+        self.last = k;
         let components = seen.len().checked_div(self.differences.len()).unwrap_or(0).max(1);
-        let here = seen.chunks(components).zip(self.engine.observations().chunks(components));
-        for (difference, (bench, loopback)) in self.differences.iter_mut().zip(here) {
-            for (a, b) in bench.iter().zip(loopback) {
-                difference.note(f64::from(a.x), f64::from(b.x));
-            }
-            if bench.iter().map(bits).ne(loopback.iter().map(bits)) {
-                difference.first.get_or_insert(k);
+        let states = seen.chunks(components).zip(self.engine.observations().chunks(components));
+        let known = self.engine.presence(k);
+        let nodes = self.differences.iter_mut().zip(states).zip(presence.iter().zip(known));
+        for ((difference, states), presence) in nodes {
+            difference.take(k, states, presence);
+        }
+    }
+
+    /// Takes what the bench's nodes have said of faults, at the end: one that stopped for another reason than in loopback, or only there,
+    /// or only here, differs.
+    pub fn faults(&mut self, events: &[NodeEvent]) {
+        for (node, difference) in self.differences.iter_mut().enumerate() {
+            if !of(node, events).eq(of(node, self.engine.events())) {
+                difference.first.get_or_insert(self.last);
             }
         }
+    }
+
+    /// The run has ended early: nothing is recorded from the next tick on.
+    pub fn cut(&mut self) {
+        let next = self.last + 1;
+        self.differences.iter_mut().for_each(|difference| difference.first = difference.first.or(Some(next)));
     }
 
     /// By index.
@@ -56,20 +70,102 @@ impl Comparison {
     }
 }
 
-fn bits(seen: &Observation<f32>) -> [u32; 4] {
-    [seen.x, seen.nu, seen.psi, seen.u].map(f32::to_bits)
+impl Difference {
+    fn take(
+        &mut self,
+        k: u64,
+        (bench, loopback): (&[Observation<f32>], &[Observation<f32>]),
+        (here, there): (&Presence, Presence),
+    ) {
+        if !here.is_known() {
+            self.unrecorded += 1;
+            self.first.get_or_insert(k);
+            return;
+        }
+        for (a, b) in bench.iter().zip(loopback) {
+            self.largest = larger(self.largest, (f64::from(a.x) - f64::from(b.x)).abs());
+        }
+        if *here != there || bench.iter().map(bits).ne(loopback.iter().map(bits)) {
+            self.first.get_or_insert(k);
+        }
+    }
+}
+
+/// The faults that stopped a node, in order.
+fn of(node: usize, events: &[NodeEvent]) -> impl Iterator<Item = FaultCode> {
+    events.iter().filter(move |event| event.node == node).filter_map(|event| match event.event {
+        Event::Fault(code) => Some(code),
+        _ => None,
+    })
+}
+
+fn bits(seen: &Observation<f32>) -> [u32; 5] {
+    let [x, nu, psi, u] = [seen.x, seen.nu, seen.psi, seen.u].map(f32::to_bits);
+    [seen.tick, x, nu, psi, u]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::engine_of;
+    use crate::scenario::Scenario;
+    use std::path::Path;
+
+    /// Two nodes at rest: the value that they send says nothing about whether they live.
+    const REST: &str = r#"
+version = 1
+time = { tick = "1ms", duration = "10ms" }
+graph = { kind = "path", nodes = 2 }
+coupling = { kind = "node-wise", gain = { kind = "reciprocal", scale = 1.0 }, funnel = { kind = "constant", width = 2.0 } }
+agent = { dynamics = { kind = "affine", slope = -1.0 } }
+"#;
+
+    /// What the second of two nodes came to, where `change` says what the bench says of it at each of three ticks.
+    fn second(change: impl Fn(u64, &mut Observation<f32>) -> Presence, events: &[NodeEvent]) -> Difference {
+        let scenario = Scenario::parse(REST, Path::new("rest.toml"), &[]).unwrap();
+        let mut twin = engine_of(&scenario).unwrap();
+        twin.start();
+        let mut comparison = Comparison::new(engine_of(&scenario).unwrap());
+        for k in 0..3 {
+            let _ = twin.advance();
+            let mut seen = twin.observations().to_vec();
+            let presence = change(k, &mut seen[1]);
+            comparison.tick(k, &seen, &[Presence::Ran, presence]);
+        }
+        comparison.faults(events);
+        assert_eq!(comparison.differences()[0], Difference::default());
+        comparison.differences()[1]
+    }
+
+    #[test]
+    fn a_node_at_rest_that_is_gone_has_stopped_or_runs_another_tick_differs() {
+        assert_eq!(second(|_, _| Presence::Ran, &[]), Difference::default());
+        for (unknown, unrecorded) in
+            [(Presence::Absent, 1), (Presence::Unrecorded, 1), (Presence::Stopped, 0)]
+        {
+            let found = second(|k, _| if k == 1 { unknown } else { Presence::Ran }, &[]);
+            assert_eq!(found, Difference { first: Some(1), largest: 0.0, unrecorded }, "{unknown:?}");
+        }
+        let another = |k, seen: &mut Observation<f32>| {
+            seen.tick += u32::from(k == 2);
+            Presence::Ran
+        };
+        assert_eq!(second(another, &[]).first, Some(2));
+    }
+
+    #[test]
+    fn a_fault_that_loopback_does_not_have_differs() {
+        let event = |event| [NodeEvent { at: 3_000_000, node: 1, event }];
+        assert_eq!(second(|_, _| Presence::Ran, &event(Event::Fault(FaultCode::PLANT))).first, Some(2));
+        assert_eq!(second(|_, _| Presence::Ran, &event(Event::Warned(FaultCode::PANIC))).first, None);
+    }
 
     #[test]
     fn a_state_that_is_not_a_number_is_the_farthest_of_all() {
-        let mut difference = Difference::default();
-        for (bench, loopback) in [(1.0, 2.5), (f64::NAN, 1.0), (3.0, 1.0)] {
-            difference.note(bench, loopback);
-        }
-        assert!(difference.largest.is_nan());
+        let spoil = |k, seen: &mut Observation<f32>| {
+            seen.x = if k == 1 { f32::NAN } else { 3.0 };
+            Presence::Ran
+        };
+        assert!(second(spoil, &[]).largest.is_nan());
     }
 }

@@ -46,20 +46,37 @@ pub fn attach(file: &BenchFile, ids: &[u8], options: &EmulatorOptions) -> Result
         .iter()
         .map(|wire| wire.between)
         .filter(|(one, other)| ids.contains(one) && ids.contains(other));
+    let ports = ports(file, ids)?;
     // Until all are connected.
     let sockets = Sockets::new(pairs)?;
     let mut attached: Vec<Attached> = Vec::new();
     for node in ids.iter().filter_map(|&id| file.node(id)) {
         let one = match &node.at {
-            Where::Emulator => vec![emulator::attach_wired(node.id, &sockets, options)?],
-            Where::Host => vec![host::attach(node, file.can_fd, options)?],
-            Where::Serial(path) => vec![port::attach(node, path, file.baud, &options.interrupt)?],
-            Where::UsbSerial(number) => {
-                let path = port::find(node.id, number)?;
-                vec![port::attach(node, &path, file.baud, &options.interrupt)?]
+            Where::Emulator => emulator::attach_wired(node.id, &sockets, options)?,
+            Where::Host => host::attach(node, file.can_fd, options)?,
+            Where::Serial(_) | Where::UsbSerial(_) => {
+                let Some((_, path)) = ports.iter().find(|(id, _)| *id == node.id) else { continue };
+                port::attach(node, path, file.baud, &options.interrupt)?
             }
         };
-        attached.extend(one);
+        attached.push(one);
     }
     Ok(attached)
+}
+
+/// The serial ports of those of `ids` that have one, by id.
+///
+/// # Errors
+/// A number that no port has, or several have; a port that two nodes have.
+fn ports(file: &BenchFile, ids: &[u8]) -> Result<Vec<(u8, String)>, HubError> {
+    let mut ports = Vec::new();
+    for node in ids.iter().filter_map(|&id| file.node(id)) {
+        match &node.at {
+            Where::Serial(path) => ports.push((node.id, path.clone())),
+            Where::UsbSerial(number) => ports.push((node.id, port::find(node.id, number)?)),
+            Where::Emulator | Where::Host => {}
+        }
+    }
+    port::distinct(&ports)?;
+    Ok(ports)
 }

@@ -31,7 +31,7 @@ impl Device for Board {
         // By its number, if it is known by that: its path may be another one now.
         let path = match &self.at {
             Where::Serial(path) => path.clone(),
-            Where::UsbSerial(number) => path_of(number)?,
+            Where::UsbSerial(number) => one_of(0, number, paths_of(number)).ok()?,
             Where::Emulator | Where::Host => return None,
         };
         // While the port is still open it cannot be opened again, and need not be.
@@ -90,19 +90,51 @@ pub fn open(path: &str, baud: u32) -> Result<TTYPort, (String, &'static str)> {
 /// The path of the port whose USB adapter has this serial number.
 ///
 /// # Errors
-/// There is none.
+/// There is none, or several.
 pub fn find(node: u8, number: &str) -> Result<String, HubError> {
-    path_of(number).ok_or_else(|| HubError::Port {
-        node,
-        port: format!("with the USB serial number {number}"),
-        problem: "is not there".to_owned(),
-        advice: "Is the board plugged in? `sim-host bench --list` shows the numbers that there are",
-    })
+    one_of(node, number, paths_of(number))
 }
 
-fn path_of(number: &str) -> Option<String> {
-    let found = ports().into_iter().find(|port| usb_serial(port) == Some(number));
-    found.map(|port| port.port_name)
+fn one_of(node: u8, number: &str, mut ports: Vec<String>) -> Result<String, HubError> {
+    match (ports.pop(), ports.is_empty()) {
+        (Some(path), true) => Ok(path),
+        (Some(path), false) => {
+            ports.push(path);
+            Err(HubError::Ambiguous { node, number: number.to_owned(), ports })
+        }
+        (None, _) => Err(HubError::Port {
+            node,
+            port: format!("with the USB serial number {number}"),
+            problem: "is not there".to_owned(),
+            advice: "Is the board plugged in? `sim-host bench --list` shows the numbers that there are",
+        }),
+    }
+}
+
+/// Checks that no two nodes are behind one port, by whatever names.
+///
+/// # Errors
+/// The first port that another node has already.
+pub fn distinct(places: &[(u8, String)]) -> Result<(), HubError> {
+    // A path that leads nowhere is told of as it is opened.
+    let real = |path: &str| std::fs::canonicalize(path).ok();
+    for (n, (node, path)) in places.iter().enumerate() {
+        let same = |(_, other): &&(u8, String)| real(path).is_some() && real(other) == real(path);
+        if let Some(&(other, _)) = places.iter().take(n).find(same) {
+            return Err(HubError::OnePort { node: *node, other, port: path.clone() });
+        }
+    }
+    Ok(())
+}
+
+/// The ports whose USB adapters have this serial number, by name. macOS has two names for each.
+fn paths_of(number: &str) -> Vec<String> {
+    let ports = ports().into_iter().filter(|port| usb_serial(port) == Some(number));
+    let mut names: Vec<_> = ports.map(|port| port.port_name).collect();
+    let twin = |name: &str| name.strip_prefix("/dev/tty.").map(|rest| format!("/dev/cu.{rest}"));
+    let all = names.clone();
+    names.retain(|name| twin(name).is_none_or(|twin| !all.contains(&twin)));
+    names
 }
 
 /// All serial ports of this machine, by name.
@@ -121,5 +153,36 @@ pub fn usb_serial(port: &SerialPortInfo) -> Option<&str> {
     match &port.port_type {
         SerialPortType::UsbPort(usb) => usb.serial_number.as_deref(),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_adapters_of_one_number_are_refused_and_both_are_named() {
+        let ports = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        assert_eq!(one_of(2, "0001", ports(&["/dev/ttyUSB0"])).unwrap(), "/dev/ttyUSB0");
+        let error = one_of(2, "0001", ports(&["/dev/ttyUSB0", "/dev/ttyUSB1"])).unwrap_err().to_string();
+        assert!(
+            error.starts_with("node 2: the USB serial number 0001 is that of several ports: "),
+            "{error}"
+        );
+        assert!(error.contains("/dev/ttyUSB0, /dev/ttyUSB1"), "{error}");
+        assert!(one_of(2, "0001", Vec::new()).unwrap_err().to_string().contains("is not there"));
+    }
+
+    #[test]
+    fn one_port_by_two_names_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (port, link) = (folder.path().join("port"), folder.path().join("link"));
+        std::fs::write(&port, "").unwrap();
+        std::os::unix::fs::symlink(&port, &link).unwrap();
+        let place = |node, path: &Path| (node, path.to_str().unwrap().to_owned());
+        let nowhere = (3, "/dev/no-such-port".to_owned());
+        assert!(distinct(&[place(1, &port), nowhere.clone(), (4, nowhere.1.clone())]).is_ok());
+        let error = distinct(&[place(1, &port), nowhere, place(2, &link)]).unwrap_err().to_string();
+        assert!(error.contains("node 2: the serial port") && error.contains("is that of node 1"), "{error}");
     }
 }

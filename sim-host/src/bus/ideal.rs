@@ -80,6 +80,11 @@ impl<P> IdealBus<P> {
         }
     }
 
+    /// Whether `receiver` accepts the frames of `sender`.
+    pub fn carries(&self, sender: usize, receiver: usize) -> bool {
+        self.listeners.get(sender).is_some_and(|listeners| listeners.contains(&receiver))
+    }
+
     /// When the next frame arrives, ns.
     pub fn next_arrival(&self) -> Option<u64> {
         self.flights.front().map(|flight| flight.at)

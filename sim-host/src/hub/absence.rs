@@ -4,7 +4,8 @@
 //! adopts the weighted mean of its neighbours' states, where its own diffusive term is zero; theirs jump by what the mean is from them.
 //! Its first SYNC tells it the tick.
 
-use super::{Hub, HubError, HubNode, Received, START, STOP, identify};
+use super::{Deadline, Hub, HubError, HubNode, Received, START, STOP, identify};
+use crate::presence::Presence;
 use funnel_protocol::config::NodeConfig;
 use funnel_protocol::message::Message;
 use funnel_protocol::serial;
@@ -82,6 +83,7 @@ impl Hub {
         }
         node.away = Some(Away { next_look: Instant::now() + LOOK_EVERY });
         self.absences.push(Absence { node: node.link.id(), from: self.tick, to: None, why });
+        self.set_presence(index, Presence::Absent);
         Ok(())
     }
 
@@ -131,17 +133,24 @@ impl Hub {
         node.link.write(&serial::encode(&START))?;
         node.stopped = false;
         node.next_state = config.initial_state.to_vec();
+        let deadline = Deadline::after(patience.answer);
         if node.on_can.is_some() {
             // Stamped tick 0, which nobody could use any more.
-            return (0..config.initial_state.len()).try_for_each(|_| self.wait_on_can(index).map(|_| ()));
+            return (0..config.initial_state.len())
+                .try_for_each(|_| self.wait_on_can(index, deadline).map(|_| ()));
         }
-        for _ in 0..config.initial_state.len() {
-            node.link.wait_for(patience.answer, "state", |received| match received {
-                Received::Message(Message::State { .. }) => Some(()),
-                _ => None,
-            })?;
-        }
-        Ok(())
+        let (mut left, mut faults) = (config.initial_state.len(), Vec::new());
+        let announced = node.link.wait_for(patience.answer, "state", |received| {
+            match received {
+                Received::Message(Message::State { .. }) => left = left.saturating_sub(1),
+                // Why it was restarted, for example.
+                Received::Message(message @ Message::Fault { .. }) => faults.push(message),
+                _ => {}
+            }
+            (left == 0).then_some(())
+        });
+        self.note_warnings(index, &faults);
+        announced
     }
 
     /// Its configuration, with the weighted mean of its neighbours' states as its own; without neighbours, its last one.

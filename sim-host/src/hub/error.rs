@@ -114,6 +114,35 @@ pub enum HubError {
         /// Checksum of what it has, 0 where that is nothing.
         found: u32,
     },
+    /// A node went on speaking without saying what was awaited.
+    Babbles {
+        /// Its id.
+        node: u8,
+        /// Tick that it was to run.
+        tick: u32,
+        /// What was waited for.
+        awaited: &'static str,
+        /// How long.
+        waited: Duration,
+    },
+    /// Two nodes of the bench file are behind one port.
+    OnePort {
+        /// Its id.
+        node: u8,
+        /// Id of the one that has it already.
+        other: u8,
+        /// The port.
+        port: String,
+    },
+    /// Several ports have the USB serial number that a node is known by.
+    Ambiguous {
+        /// Its id.
+        node: u8,
+        /// The number.
+        number: String,
+        /// The ports.
+        ports: Vec<String>,
+    },
     /// A node ran another tick than the one it was asked for.
     OutOfStep {
         /// Its id.
@@ -190,6 +219,7 @@ impl HubError {
         match *self {
             Self::NoAnswer { node, .. }
             | Self::Died { node, .. }
+            | Self::Babbles { node, .. }
             | Self::OutOfStep { node, .. }
             | Self::Silent { node, .. }
             | Self::Leapt { node, .. }
@@ -256,6 +286,20 @@ impl fmt::Display for HubError {
             Self::Checksum { node, expected, found } => write!(
                 f,
                 "node {node} has the configuration with checksum {found:08x} and not {expected:08x}, which it was given"
+            ),
+            Self::Babbles { node, tick, awaited, waited } => write!(
+                f,
+                "node {node} goes on speaking, but said no {awaited} of tick {tick} within {} s",
+                waited.as_secs_f64()
+            ),
+            Self::OnePort { node, other, port } => write!(
+                f,
+                "node {node}: the serial port {port} is that of node {other}: each node needs a port of its own"
+            ),
+            Self::Ambiguous { node, number, ports } => write!(
+                f,
+                "node {node}: the USB serial number {number} is that of several ports: {}. Name one of them by its path, as serial",
+                ports.join(", ")
             ),
             Self::OutOfStep { node, tick, found } => {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")

@@ -1,6 +1,7 @@
 //! Stops nodes when a run cannot go on.
 
 use super::{Hub, HubError, STOP, report};
+use funnel_protocol::report::Report;
 use funnel_protocol::serial;
 use funnel_protocol::service::Request;
 use std::fmt;
@@ -14,12 +15,14 @@ const TURN: Duration = Duration::from_millis(1);
 const WRITE: Duration = Duration::from_millis(100);
 
 /// Which nodes confirmed that they stopped, by id.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Halted {
     /// They answered after the stop.
     pub confirmed: Vec<u8>,
     /// They did not.
     pub silent: Vec<u8>,
+    /// What they reported, by index.
+    pub reports: Vec<Option<Report>>,
 }
 
 impl Hub {
@@ -33,14 +36,17 @@ impl Hub {
         };
         let asked: Vec<_> = self.nodes.iter_mut().map(|node| ask(node).is_ok()).collect();
         self.end_readers();
-        let mut waiting: Vec<_> = asked.into_iter().zip(&mut self.nodes).collect();
+        let mut waiting: Vec<_> = asked.into_iter().zip(self.nodes.iter_mut().enumerate()).collect();
         let end = Instant::now() + CONFIRM;
-        let mut halted = Halted::default();
+        let mut halted = Halted { reports: vec![None; waiting.len()], ..Halted::default() };
         // In turns: a node that is silent must not use up the time of the others.
         while waiting.iter().any(|(asked, _)| *asked) && Instant::now() < end {
-            waiting.retain_mut(|(asked, node)| match node.link.wait_for(TURN, "report", report) {
-                Ok(_) => {
+            waiting.retain_mut(|(asked, (index, node))| match node.link.wait_for(TURN, "report", report) {
+                Ok(report) => {
                     halted.confirmed.push(node.link.id());
+                    if let Some(slot) = halted.reports.get_mut(*index) {
+                        *slot = Some(report);
+                    }
                     false
                 }
                 Err(HubError::NoAnswer { .. }) => true,
@@ -50,7 +56,7 @@ impl Hub {
                 }
             });
         }
-        halted.silent.extend(waiting.iter().map(|(_, node)| node.link.id()));
+        halted.silent.extend(waiting.iter().map(|(_, (_, node))| node.link.id()));
         halted.confirmed.sort_unstable();
         halted
     }

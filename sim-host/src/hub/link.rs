@@ -70,6 +70,10 @@ pub struct Link {
     write_limit: Duration,
     /// Frames that could not be read, and why the last of them.
     refused: (u64, Option<Refusal>),
+    /// The node has been given its id.
+    has_its_id: bool,
+    /// What it has said whole and cannot mean, and nobody has taken: what it did, and the value.
+    doubts: Vec<(&'static str, String)>,
 }
 
 impl Link {
@@ -85,7 +89,20 @@ impl Link {
             queued: Vec::new(),
             write_limit: WRITE,
             refused: (0, None),
+            has_its_id: false,
+            doubts: Vec::new(),
         }
+    }
+
+    /// From now on the node has its id: what another one says of itself is not taken from its line.
+    pub fn expect_its_own(&mut self) {
+        self.has_its_id = true;
+        self.doubts.clear();
+    }
+
+    /// What the node has said whole and cannot mean, since the last call: what it did, and the value.
+    pub fn take_doubts(&mut self) -> Vec<(&'static str, String)> {
+        std::mem::take(&mut self.doubts)
     }
 
     /// The node's id.
@@ -114,6 +131,7 @@ impl Link {
     pub fn replace(&mut self, stream: Box<dyn Stream>) {
         self.stream = stream;
         self.deframer = Deframer::new();
+        self.has_its_id = false;
         self.received.clear();
         self.queued.clear();
     }
@@ -180,7 +198,20 @@ impl Link {
         awaited: &'static str,
         mut pick: impl FnMut(Received) -> Option<T>,
     ) -> Result<T, HubError> {
-        let begin = Instant::now();
+        self.wait_until(Instant::now() + limit, limit, awaited, &mut pick)
+    }
+
+    /// The same until `end`, of which an error says that it was `limit` from the begin.
+    ///
+    /// # Errors
+    /// As [`Link::wait_for`].
+    pub fn wait_until<T>(
+        &mut self,
+        end: Instant,
+        limit: Duration,
+        awaited: &'static str,
+        mut pick: impl FnMut(Received) -> Option<T>,
+    ) -> Result<T, HubError> {
         loop {
             while let Some(received) = self.received.pop_front() {
                 if let Some(picked) = pick(received) {
@@ -188,7 +219,7 @@ impl Link {
                 }
             }
             self.check_interrupt()?;
-            if begin.elapsed() > limit {
+            if Instant::now() > end {
                 return Err(HubError::NoAnswer { node: self.id, awaited, waited: limit });
             }
             self.read()?;
@@ -246,10 +277,21 @@ impl Link {
         for &byte in bytes {
             // A frame that cannot be read is as good as none: whoever waits for it runs into the time limit.
             match self.deframer.push(byte).map(|frame| frame.and_then(received)) {
-                // Another node's, passed on, which that one tells itself.
-                Some(Ok(Received::Message(Message::Fault { source, .. }))) if source.get() != self.id => {}
-                Some(Ok(received)) => self.received.push_back(received),
-                Some(Err(reason)) => self.refused = (self.refused.0.saturating_add(1), Some(reason)),
+                // Passed on, and told by that one itself.
+                Some(Ok((source, Received::Message(Message::Fault { .. })))) if source != self.id => {}
+                Some(Ok((source, received))) => match told(&received) {
+                    Some(what) if self.has_its_id && source != self.id => {
+                        self.doubts.push(("spoke as another node", format!("{what} of node {source}")));
+                    }
+                    _ => self.received.push_back(received),
+                },
+                Some(Err(reason)) => {
+                    self.refused = (self.refused.0.saturating_add(1), Some(reason));
+                    // It has passed its checksum.
+                    if reason == Refusal::NotFinite {
+                        self.doubts.push(("sent what is not a number", "a state or a weight".to_owned()));
+                    }
+                }
                 None => {}
             }
         }
@@ -266,9 +308,32 @@ pub(super) fn is_pause(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
 
-fn received(frame: Frame<'_>) -> Result<Received, Refusal> {
+/// What a frame says, and the node that says so of itself.
+fn received(frame: Frame<'_>) -> Result<(u8, Received), Refusal> {
     match frame {
-        Frame::RealTime(message) => Ok(Received::Message(message)),
-        Frame::Service { kind, body, .. } => Reply::decode(kind, body).map(Received::Reply),
+        Frame::RealTime(message) => Ok((source(&message), Received::Message(message))),
+        Frame::Service { kind, source, body } => {
+            Reply::decode(kind, body).map(|reply| (source, Received::Reply(reply)))
+        }
+    }
+}
+
+fn source(message: &Message) -> u8 {
+    match message {
+        Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
+            source.get()
+        }
+        Message::Ctrl { .. } | Message::Sync { .. } => HOST,
+    }
+}
+
+/// What only the node behind a line can say there.
+fn told(received: &Received) -> Option<&'static str> {
+    match received {
+        Received::Message(Message::State { .. }) => Some("a state"),
+        Received::Message(Message::Edge { .. }) => Some("an edge"),
+        Received::Reply(Reply::Telemetry(_)) => Some("telemetry"),
+        Received::Reply(Reply::Report(_)) => Some("a report"),
+        Received::Message(_) | Received::Reply(_) => None,
     }
 }

@@ -7,9 +7,12 @@
 
 mod absence;
 mod commission;
+mod doubt;
 mod error;
 mod halt;
+mod hearing;
 mod link;
+mod measure;
 mod on_can;
 mod own_clock;
 mod readers;
@@ -24,15 +27,18 @@ pub use on_can::{CanCounts, CanSide};
 
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::engine::NodeEvent;
+use crate::judge::Account;
 use crate::noise::Noise;
 use crate::presence::Presence;
 use absence::Away;
+use doubt::Doubts;
 use funnel_core::{Event, Observation};
-use funnel_protocol::config::NodeConfig;
-use funnel_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
+use funnel_protocol::config::{BreachPolicy, NodeConfig};
+use funnel_protocol::message::{Command, Component, FaultCode, Message, Severity, Target, TickStamp};
 use funnel_protocol::report::{Report, Telemetry};
 use funnel_protocol::service::{Identity, Reply, Request};
 use funnel_protocol::{WIRE_VERSION, serial};
+use hearing::Hearing;
 use own_clock::OwnClock;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -41,6 +47,34 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 
 /// Bytes of a real-time frame on the wire.
 pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
+
+/// A frame on its way from node to node.
+#[derive(Clone, Debug)]
+pub struct Relayed {
+    /// Index of the node that sent it.
+    from: usize,
+    /// Whether it is a component of its state.
+    is_state: bool,
+    bytes: FrameBytes,
+}
+
+/// How long a node has for a tick, whatever it says meanwhile.
+#[derive(Clone, Copy, Debug)]
+struct Deadline {
+    end: Instant,
+    /// From its begin to its end.
+    limit: Duration,
+}
+
+impl Deadline {
+    fn after(limit: Duration) -> Self {
+        Self { end: Instant::now() + limit, limit }
+    }
+
+    fn is_over(&self) -> bool {
+        Instant::now() > self.end
+    }
+}
 
 /// What a node runs on.
 pub trait Device {
@@ -107,13 +141,30 @@ struct HubNode {
     stopped: bool,
     /// What it said last is the outcome of a tick, so that its telemetry follows.
     ticked: bool,
-    /// Components of its state that have come in this tick.
-    states: usize,
+    /// Components of its state that have come in this tick, a bit each.
+    states: u8,
     /// Components of its telemetry that have.
     telemetries: usize,
+    /// A telemetry of this tick was refused.
+    refused: bool,
+    /// The last warning that it has said: on CAN it comes by two ways.
+    warned: Option<(FaultCode, u16, u32)>,
 }
 
 impl HubNode {
+    /// Whether all components of its state have come in this tick.
+    fn has_told_its_state(&self) -> bool {
+        self.states.count_ones() as usize >= self.next_state.len()
+    }
+
+    /// Fails once its time for a tick is over: it may have said what it wants.
+    fn check_patience(&self, deadline: Deadline, tick: u32, awaited: &'static str) -> Result<(), HubError> {
+        if !deadline.is_over() {
+            return Ok(());
+        }
+        Err(HubError::Babbles { node: self.link.id(), tick, awaited, waited: deadline.limit })
+    }
+
     /// Takes note of who it is, if it is who it should be.
     fn meet(&mut self, identity: Identity) -> Result<(), HubError> {
         self.identity = Some(identity);
@@ -126,14 +177,17 @@ impl HubNode {
             Received::Reply(Reply::Configured(answer)) => Some(answer),
             _ => None,
         })?;
-        answer.map_err(|reason| HubError::Refused { node: config.id, reason })
+        answer.map_err(|reason| HubError::Refused { node: config.id, reason })?;
+        // What it said before belongs to another run.
+        self.link.expect_its_own();
+        Ok(())
     }
 }
 
 /// A network of nodes with this program in its middle.
 pub struct Hub {
     nodes: Vec<HubNode>,
-    bus: IdealBus<FrameBytes>,
+    bus: IdealBus<Relayed>,
     noise: Noise,
     patience: Patience,
     on_loss: OnLoss,
@@ -154,7 +208,12 @@ pub struct Hub {
     stamps: Vec<Stamps>,
     /// Node by node, and the components of each in order.
     observations: Vec<Observation<f32>>,
+    /// What is known of each node at the last tick, by index.
+    presence: Vec<Presence>,
     events: Vec<NodeEvent>,
+    warnings: u64,
+    doubts: Doubts,
+    hearing: Hearing,
 }
 
 impl Hub {
@@ -165,7 +224,7 @@ impl Hub {
     pub fn new(
         attached: Vec<Attached>,
         configs: &[NodeConfig],
-        bus: IdealBus<FrameBytes>,
+        bus: IdealBus<Relayed>,
         patience: Patience,
     ) -> Result<Self, HubError> {
         let node = |(Attached { link, device, uid }, config): (_, &NodeConfig)| {
@@ -183,6 +242,8 @@ impl Hub {
                 ticked: false,
                 states: 0,
                 telemetries: 0,
+                refused: false,
+                warned: None,
             }
         };
         let nodes: Vec<_> = attached.into_iter().zip(configs).map(node).collect();
@@ -190,6 +251,8 @@ impl Hub {
         let states = configs.iter().flat_map(|config| config.initial_state.iter().copied());
         let observations = states.map(|x| Observation { x, ..Observation::default() }).collect();
         let stamps = vec![Stamps::default(); nodes.len()];
+        let presence = vec![Presence::Unrecorded; nodes.len()];
+        let hearing = Hearing::of(nodes.len());
         let (noise, events, begin) = (Noise::default(), Vec::new(), Instant::now());
         let (on_loss, absences) = (OnLoss::default(), Vec::new());
         let mut hub = Self {
@@ -208,7 +271,11 @@ impl Hub {
             own: None,
             stamps,
             observations,
+            presence,
             events,
+            warnings: 0,
+            doubts: Doubts::default(),
+            hearing,
         };
         let ready = hub.identify().and_then(|()| hub.configure());
         ready.map_err(|error| hub.explain(error))?;
@@ -252,6 +319,7 @@ impl Hub {
     /// A node that does not answer or dies, clocks that run apart, or an interrupt.
     pub fn advance(&mut self) -> Result<&[Observation<f32>], HubError> {
         let ran = if self.own.is_some() { self.carry_a_tick() } else { self.run_tick() };
+        self.collect_doubts();
         ran.map_err(|error| self.explain(error))?;
         Ok(&self.observations)
     }
@@ -260,6 +328,7 @@ impl Hub {
         // As in loopback, nothing is delivered any more once all nodes have stopped by themselves.
         if self.nodes.iter().any(|node| !node.stopped) {
             self.look_for_lost()?;
+            self.note_presence();
             let now = (u64::from(self.tick) + 1) * self.tick_ns;
             self.deliver_before(now)?;
             self.settle()?;
@@ -272,7 +341,11 @@ impl Hub {
                 let taken = self.take_tick(index, now);
                 taken.or_else(|error| self.lose(index, error))?;
             }
+        } else {
+            self.note_presence();
         }
+        // Those of this tick.
+        self.collect_doubts();
         self.tick += 1;
         Ok(())
     }
@@ -315,15 +388,17 @@ impl Hub {
         node.link.flush()
     }
 
-    /// Stops all nodes and takes their reports, by index; a node that is away has an empty one.
+    /// Stops all nodes and takes their reports, by index; a node that is away has none.
     ///
     /// # Errors
     /// A node that does not answer or dies.
-    pub fn finish(&mut self) -> Result<Vec<Report>, HubError> {
-        self.stop().map_err(|error| self.explain(error))
+    pub fn finish(&mut self) -> Result<Vec<Option<Report>>, HubError> {
+        let stopped = self.stop();
+        self.collect_doubts();
+        stopped.map_err(|error| self.explain(error))
     }
 
-    fn stop(&mut self) -> Result<Vec<Report>, HubError> {
+    fn stop(&mut self) -> Result<Vec<Option<Report>>, HubError> {
         // All of them first: nodes with clocks of their own tick on until they hear it.
         self.stop_on_can()?;
         for index in 0..self.nodes.len() {
@@ -334,7 +409,7 @@ impl Hub {
         let mut reports = Vec::new();
         for index in 0..self.nodes.len() {
             let reported = self.ask_for_report(index);
-            reports.push(reported.or_else(|error| self.lose(index, error).map(|()| Report::default()))?);
+            reports.push(reported.or_else(|error| self.lose(index, error).map(|()| None))?);
         }
         self.listen_on_can()?;
         Ok(reports)
@@ -347,12 +422,31 @@ impl Hub {
         }
     }
 
-    fn ask_for_report(&mut self, index: usize) -> Result<Report, HubError> {
+    fn ask_for_report(&mut self, index: usize) -> Result<Option<Report>, HubError> {
         let Some(node) = self.nodes.get_mut(index).filter(|node| node.away.is_none()) else {
-            return Ok(Report::default());
+            return Ok(None);
         };
         node.link.request(&Request::Report)?;
-        node.link.wait_for(self.patience.answer, "report", report)
+        let mut faults = Vec::new();
+        let reported = node.link.wait_for(self.patience.answer, "report", |received| match received {
+            Received::Message(message @ Message::Fault { .. }) => {
+                faults.push(message);
+                None
+            }
+            received => report(received),
+        });
+        self.note_warnings(index, &faults);
+        reported.map(Some)
+    }
+
+    /// Takes note of the warnings among faults that came with something else.
+    fn note_warnings(&mut self, index: usize, faults: &[Message]) {
+        let now = (u64::from(self.tick) + 1) * self.tick_ns;
+        for fault in faults {
+            if matches!(fault, Message::Fault { severity, .. } if *severity != Severity::Stopped) {
+                self.note_fault(index, fault, now);
+            }
+        }
     }
 
     /// Faults that nodes reported so far.
@@ -370,16 +464,91 @@ impl Hub {
         &self.observations
     }
 
-    /// What is known of each node at tick `k`, by index.
-    pub fn presence(&self, k: u64) -> Vec<Presence> {
-        let components = self.observations.len().checked_div(self.nodes.len()).unwrap_or(1).max(1);
-        let of = |(node, seen): (&HubNode, &[Observation<f32>])| match node {
-            _ if seen.iter().all(|seen| u64::from(seen.tick) == k) => Presence::Ran,
-            HubNode { away: Some(_), .. } => Presence::Absent,
-            HubNode { stopped: true, .. } => Presence::Stopped,
-            HubNode { .. } => Presence::Unrecorded,
+    /// What is known of each node at the last tick, by index.
+    pub fn presence(&self) -> &[Presence] {
+        &self.presence
+    }
+
+    /// What is known of each node at a tick before it has said anything about it.
+    fn note_presence(&mut self) {
+        for (slot, node) in self.presence.iter_mut().zip(&self.nodes) {
+            *slot = match node {
+                HubNode { away: Some(_), .. } => Presence::Absent,
+                HubNode { stopped: true, .. } => Presence::Stopped,
+                HubNode { .. } => Presence::Unrecorded,
+            };
+        }
+    }
+
+    fn set_presence(&mut self, index: usize, presence: Presence) {
+        if let Some(slot) = self.presence.get_mut(index) {
+            *slot = presence;
+        }
+    }
+
+    /// FAULT frames that did not stop their node.
+    pub fn warnings(&self) -> u64 {
+        self.warnings
+    }
+
+    /// What nodes have said that cannot be so, a sentence each.
+    pub fn contradictions(&self) -> Vec<String> {
+        self.doubts.sentences()
+    }
+
+    /// Whether what a node reports is of the whole run: it has not been away.
+    pub fn was_there_throughout(&self, index: usize) -> bool {
+        let id = self.nodes.get(index).map(|node| node.link.id());
+        self.absences.iter().all(|absence| Some(absence.node) != id)
+    }
+
+    /// Ticks that a node may have run beside those that were told of: those with clocks of their own go on until they hear the stop, and
+    /// after an error a tick may be under way.
+    pub fn unseen(&self, ended_early: bool) -> u64 {
+        match &self.own {
+            Some(_) => {
+                let elapsed = self.elapsed_ns().checked_div(self.tick_ns).unwrap_or(0);
+                elapsed.saturating_sub(u64::from(self.tick)) + CLOCK_SPARE
+            }
+            None => u64::from(ended_early),
+        }
+    }
+
+    /// What a node cannot have counted, of which every tick was seen.
+    pub fn cannot_have_counted(&self, index: usize, account: &Account) -> Vec<String> {
+        let (Some((_, counters)), Some(node)) = (&account.report, self.nodes.get(index)) else {
+            return Vec::new();
         };
-        self.nodes.iter().zip(self.observations.chunks(components)).map(of).collect()
+        let (id, mut found) = (account.id, Vec::new());
+        let asked = matches!(node.config.on_breach, BreachPolicy::Reopen { .. });
+        if counters.reopened > 0 && !asked {
+            let times = counters.reopened;
+            found.push(format!(
+                "node {id} reports that it has reopened its funnel {times} times, which nobody has asked for"
+            ));
+        }
+        // By SYNC only.
+        if self.own.is_none() && account.whole && account.unknown == 0 {
+            if counters.sync_gaps > 0 {
+                let gaps = counters.sync_gaps;
+                found.push(format!("node {id} reports {gaps} SYNC gaps, and was seen to run every tick"));
+            }
+            if counters.overruns > 0 {
+                let late = counters.overruns;
+                found.push(format!("node {id} reports {late} overruns, and was told when to tick"));
+            }
+        }
+        found
+    }
+
+    /// Takes note of what lines have refused.
+    fn collect_doubts(&mut self) {
+        for node in &mut self.nodes {
+            let id = node.link.id();
+            for (what, value) in node.link.take_doubts() {
+                self.doubts.note(id, what, self.tick, || value);
+            }
+        }
     }
 
     /// When the host sent and read what belongs to the last tick, by index.
@@ -410,6 +579,7 @@ impl Hub {
                 reason.name()
             ));
         }
+        words.extend(self.doubts.of(node.link.id()));
         error.with_words(words.join("\n"))
     }
 
@@ -437,13 +607,14 @@ impl Hub {
         while self.bus.next_arrival().is_some_and(|at| at < now) {
             // Several receivers on a bus are one.
             let mut for_can: Vec<(usize, FrameBytes)> = Vec::new();
-            let nodes = &mut self.nodes;
+            let (nodes, hearing, tick) = (&mut self.nodes, &mut self.hearing, self.tick);
             self.bus.deliver(|receiver, frame| {
                 let Some(node) = nodes.get_mut(receiver).filter(|node| node.away.is_none()) else { return };
+                hearing.hand(frame.from, receiver, frame.is_state, tick);
                 match node.on_can {
-                    None => node.link.queue(frame),
+                    None => node.link.queue(&frame.bytes),
                     Some(bus) if for_can.iter().any(|&(other, _)| other == bus) => {}
-                    Some(bus) => for_can.push((bus, frame.clone())),
+                    Some(bus) => for_can.push((bus, frame.bytes.clone())),
                 }
             });
             for_can.iter().try_for_each(|(bus, frame)| self.relay_to_can(*bus, frame))?;
@@ -453,15 +624,18 @@ impl Hub {
 
     /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
     fn take_announcement(&mut self, index: usize) -> Result<(), HubError> {
-        let mut left = self.nodes.get(index).map_or(0, |node| node.next_state.len());
-        while left > 0 {
-            let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped) else { break };
+        let deadline = Deadline::after(self.patience.answer);
+        if let Some(node) = self.nodes.get_mut(index) {
+            node.states = 0;
+        }
+        while let Some(node) =
+            self.nodes.get_mut(index).filter(|node| !node.stopped && !node.has_told_its_state())
+        {
+            node.check_patience(deadline, 0, "state")?;
             let message = match node.on_can {
-                Some(_) => self.wait_on_can(index)?.0,
-                None => node.link.wait_for(self.patience.answer, "state", announcement)?,
+                Some(_) => self.wait_on_can(index, deadline)?.0,
+                None => node.link.wait_until(deadline.end, deadline.limit, "state", announcement)?,
             };
-            // A warning says nothing about the state.
-            left -= usize::from(matches!(message, Message::State { .. }));
             self.take_message(index, message, 0);
         }
         Ok(())
@@ -474,18 +648,21 @@ impl Hub {
             return Ok(());
         };
         node.ticked = false;
-        (node.states, node.telemetries) = (0, 0);
+        (node.states, node.telemetries, node.refused) = (0, 0, false);
         let state = node.next_state.clone();
+        let deadline = Deadline::after(self.patience.answer);
         if node.on_can.is_some() {
-            self.take_states_on_can(index, now)?;
+            self.take_states_on_can(index, now, deadline)?;
         }
         loop {
             let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
             if node.stopped && !node.ticked {
+                self.set_presence(index, Presence::Stopped);
                 return Ok(());
             }
             let awaited = if node.ticked { "telemetry" } else { "state" };
-            match node.link.wait_for(self.patience.answer, awaited, Some)? {
+            node.check_patience(deadline, self.tick, awaited)?;
+            match node.link.wait_until(deadline.end, deadline.limit, awaited, Some)? {
                 // A fault, which most often has been heard on the bus. A twin's state there may have been taken for the node's.
                 Received::Message(message) if node.on_can.is_some() => {
                     if matches!(message, Message::Fault { .. }) && !node.stopped {
@@ -494,8 +671,7 @@ impl Hub {
                 }
                 Received::Message(message) => self.take_message(index, message, now),
                 Received::Reply(Reply::Telemetry(telemetry)) => {
-                    self.take_telemetry(index, &state, &telemetry)?;
-                    if usize::from(telemetry.component) + 1 >= state.len() {
+                    if self.take_telemetry(index, &state, &telemetry)? {
                         return Ok(());
                     }
                 }
@@ -505,9 +681,12 @@ impl Hub {
     }
 
     /// Waits for the states of a node on CAN, or for a fault.
-    fn take_states_on_can(&mut self, index: usize, now: u64) -> Result<(), HubError> {
-        while self.nodes.get(index).is_some_and(|node| !node.stopped && node.states < node.next_state.len()) {
-            let (message, at) = self.wait_on_can(index)?;
+    fn take_states_on_can(&mut self, index: usize, now: u64, deadline: Deadline) -> Result<(), HubError> {
+        while let Some(node) =
+            self.nodes.get(index).filter(|node| !node.stopped && !node.has_told_its_state())
+        {
+            node.check_patience(deadline, self.tick, "state on CAN")?;
+            let (message, at) = self.wait_on_can(index, deadline)?;
             self.take_message(index, message, now);
             if let Some(stamps) = self.stamps.get_mut(index) {
                 stamps.bus = at.duration_since(self.begin_on_bus).ok();
@@ -516,60 +695,122 @@ impl Hub {
         Ok(())
     }
 
-    fn take_telemetry(&mut self, index: usize, state: &[f32], telemetry: &Telemetry) -> Result<(), HubError> {
-        if let Some(node) = self.nodes.get(index).filter(|_| telemetry.tick != self.tick) {
-            let (node, tick, found) = (node.link.id(), self.tick, telemetry.tick);
-            return Err(HubError::OutOfStep { node, tick, found });
+    /// Takes what a node says that it saw; whether that was all of the tick.
+    fn take_telemetry(
+        &mut self,
+        index: usize,
+        state: &[f32],
+        telemetry: &Telemetry,
+    ) -> Result<bool, HubError> {
+        let (tick, component) = (self.tick, usize::from(telemetry.component));
+        let Some(node) = self.nodes.get_mut(index) else { return Ok(true) };
+        let id = node.link.id();
+        if telemetry.tick != tick {
+            return Err(HubError::OutOfStep { node: id, tick, found: telemetry.tick });
         }
-        let component = usize::from(telemetry.component);
-        if let Some(node) = self.nodes.get_mut(index) {
-            // Without its state nobody knows any more what it is.
-            let lost = match () {
-                () if !node.stopped && node.states < state.len() => Some("state"),
-                () if component != node.telemetries => Some("telemetry"),
-                () => None,
-            };
-            if let Some(what) = lost {
-                return Err(HubError::Lost { node: node.link.id(), tick: self.tick, what });
+        let measured = measure::refusal(telemetry, state.len());
+        if let Some((what, value)) = &measured {
+            self.doubts.note(id, what, tick, || value.clone());
+            if component >= state.len() {
+                return Ok(false);
             }
-            node.telemetries += 1;
         }
+        // Without its state nobody knows any more what it is.
+        let lost = match () {
+            () if !node.stopped && !node.has_told_its_state() => Some("state"),
+            () if component != node.telemetries => Some("telemetry"),
+            () => None,
+        };
+        if let Some(what) = lost {
+            return Err(HubError::Lost { node: id, tick, what });
+        }
+        node.telemetries += 1;
+        node.refused |= measured.is_some();
+        let (is_last, refused) = (node.telemetries >= state.len(), node.refused);
         if let Some(stamps) = self.stamps.get_mut(index) {
             stamps.telemetry = Some(self.begin.elapsed());
         }
         // All nodes have as many components.
         let slot = self.observations.get_mut(index * state.len() + component);
         if let (Some(slot), Some(&x)) = (slot, state.get(component)) {
-            *slot = observation(x, telemetry);
+            slot.x = x;
+            if measured.is_none() {
+                *slot = observation(x, telemetry);
+            }
         }
-        Ok(())
+        if is_last && !refused {
+            self.set_presence(index, Presence::Ran);
+        }
+        Ok(is_last)
     }
 
     fn take_message(&mut self, index: usize, message: Message, now: u64) {
-        let Some(node) = self.nodes.get_mut(index) else { return };
         match message {
-            Message::State { component, x, .. } => {
-                if let Some(next) = node.next_state.get_mut(usize::from(component.get())) {
-                    *next = x;
-                    node.states += 1;
-                }
-                node.ticked = true;
-                if let Some(stamps) = self.stamps.get_mut(index) {
-                    stamps.state = Some(self.begin.elapsed());
+            Message::State { component, tick, x, .. } => {
+                if !self.take_state(index, (tick, component, x), now) {
+                    return;
                 }
             }
             Message::Fault { code, severity, .. } => {
-                // Only these faults are the outcome of a tick, which the node has seen as any other.
-                node.ticked = matches!(
-                    code,
-                    FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT | FaultCode::NEIGHBOURS_LOST
-                );
-                self.note_fault(index, code, severity, now);
+                if let Some(node) = self.nodes.get_mut(index).filter(|_| severity == Severity::Stopped) {
+                    // Only these faults are the outcome of a tick, which the node has seen as any other.
+                    node.ticked = matches!(
+                        code,
+                        FaultCode::STATE_LIMIT | FaultCode::FUNNEL_LEFT | FaultCode::NEIGHBOURS_LOST
+                    );
+                }
+                self.note_fault(index, &message, now);
             }
-            Message::Edge { .. } => {}
+            Message::Edge { neighbour, weight, .. } => self.check_weight(index, neighbour.get(), weight),
             Message::Ctrl { .. } | Message::Sync { .. } => return,
         }
         self.put_on_bus(index, message, now);
+    }
+
+    /// Takes a component of a state that is of the tick after the one that ends at `now`; whether it is.
+    fn take_state(
+        &mut self,
+        index: usize,
+        (stamp, component, x): (TickStamp, Component, f32),
+        now: u64,
+    ) -> bool {
+        let Some(node) = self.nodes.get_mut(index) else { return false };
+        let (id, tick) = (node.link.id(), self.tick);
+        let due = now.checked_div(self.tick_ns).and_then(|due| u32::try_from(due).ok()).unwrap_or(0);
+        if stamp.rebuild(due, 0, 0).is_none() {
+            let value = || format!("the stamp {} where {due} was awaited", stamp.value());
+            self.doubts.note(id, OTHER_TICK, tick, value);
+            return false;
+        }
+        let Some(next) = node.next_state.get_mut(usize::from(component.get())) else {
+            self.doubts.note(id, OTHER_COMPONENT, tick, || format!("state {}", component.get()));
+            return false;
+        };
+        let bit = 1 << component.get();
+        if node.states & bit != 0 && next.to_bits() != x.to_bits() {
+            let value = format!("{next} and {x}");
+            self.doubts.note(id, "sent two states of one tick", tick, || value);
+        }
+        *next = x;
+        node.states |= bit;
+        node.ticked = true;
+        if let Some(stamps) = self.stamps.get_mut(index) {
+            stamps.state = Some(self.begin.elapsed());
+        }
+        true
+    }
+
+    /// Compares a weight that a node announces with the one that it was given.
+    fn check_weight(&mut self, index: usize, neighbour: u8, weight: f32) {
+        let Some(node) = self.nodes.get(index) else { return };
+        let own = node.config.neighbours.iter().find(|edge| edge.id == neighbour).map(|edge| edge.weight);
+        if own != Some(weight) {
+            let value = || match own {
+                Some(own) => format!("{weight} for the edge to node {neighbour}, which has {own}"),
+                None => format!("{weight} for an edge to node {neighbour}, which is none"),
+            };
+            self.doubts.note(node.link.id(), "announced another weight than it was given", self.tick, value);
+        }
     }
 
     /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
@@ -579,12 +820,26 @@ impl Hub {
         stamp.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
     }
 
-    fn note_fault(&mut self, index: usize, code: FaultCode, severity: Severity, now: u64) {
+    /// Takes note of a FAULT: one that stopped the node, or a warning. A warning after a stop does not make it run again.
+    fn note_fault(&mut self, index: usize, fault: &Message, now: u64) {
+        let Message::Fault { code, severity, arg, tick, .. } = *fault else { return };
         let Some(node) = self.nodes.get_mut(index) else { return };
-        node.stopped = severity == Severity::Stopped;
-        if node.stopped {
-            self.events.push(NodeEvent { at: now, node: index, event: Event::Fault(code) });
-        }
+        let event = match severity {
+            Severity::Stopped if node.stopped => return,
+            Severity::Stopped => {
+                node.stopped = true;
+                Event::Fault(code)
+            }
+            Severity::Notice | Severity::Warning => {
+                let low = tick.value() & u32::from(u8::MAX);
+                if node.warned.replace((code, arg, low)) == Some((code, arg, low)) {
+                    return;
+                }
+                self.warnings += 1;
+                Event::Warned(code)
+            }
+        };
+        self.events.push(NodeEvent { at: now, node: index, event });
     }
 
     /// A stamp of eight bits, from CAN, would be taken for a whole one by who reads sixteen, so what is relayed has its whole tick.
@@ -593,10 +848,17 @@ impl Hub {
             *tick = self.rebuilt(index, *tick).map_or(*tick, TickStamp::full);
         }
         let message = self.noise.disturb(index, message);
-        self.bus.send(now, index, serial::encode(&message));
+        let is_state = matches!(message, Message::State { .. });
+        self.bus.send(now, index, Relayed { from: index, is_state, bytes: serial::encode(&message) });
     }
 }
 
+/// What a node does that names a component which no state has.
+const OTHER_COMPONENT: &str = "spoke of a component that its state does not have";
+/// What a node does whose states are not of the tick that is awaited.
+const OTHER_TICK: &str = "sent a state of another tick";
+/// Ticks by which a clock may be ahead of this program's, and that a stop may take to be heard.
+const CLOCK_SPARE: u64 = 4;
 /// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
 const STAMP_REACH: u32 = 100;
 /// Begins the run on every node.

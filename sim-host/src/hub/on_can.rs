@@ -4,14 +4,14 @@
 //! another bus or on serial lines only. SYNC of a tick follows all states of that tick on the one bus, so every node has heard them before it: lockstep has the
 //! bits of loopback here too (docs/notes/2026-11-24-real-nodes.md).
 
-use super::{FrameBytes, Hub, HubError, HubNode, Received, SLICE};
+use super::{Deadline, FrameBytes, Hub, HubError, HubNode, Received, SLICE};
 use crate::can::{AnyFormat, CanPort, Heard, Traffic};
 use funnel_protocol::message::{Message, NodeId};
 use funnel_protocol::serial::{self, Frame};
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 /// How long the host waits for room in its transmit queue: some 500 frames at the lowest bit rate.
 const ROOM: Duration = Duration::from_secs(1);
@@ -242,8 +242,11 @@ impl Hub {
     }
 
     /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead; with its bus time.
-    pub(super) fn wait_on_can(&mut self, index: usize) -> Result<(Message, SystemTime), HubError> {
-        let (begin, waited) = (Instant::now(), self.patience.answer);
+    pub(super) fn wait_on_can(
+        &mut self,
+        index: usize,
+        deadline: Deadline,
+    ) -> Result<(Message, SystemTime), HubError> {
         loop {
             let Some((node, side)) = self.on_its_bus(index) else { return Err(HubError::Interrupted) };
             side.listen()?;
@@ -251,8 +254,8 @@ impl Hub {
             if let Some(message) = side.next_of(id) {
                 return Ok(message);
             }
-            if begin.elapsed() > waited {
-                return Err(HubError::NoAnswer { node: id, awaited: "state on CAN", waited });
+            if deadline.is_over() {
+                return Err(HubError::NoAnswer { node: id, awaited: "state on CAN", waited: deadline.limit });
             }
             side.port.wait(SLICE);
             side.listen()?;

@@ -5,9 +5,9 @@
 
 use super::readers::{Readers, Reading, What};
 use super::recording::{Leap, Recording};
-use super::{CanSide, Hub, HubError, Received, SLICE, START, STOP};
+use super::{CanSide, Hub, HubError, OTHER_COMPONENT, OTHER_TICK, Received, SLICE, START, STOP, measure};
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_protocol::message::{Component, Message, Severity};
+use funnel_protocol::message::{Component, Message, Severity, TickStamp};
 use funnel_protocol::report::Telemetry;
 use funnel_protocol::serial;
 use funnel_protocol::service::Reply;
@@ -30,6 +30,8 @@ struct Watched {
     /// Who hears it, by index.
     listeners: Vec<usize>,
     heard: Instant,
+    /// When it has last told of a tick, whatever else it says.
+    told: Instant,
     /// Tick of the newest state that it has sent.
     newest: u32,
     /// States in a row that a receiver which ticks had to refuse.
@@ -55,6 +57,7 @@ impl Hub {
         let watched = |source: usize| Watched {
             listeners: (0..count).filter(|&listener| hears(listener, source)).collect(),
             heard: self.begin,
+            told: self.begin,
             newest: 0,
             outside: 0,
         };
@@ -89,7 +92,7 @@ impl Hub {
         self.say_on_can(&START)?;
         let (begin, start_spread) = (self.begin, self.begin.elapsed());
         if let Some(own) = &mut self.own {
-            own.nodes.iter_mut().for_each(|node| node.heard = begin);
+            own.nodes.iter_mut().for_each(|node| (node.heard, node.told) = (begin, begin));
             (own.readers, own.start_spread) = (Some(readers), start_spread);
         }
         Ok(())
@@ -135,7 +138,7 @@ impl Hub {
 
     fn close_row(&mut self) -> bool {
         let Some(own) = &mut self.own else { return true };
-        let closed = own.recording.close(&mut self.observations, &mut self.stamps);
+        let closed = own.recording.close(&mut self.observations, &mut self.stamps, &mut self.presence);
         self.tick += u32::from(closed);
         closed
     }
@@ -148,7 +151,7 @@ impl Hub {
     }
 
     /// Since the start, ns.
-    fn elapsed_ns(&self) -> u64 {
+    pub(super) fn elapsed_ns(&self) -> u64 {
         u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
@@ -196,11 +199,26 @@ impl Hub {
         self.note_heard(index);
         let (Some(own), Some(node)) = (&mut self.own, self.nodes.get(index)) else { return Ok(()) };
         // A node whose states do not come has come so far all the same.
-        if let Some(watched) = own.nodes.get_mut(index).filter(|_| node.on_can.is_some()) {
+        if let Some(watched) = own.nodes.get_mut(index) {
             watched.newest = watched.newest.max(told.tick.saturating_add(1));
         }
-        let leapt = |Leap { from, to }| HubError::Leapt { node: node.link.id(), from, to };
-        own.recording.telemetry(index, told, at).map_err(leapt)
+        let id = node.link.id();
+        let leapt = |Leap { from, to }| HubError::Leapt { node: id, from, to };
+        let before = own.recording.telling(index);
+        match measure::refusal(told, node.next_state.len()) {
+            None => own.recording.telemetry(index, told, at).map_err(leapt)?,
+            Some((what, value)) => {
+                self.doubts.note(id, what, told.tick, || value);
+                if usize::from(told.component) < node.next_state.len() {
+                    own.recording.refuse(index, told).map_err(leapt)?;
+                }
+            }
+        }
+        let after = own.recording.telling(index);
+        if let Some(watched) = own.nodes.get_mut(index).filter(|_| after != before) {
+            watched.told = Instant::now();
+        }
+        Ok(())
     }
 
     /// Takes a message that a node has sent, read at `at` and perhaps on CAN before, and puts it on the bus of those who do not hear it themselves.
@@ -216,21 +234,45 @@ impl Hub {
         let now = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
         match message {
             Message::State { component, tick, x, .. } => {
-                if let Some(tick) = self.rebuilt(index, tick) {
-                    self.record_state(index, (tick, component, x), (at, on_bus))?;
+                if !self.has_component(index, component) {
+                    return Ok(());
                 }
+                let Some(tick) = self.near(index, tick) else { return Ok(()) };
+                self.record_state(index, (tick, component, x), (at, on_bus))?;
             }
-            Message::Fault { tick, code, severity, .. } => {
-                self.note_fault(index, code, severity, now);
+            Message::Fault { tick, severity, .. } => {
+                self.note_fault(index, &message, now);
                 if severity == Severity::Stopped {
                     self.end_recording(index, self.rebuilt(index, tick));
                 }
             }
-            Message::Edge { .. } => {}
+            Message::Edge { neighbour, weight, .. } => self.check_weight(index, neighbour.get(), weight),
             Message::Ctrl { .. } | Message::Sync { .. } => return Ok(()),
         }
         self.put_on_bus(index, message, now);
         Ok(())
+    }
+
+    /// The whole tick of a state; takes note of it where that is nowhere near what is awaited.
+    fn near(&mut self, index: usize, stamp: TickStamp) -> Option<u32> {
+        let tick = self.rebuilt(index, stamp);
+        if let (None, Some(own), Some(node)) = (tick, &self.own, self.nodes.get(index)) {
+            let telling = own.telling(index);
+            let value = || format!("the stamp {} after tick {telling}", stamp.value());
+            self.doubts.note(node.link.id(), OTHER_TICK, telling, value);
+        }
+        tick
+    }
+
+    /// Whether the state of a node has a component; takes note of it where it has not.
+    fn has_component(&mut self, index: usize, component: Component) -> bool {
+        let Some(node) = self.nodes.get(index) else { return false };
+        let has = usize::from(component.get()) < node.next_state.len();
+        if !has {
+            let value = || format!("state {}", component.get());
+            self.doubts.note(node.link.id(), OTHER_COMPONENT, self.tick, value);
+        }
+        has
     }
 
     /// The telemetry of a node is what is waited for, so a node on CAN is heard by its line.
@@ -320,12 +362,15 @@ impl Hub {
         let Some(own) = &mut self.own else { return Ok(()) };
         for (index, (node, watched)) in self.nodes.iter().zip(&own.nodes).enumerate() {
             node.link.check_interrupt()?;
-            if !own.recording.awaits(index) || now.saturating_duration_since(watched.heard) <= waited {
+            if !own.recording.awaits(index) || now.saturating_duration_since(watched.told) <= waited {
                 continue;
             }
-            let telling = own.recording.telling(index);
+            let (id, telling) = (node.link.id(), own.recording.telling(index));
             if !node.stopped {
-                return Err(HubError::Silent { node: node.link.id(), last: telling.checked_sub(1), waited });
+                return Err(match now.saturating_duration_since(watched.heard) > waited {
+                    true => HubError::Silent { node: id, last: telling.checked_sub(1), waited },
+                    false => HubError::Babbles { node: id, tick: telling, awaited: "telemetry", waited },
+                });
             }
             // The end of what it had to tell was lost.
             own.recording.stop(index, telling);

@@ -5,6 +5,7 @@
 //! States on CAN come on another way than the telemetry, so the outcome of a tick is waited for until the node tells the next one.
 
 use super::{Stamps, observation};
+use crate::presence::Presence;
 use funnel_core::Observation;
 use funnel_protocol::report::Telemetry;
 use std::collections::VecDeque;
@@ -36,6 +37,8 @@ struct Track {
     /// Tick of its newest state that has come whole.
     newest: u32,
     missed: u64,
+    /// The state in the last row that was closed before its end is not what it was.
+    stale: bool,
 }
 
 /// A node's count cannot have come from the last one.
@@ -108,6 +111,21 @@ impl Recording {
     /// # Errors
     /// It is of a tick that the node cannot tell of now; nothing has changed.
     pub(super) fn telemetry(&mut self, node: usize, told: &Telemetry, at: Duration) -> Result<(), Leap> {
+        self.refuse(node, told)?;
+        if let Some(cell) = self.cell(node, told.tick) {
+            cell.stamps.telemetry = Some(at);
+            if let Some(slot) = cell.telemetry.get_mut(usize::from(told.component)) {
+                *slot = Some(*told);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes note that a node has told of a tick, but nothing of what it told.
+    ///
+    /// # Errors
+    /// It is of a tick that the node cannot tell of now; nothing has changed.
+    pub(super) fn refuse(&mut self, node: usize, told: &Telemetry) -> Result<(), Leap> {
         let Some(track) = self.tracks.get_mut(node) else { return Ok(()) };
         let (from, to) = (track.telling, told.tick);
         if to.wrapping_sub(from) > MAX_LEAP {
@@ -115,12 +133,6 @@ impl Recording {
         }
         let last = usize::from(told.component) + 1 >= self.components;
         track.telling = to.wrapping_add(u32::from(last));
-        if let Some(cell) = self.cell(node, to) {
-            cell.stamps.telemetry = Some(at);
-            if let Some(slot) = cell.telemetry.get_mut(usize::from(told.component)) {
-                *slot = Some(*told);
-            }
-        }
         Ok(())
     }
 
@@ -137,16 +149,22 @@ impl Recording {
     }
 
     /// Closes the next row, if it is whole or cannot become so any more: observations by index and then by component, in which a value that
-    /// was lost stays the last one, and stamps by index.
-    pub(super) fn close(&mut self, observations: &mut [Observation<f32>], stamps: &mut [Stamps]) -> bool {
+    /// was lost stays the last one, and stamps and what is known of the node, by index.
+    pub(super) fn close(
+        &mut self,
+        observations: &mut [Observation<f32>],
+        stamps: &mut [Stamps],
+        presence: &mut [Presence],
+    ) -> bool {
         let tick = self.tick;
         if self.tracks.iter().any(|track| track.is_open(tick)) {
             return false;
         }
-        let slots = observations.chunks_mut(self.components.max(1)).zip(stamps);
-        for (track, (seen, stamps)) in self.tracks.iter_mut().zip(slots) {
+        let slots = observations.chunks_mut(self.components.max(1)).zip(stamps).zip(presence);
+        for (track, ((seen, stamps), presence)) in self.tracks.iter_mut().zip(slots) {
             let cell = track.cells.pop_front().unwrap_or_default();
-            track.missed += u64::from(track.end.is_none_or(|end| tick < end) && !cell.is_whole());
+            *presence = track.presence(tick, &cell);
+            track.missed += u64::from(*presence == Presence::Unrecorded && !track.has_ended(tick));
             *stamps = cell.stamps;
             fill(seen, &cell);
         }
@@ -170,9 +188,25 @@ impl Track {
         self.end.is_none_or(|end| self.telling < end)
     }
 
+    fn has_ended(&self, tick: u32) -> bool {
+        self.end.is_some_and(|end| end <= tick)
+    }
+
+    /// What is known of the node at a tick that is closed with this cell. One that has stopped keeps its last state, if that has come.
+    fn presence(&mut self, tick: u32, cell: &Cell) -> Presence {
+        if !self.has_ended(tick) {
+            self.stale = !cell.has_state();
+        }
+        match () {
+            () if self.has_ended(tick) && !self.stale => Presence::Stopped,
+            () if !self.has_ended(tick) && cell.is_whole() => Presence::Ran,
+            () => Presence::Unrecorded,
+        }
+    }
+
     /// Whether something of a row may still come.
     fn is_open(&self, tick: u32) -> bool {
-        if self.end.is_some_and(|end| end <= tick) {
+        if self.has_ended(tick) {
             return false;
         }
         let next = tick.wrapping_add(1);
@@ -187,8 +221,12 @@ impl Cell {
         Self { x: vec![None; components], telemetry: vec![None; components], stamps: Stamps::default() }
     }
 
+    fn has_state(&self) -> bool {
+        !self.x.is_empty() && self.x.iter().all(Option::is_some)
+    }
+
     fn is_whole(&self) -> bool {
-        !self.x.is_empty() && self.x.iter().all(Option::is_some) && self.telemetry.iter().all(Option::is_some)
+        self.has_state() && self.telemetry.iter().all(Option::is_some)
     }
 }
 
@@ -213,12 +251,19 @@ mod tests {
         recording: Recording,
         seen: Vec<Observation<f32>>,
         stamps: Vec<Stamps>,
+        presence: Vec<Presence>,
     }
 
     impl Rows {
         fn of(nodes: usize) -> Self {
             let seen = vec![Observation::default(); nodes];
-            Self { recording: Recording::new(nodes, 1), seen, stamps: vec![Stamps::default(); nodes] }
+            let presence = vec![Presence::default(); nodes];
+            Self {
+                recording: Recording::new(nodes, 1),
+                seen,
+                stamps: vec![Stamps::default(); nodes],
+                presence,
+            }
         }
 
         fn state(&mut self, node: usize, tick: u32) {
@@ -231,7 +276,7 @@ mod tests {
         }
 
         fn close(&mut self) -> bool {
-            self.recording.close(&mut self.seen, &mut self.stamps)
+            self.recording.close(&mut self.seen, &mut self.stamps, &mut self.presence)
         }
 
         /// Tick, state and diffusive term of a node.
@@ -269,10 +314,12 @@ mod tests {
         rows.state(0, 1);
         assert!(!rows.close());
         rows.told(0, 2);
+        assert_eq!(rows.presence, [Presence::Ran]);
         assert!(rows.close());
-        assert_eq!(rows.last(0), (0, 1.0, 0.0));
+        assert_eq!((rows.last(0), rows.presence[0]), ((0, 1.0, 0.0), Presence::Unrecorded));
+        // Its telemetry has the tick, but its state is that of the tick before.
         assert!(rows.close());
-        assert_eq!(rows.last(0), (2, 1.0, 2.0));
+        assert_eq!((rows.last(0), rows.presence[0]), ((2, 1.0, 2.0), Presence::Unrecorded));
         assert_eq!(rows.recording.missed(0), 2);
         assert!(!rows.close());
     }
@@ -287,6 +334,33 @@ mod tests {
         assert!(!rows.recording.awaits(0));
         assert!(rows.close() && rows.close() && rows.close());
         assert_eq!((rows.last(0), rows.recording.missed(0)), ((0, 0.0, 0.0), 0));
+        assert_eq!(rows.presence, [Presence::Stopped]);
+    }
+
+    #[test]
+    fn what_a_node_stopped_with_is_not_known_where_its_last_state_was_lost() {
+        let mut rows = Rows::of(1);
+        rows.state(0, 0);
+        rows.told(0, 0);
+        rows.recording.stop(0, 2);
+        rows.told(0, 1);
+        for expected in [Presence::Ran, Presence::Unrecorded, Presence::Unrecorded] {
+            assert!(rows.close());
+            assert_eq!(rows.presence, [expected]);
+        }
+        assert_eq!(rows.recording.missed(0), 1);
+    }
+
+    #[test]
+    fn a_refused_telemetry_ends_its_tick_and_leaves_nothing() {
+        let mut rows = Rows::of(1);
+        rows.state(0, 0);
+        rows.told(0, 0);
+        rows.state(0, 1);
+        let refused = Telemetry { tick: 1, nu: f32::NAN, ..Telemetry::default() };
+        assert_eq!(rows.recording.refuse(0, &refused), Ok(()));
+        assert!(rows.close() && rows.close());
+        assert_eq!((rows.last(0), rows.presence[0]), ((0, 1.0, 0.0), Presence::Unrecorded));
     }
 
     #[test]
@@ -323,9 +397,11 @@ mod tests {
         recording.state(0, (0, 0, 3.0), AT, None);
         recording.state(0, (0, 1, 4.0), AT, None);
         recording.telemetry(0, &telemetry(0), AT).unwrap();
-        assert!(!recording.close(&mut seen, &mut stamps));
+        let mut presence = vec![Presence::Absent];
+        assert!(!recording.close(&mut seen, &mut stamps, &mut presence));
         recording.telemetry(0, &telemetry(1), AT).unwrap();
-        assert!(recording.close(&mut seen, &mut stamps));
+        assert!(recording.close(&mut seen, &mut stamps, &mut presence));
+        assert_eq!(presence, [Presence::Ran]);
         assert_eq!((seen[0].x, seen[1].x, seen[1].ratio, recording.missed(0)), (3.0, 4.0, 0.5, 0));
     }
 

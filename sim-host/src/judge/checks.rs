@@ -10,7 +10,7 @@ use serde::Serialize;
 /// One of them, and what the run made of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Check {
-    /// Its name: `stopped`, `absent`, `heard`, `floor`, `measured`, `resolved` or `consistent`.
+    /// Its name: `complete`, `stopped`, `absent`, `heard`, `floor`, `measured`, `resolved` or `consistent`.
     pub name: &'static str,
     /// Whether it held.
     pub pass: bool,
@@ -37,6 +37,10 @@ pub struct Account {
     pub widened: Option<(u64, f64, f64)>,
     /// What it reported at the end.
     pub report: Option<(f32, Counters)>,
+    /// Ticks that it may have run beside those that were seen or are unknown: after the last one, until it heard the stop.
+    pub unseen: u64,
+    /// What it reports is of the whole run: it was not restarted.
+    pub whole: bool,
 }
 
 /// A node that stopped by itself.
@@ -69,12 +73,15 @@ pub struct Evidence<'a> {
     pub contradictions: &'a [String],
     /// Where the run was compared with one, or is one.
     pub reference: Option<&'a ReferenceSummary>,
+    /// After how many ticks the run ended, and why, where it did so before its last one.
+    pub ended_early: Option<&'a str>,
 }
 
 /// All checks of a run of `scenario`.
 #[must_use]
 pub fn checks(scenario: &Scenario, evidence: &Evidence<'_>) -> Vec<Check> {
     vec![
+        complete(evidence.ended_early),
         stopped(scenario, evidence.stops),
         absent(evidence.absences),
         heard(evidence),
@@ -95,6 +102,11 @@ fn check(name: &'static str, faults: Vec<String>, fine: &str) -> Check {
         count => format!("{}; and {} more of the kind", faults[..NAMED].join("; "), count - NAMED),
     };
     Check { name, pass: faults.is_empty(), text }
+}
+
+fn complete(ended_early: Option<&str>) -> Check {
+    let tell = |why: &str| format!("the run ended {why}");
+    check("complete", ended_early.map(tell).into_iter().collect(), "every tick was run")
 }
 
 fn stopped(scenario: &Scenario, stops: &[Stop]) -> Check {
@@ -224,21 +236,28 @@ fn own_width(account: &Account) -> Option<String> {
 fn contradictions(account: &Account) -> Vec<String> {
     let Some((max_ratio, counters)) = &account.report else { return Vec::new() };
     let (id, mut faults) = (account.id, Vec::new());
-    if u64::from(counters.breaches) > account.breaches + account.unknown {
+    let spare = account.unknown + account.unseen;
+    // Nothing that was seen is missing in a report of the whole run.
+    let fits = |reported: u32, seen: u64| {
+        let reported = u64::from(reported);
+        reported <= seen + spare && (reported >= seen || !account.whole)
+    };
+    if !fits(counters.breaches, account.breaches) {
         faults.push(format!(
             "node {id} reports {} breaches, and was seen to have {}",
             counters.breaches, account.breaches
         ));
     }
     // Written so that NaN contradicts. A ratio has the same bits here and there.
-    let known = *max_ratio <= account.max_ratio || account.unknown > 0;
-    if !known || !max_ratio.is_finite() {
+    let known = *max_ratio <= account.max_ratio || spare > 0;
+    let whole = *max_ratio >= account.max_ratio || !account.whole;
+    if !known || !whole || !max_ratio.is_finite() {
         faults.push(format!(
             "node {id} reports a largest |nu| / psi of {max_ratio}, and was seen to have {}",
             account.max_ratio
         ));
     }
-    if u64::from(counters.ticks) > account.ran + account.unknown {
+    if !fits(counters.ticks, account.ran) {
         faults
             .push(format!("node {id} reports {} ticks, and was seen to run {}", counters.ticks, account.ran));
     }
@@ -280,6 +299,27 @@ mod tests {
             let found = contradictions(&account);
             assert!(found.len() == 1 && found[0].contains(words), "{found:?}");
         }
+    }
+
+    #[test]
+    fn a_report_of_the_whole_run_has_all_that_was_seen() {
+        let whole = |account: Account| Account { whole: true, breaches: 1, ..account };
+        assert_eq!(contradictions(&whole(report(0.5, |c| c.breaches = 1))), Vec::<String>::new());
+        for (account, words) in [
+            (report(0.5, |_| {}), "reports 0 breaches, and was seen to have 1"),
+            (
+                report(0.25, |c| c.breaches = 1),
+                "reports a largest |nu| / psi of 0.25, and was seen to have 0.5",
+            ),
+            (report(0.5, |c| (c.breaches, c.ticks) = (1, 4)), "reports 4 ticks, and was seen to run 11"),
+        ] {
+            let found = contradictions(&whole(account));
+            assert!(found.len() == 1 && found[0].contains(words), "{found:?}");
+        }
+        // A clock of its own ticks on until the node hears the stop.
+        let late = Account { unseen: 2, ..whole(report(0.75, |c| (c.breaches, c.ticks) = (2, 13))) };
+        assert_eq!(contradictions(&late), Vec::<String>::new());
+        assert_eq!(contradictions(&Account { unseen: 1, ..late }).len(), 1);
     }
 
     #[test]

@@ -102,9 +102,15 @@ impl<'a> Judge<'a> {
         }
         self.windows.tick(moment, ratio, spread, input, reference);
         if moment.k == self.scenario.time.ticks {
-            self.findings.final_spread = spread.unwrap_or(f64::NAN);
-            self.findings.last = self.known(moment);
+            self.end(moment);
         }
+    }
+
+    /// Takes a tick, which has been judged, as the last one.
+    pub fn end(&mut self, moment: &Moment<'_>) {
+        let spread = spread(moment, self.scenario.components());
+        self.findings.final_spread = spread.unwrap_or(f64::NAN);
+        self.findings.last = self.known(moment);
     }
 
     /// The true diffusive terms of the last tick, by index and then by component, state units; NaN where one is not known.

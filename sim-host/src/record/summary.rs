@@ -24,6 +24,9 @@ pub struct Summary {
     pub ticks: u64,
     /// Tick period, in seconds.
     pub tick_s: f64,
+    /// After how many ticks the run ended, and why, where it did so before its last one; left out where it did not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended_early: Option<String>,
     /// See [`TraceHash`](super::TraceHash); `null` where no `f32` node ran.
     pub trace_hash: Option<String>,
     /// How the funnels held.
@@ -159,8 +162,10 @@ pub struct BusSummary {
 /// The nodes of a bench, beside the same run in loopback.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct BenchSummary {
-    /// Whether all nodes showed the bits of loopback at every tick: state, diffusive term, funnel and input.
+    /// Whether all nodes showed the bits of loopback at every tick of the scenario: tick number, state, diffusive term, funnel and input.
     pub bit_for_bit: bool,
+    /// Node-ticks of which nothing was recorded, or not all.
+    pub unrecorded: u64,
     /// Nodes that were away for a time, in the order in which they were lost.
     pub absences: Vec<AbsenceSummary>,
     /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay.
@@ -281,7 +286,9 @@ pub struct BenchNodeSummary {
     pub firmware: String,
     /// Frames from it that could not be read.
     pub unreadable: u64,
-    /// First tick at which a bit differs from loopback; `null` if none does.
+    /// Ticks of which nothing was recorded, or not all.
+    pub unrecorded: u64,
+    /// First tick at which a bit differs from loopback, or nothing was recorded; `null` if there is none.
     pub first_difference: Option<u64>,
     /// Largest distance of its state to loopback's, state units.
     pub largest_deviation: f64,

@@ -160,11 +160,15 @@ fn compared(
         if options.verbosity != Verbosity::Quiet {
             tell(hub.absences(), &mut told);
         }
-        comparison.tick(k, hub.observations());
+        comparison.tick(k, hub.observations(), hub.presence());
         skew.tick(k, hub.stamps());
         files.tick(k, hub)
     })?;
     files.finish(hub)?;
+    comparison.faults(hub.events());
+    if outcome.ended_early.is_some() {
+        comparison.cut();
+    }
     let own_clock = (clock == Clock::Own).then(|| own_clock::summary(hub, skew, &outcome.counters));
     Ok(Outcome { bench: Some(BenchSummary { own_clock, ..summary(hub, &comparison) }), ..outcome })
 }
@@ -208,6 +212,7 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
             uid: format!("{:016x}", identity.uid),
             firmware: format!("{major}.{minor}.{patch}"),
             unreadable: link.refused().0,
+            unrecorded: difference.unrecorded,
             first_difference: difference.first,
             largest_deviation: difference.largest,
         }
@@ -234,6 +239,7 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
         can: PerInterface(hub.can().map(can).collect()),
         skipped: Vec::new(),
         absences: hub.absences().iter().map(absence).collect(),
+        unrecorded: differences.iter().map(|difference| difference.unrecorded).sum(),
         bit_for_bit: differences.iter().all(|difference| difference.first.is_none()),
         nodes: hub.members().zip(differences).map(node).collect(),
     }

@@ -57,7 +57,11 @@ impl<'a> Collector<'a> {
 
     /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
-        self.hash.extend(seen.iter().map(|observation| observation.x));
+        // Runs of which something is not known are equal to none.
+        for (seen, presence) in seen.chunks(self.scenario.components()).zip(presence) {
+            let known = presence.is_known();
+            self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { f32::NAN }));
+        }
         self.x.clear();
         self.x.extend(seen.iter().map(|observation| f64::from(observation.x)));
         self.u.clear();
@@ -69,6 +73,15 @@ impl<'a> Collector<'a> {
             self.compare(exact, presence);
         }
         self.predict(k, seen, presence);
+    }
+
+    /// Takes tick `k`, which was the last to come, as the end of the run.
+    pub fn end_at(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+        self.judge.end(&Moment { k, x: &self.x, u: &self.u, presence });
+        self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
+        if !k.is_multiple_of(self.stride) {
+            self.row(k, seen, presence);
+        }
     }
 
     /// What the run came to.
@@ -99,11 +112,15 @@ impl<'a> Collector<'a> {
         if !last && !k.is_multiple_of(self.stride) {
             return;
         }
-        let t = self.scenario.time.at_s(k);
-        let prediction = self.predictor.advance(t);
         if last {
             self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
         }
+        self.row(k, seen, presence);
+    }
+
+    fn row(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+        let t = self.scenario.time.at_s(k);
+        let prediction = self.predictor.advance(t);
         self.outcome.rows.push(row(t, seen, presence, prediction, &self.judge));
     }
 

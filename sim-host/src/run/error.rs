@@ -36,6 +36,15 @@ impl RunError {
         Self { message: error.to_string(), exit: exit(&error) }
     }
 
+    /// What nodes have done once the run had begun, and before anything of it was recorded.
+    pub fn in_the_run(error: HubError) -> Self {
+        let exit = match exit(&error) {
+            Exit::NoHardware => Exit::ExpectationFailed,
+            exit => exit,
+        };
+        Self { exit, ..Self::from(error) }
+    }
+
     /// The user stopped the run.
     pub fn interrupted() -> Self {
         Self { message: "interrupted; no output was written".to_owned(), exit: Exit::Interrupted }
@@ -72,15 +81,19 @@ fn exit(error: &HubError) -> Exit {
         HubError::Refused { .. } | HubError::NotStaged { reason: StageError::Config(_), .. } => {
             Exit::BadInput
         }
-        HubError::OutOfStep { .. } | HubError::Leapt { .. } => Exit::Defect,
+        HubError::OnePort { .. } | HubError::Ambiguous { .. } => Exit::BadInput,
+        // What nodes did once the run had begun.
+        HubError::OutOfStep { .. }
+        | HubError::Leapt { .. }
+        | HubError::Lost { .. }
+        | HubError::Silent { .. }
+        | HubError::Babbles { .. }
+        | HubError::RanApart { .. } => Exit::ExpectationFailed,
         HubError::Interrupted => Exit::Interrupted,
         HubError::NoQemu { .. }
         | HubError::NoImage { .. }
         | HubError::NoAnswer { .. }
         | HubError::Died { .. }
-        | HubError::Lost { .. }
-        | HubError::Silent { .. }
-        | HubError::RanApart { .. }
         | HubError::Port { .. }
         | HubError::Can { .. }
         | HubError::NoCan { .. }
@@ -91,5 +104,33 @@ fn exit(error: &HubError) -> Exit {
         | HubError::Uid { .. }
         | HubError::WireVersion { .. }
         | HubError::Io { .. } => Exit::NoHardware,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn what_a_line_did_is_no_defect_of_the_program() {
+        let of = |error| RunError::of_nodes(error).exit;
+        let waited = Duration::from_secs(1);
+        assert_eq!(of(HubError::OutOfStep { node: 2, tick: 5, found: 4 }), Exit::ExpectationFailed);
+        assert_eq!(of(HubError::Leapt { node: 2, from: 5, to: 4 }), Exit::ExpectationFailed);
+        let babbles = HubError::Babbles { node: 2, tick: 5, awaited: "state", waited };
+        assert_eq!(of(babbles.with_words("its log".to_owned())), Exit::ExpectationFailed);
+        let twins =
+            HubError::Ambiguous { node: 2, number: "0001".into(), ports: vec!["a".into(), "b".into()] };
+        assert_eq!(of(twins), Exit::BadInput);
+        assert_eq!(of(HubError::OnePort { node: 2, other: 1, port: "a".into() }), Exit::BadInput);
+    }
+
+    #[test]
+    fn nobody_at_the_start_is_missing_hardware_and_nobody_later_is_a_failure() {
+        let gone = || HubError::NoAnswer { node: 2, awaited: "identity", waited: Duration::from_secs(1) };
+        assert_eq!(RunError::from(gone()).exit, Exit::NoHardware);
+        assert_eq!(RunError::in_the_run(gone()).exit, Exit::ExpectationFailed);
+        assert_eq!(RunError::in_the_run(HubError::Interrupted).exit, Exit::Interrupted);
     }
 }

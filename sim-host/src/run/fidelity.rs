@@ -3,14 +3,14 @@
 use super::collect::Collector;
 use super::error::RunError;
 use super::options::{RunOptions, Verbosity};
-use super::outcome::Outcome;
+use super::outcome::{EarlyEnd, Outcome};
 use super::reference;
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
 use crate::engine::Engine;
-use crate::hub::Hub;
+use crate::hub::{Hub, HubError};
 use crate::noise::Noise;
 use crate::progress::Progress;
 use crate::record::BusSummary;
@@ -37,8 +37,14 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let progress = progress("loopback", scenario, options);
     engine.start();
     // One tick more than the run has: it is what makes the diffusive terms at the end.
+    let mut early = None;
     for k in 0..=scenario.time.ticks {
-        check_interrupt(options)?;
+        if let Err(interrupted) = check_interrupt(options) {
+            let Some(last) = last_of(k) else { return Err(interrupted) };
+            collector.end_at(last, engine.observations(), &engine.presence(last));
+            early = Some(EarlyEnd::after(k, scenario, interrupted));
+            break;
+        }
         // `None` where all nodes have stopped by themselves: what they saw last stays.
         let _ = engine.advance();
         collector.tick(k, engine.observations(), &engine.presence(k));
@@ -46,11 +52,12 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     }
     let reports: Vec<_> = engine.nodes().iter().map(Node::report).collect();
     let bus = Some(bus_record(engine.traffic(), &reports));
-    Ok(Outcome { bus, events: engine.events().to_vec(), ..collector.finish().with_reports(reports) })
+    let events = engine.events().to_vec();
+    Ok(Outcome { bus, events, ended_early: early, ..collector.finish().with_reports(reports) })
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.
-pub(super) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
+pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
     let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
     let params = accepted(&configs)?.into_iter();
     let nodes = params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect();
@@ -74,15 +81,22 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
     let progress = progress("loopback", scenario, options);
+    let (mut seen, mut early) = (Vec::new(), None);
     for k in 0..=scenario.time.ticks {
-        check_interrupt(options)?;
-        let seen = central.advance().to_vec();
+        if let Err(interrupted) = check_interrupt(options) {
+            let Some(last) = last_of(k) else { return Err(interrupted) };
+            collector.end_at(last, &seen, &central.presence());
+            early = Some(EarlyEnd::after(k, scenario, interrupted));
+            break;
+        }
+        seen = central.advance().to_vec();
         collector.tick(k, &seen, &central.presence());
         progress.at(k as f64 * scenario.time.tick_s());
     }
     let reports = central.reports();
     let bus = Some(bus_record(Traffic::default(), &reports));
-    Ok(Outcome { bus, events: central.events().to_vec(), ..collector.finish().with_reports(reports) })
+    let events = central.events().to_vec();
+    Ok(Outcome { bus, events, ended_early: early, ..collector.finish().with_reports(reports) })
 }
 
 /// Fidelity `emulator`.
@@ -96,7 +110,7 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
 }
 
-/// Runs a network tick by tick; `each` sees the hub after every tick.
+/// Runs a network tick by tick; `each` sees the hub after every tick. However nodes fail once there is a tick, what was recorded is kept.
 pub(super) fn lockstep(
     what: &'static str,
     scenario: &Scenario,
@@ -108,16 +122,74 @@ pub(super) fn lockstep(
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
     let progress = progress(what, scenario, options);
     hub.start()?;
+    let (mut seen, mut presence, mut failed) = (Vec::new(), Vec::new(), None);
     for k in 0..=scenario.time.ticks {
-        check_interrupt(options)?;
-        hub.advance()?;
-        collector.tick(k, hub.observations(), &hub.presence(k));
+        let ran =
+            if options.interrupt.is_set() { Err(HubError::Interrupted) } else { hub.advance().map(drop) };
+        if let Err(error) = ran {
+            let Some(last) = last_of(k) else { return Err(RunError::in_the_run(error)) };
+            // An observation may be of the tick that has failed.
+            collector.end_at(last, &seen, &presence);
+            failed = Some((k, error));
+            break;
+        }
+        seen.clear();
+        seen.extend_from_slice(hub.observations());
+        presence.clear();
+        presence.extend_from_slice(hub.presence());
+        collector.tick(k, &seen, &presence);
         each(k, hub)?;
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    let reports = hub.finish()?;
-    let bus = Some(bus_record(hub.traffic(), &reports));
-    Ok(Outcome { bus, events: hub.events().to_vec(), ..collector.finish().with_reports(reports) })
+    let closed = close(scenario, hub, failed);
+    Ok(with_words_of(hub, closed, collector.finish()))
+}
+
+/// The last of so many ticks, where that is enough for a record: a picture takes two.
+fn last_of(ticks: u64) -> Option<u64> {
+    ticks.checked_sub(1).filter(|&last| last > 0)
+}
+
+/// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error after so many ticks, or as the
+/// nodes were asked for their reports.
+fn close(
+    scenario: &Scenario,
+    hub: &mut Hub,
+    failed: Option<(u64, HubError)>,
+) -> (Vec<Option<Report>>, Option<EarlyEnd>) {
+    let (recorded, error) = match failed {
+        Some(failed) => failed,
+        None => match hub.finish() {
+            Ok(reports) => return (reports, None),
+            Err(error) => (scenario.time.ticks.saturating_add(1), error),
+        },
+    };
+    let halted = hub.halt();
+    let error = RunError::in_the_run(error).and(&halted);
+    (halted.reports, Some(EarlyEnd::after(recorded, scenario, error)))
+}
+
+/// With all that the nodes have said beside their ticks.
+fn with_words_of(
+    hub: &Hub,
+    (reports, early): (Vec<Option<Report>>, Option<EarlyEnd>),
+    outcome: Outcome,
+) -> Outcome {
+    let (unheard, silent) = match early {
+        // Who has had no time to be heard, and who was told to stop first, are none of them.
+        Some(_) => (Vec::new(), Vec::new()),
+        None => (hub.unheard(&reports), hub.silent(&reports)),
+    };
+    let mut contradictions = hub.contradictions();
+    let unseen = hub.unseen(early.is_some());
+    let bus = Some(bus_record(hub.traffic(), reports.iter().flatten()));
+    let mut outcome = outcome.with_reports(reports);
+    for (index, account) in outcome.accounts.iter_mut().enumerate() {
+        (account.unseen, account.whole) = (unseen, hub.was_there_throughout(index));
+        contradictions.extend(hub.cannot_have_counted(index, account));
+    }
+    let (events, warnings) = (hub.events().to_vec(), hub.warnings());
+    Outcome { bus, events, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
 }
 
 pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
@@ -143,7 +215,7 @@ fn check_interrupt(options: &RunOptions) -> Result<(), RunError> {
     if options.interrupt.is_set() { Err(RunError::interrupted()) } else { Ok(()) }
 }
 
-fn bus_record(traffic: Traffic, reports: &[Report]) -> BusSummary {
+fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report>) -> BusSummary {
     let mut refused: BTreeMap<_, _> =
         Refusal::ALL.iter().map(|reason| (reason.name().to_owned(), 0)).collect();
     for Report { counters, .. } in reports {

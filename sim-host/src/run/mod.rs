@@ -17,10 +17,13 @@ mod tests;
 
 pub use commission::{commission, erase};
 pub use error::RunError;
+#[cfg(test)]
+pub(crate) use fidelity::engine as engine_of;
 pub use options::{Fidelity, RunOptions, Verbosity};
-pub use outcome::Outcome;
+pub use outcome::{EarlyEnd, Outcome};
 
 use crate::emergent::EmergentTrajectory;
+use crate::exit::Exit;
 use crate::record::Summary;
 use crate::scenario::{LARGEST_RUN, Scenario};
 use funnel_core::Event;
@@ -40,7 +43,7 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
     // A node that has stopped by itself leaves figures that look like those of a good run.
     let told = outcome.events.iter().filter(|event| match options.verbosity {
         Verbosity::Verbose => true,
-        Verbosity::Normal => matches!(event.event, Event::Fault(_)),
+        Verbosity::Normal => matches!(event.event, Event::Fault(_) | Event::Warned(_)),
         Verbosity::Quiet => false,
     });
     // Nobody is left to tell where standard error is closed.
@@ -49,7 +52,15 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
     let mut summary = outcome.judge(scenario, options.on);
     summary.wall_s = begin.elapsed().as_secs_f64();
     outputs.write(scenario, &outcome, &summary, options)?;
-    Ok(summary)
+    match outcome.ended_early {
+        Some(early) if early.exit == Exit::Interrupted => Err(early.interrupted()),
+        Some(early) => {
+            // What the nodes had to say for themselves; the check says the rest.
+            let _ = writeln!(std::io::stderr(), "{}", early.words);
+            Ok(summary)
+        }
+        None => Ok(summary),
+    }
 }
 
 /// Runs `scenario` and gives everything that was seen; writes nothing.

@@ -1,8 +1,10 @@
 //! What a run came to, before and after it is judged.
 
+use super::error::RunError;
 use super::options::Fidelity;
 use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
+use crate::exit::Exit;
 use crate::extremes::largest;
 use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
 use crate::record::{
@@ -23,9 +25,45 @@ pub struct Believed {
     pub breaches: u64,
 }
 
+/// How a run ended before its last tick.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EarlyEnd {
+    /// After how many ticks of how many, and why, in one line.
+    pub why: String,
+    /// All that there is to say about it, a line each.
+    pub words: String,
+    /// How the program ends for it.
+    pub exit: Exit,
+}
+
+impl EarlyEnd {
+    /// After `recorded` ticks of a run of `scenario`.
+    pub fn after(recorded: u64, scenario: &Scenario, error: RunError) -> Self {
+        let RunError { message, exit } = error;
+        let first = match exit {
+            Exit::Interrupted => "interrupted",
+            _ => message.lines().next().unwrap_or_default(),
+        };
+        let why = format!("after {recorded} of {} ticks: {first}", scenario.time.ticks.saturating_add(1));
+        Self { why, words: message, exit }
+    }
+
+    /// For the user who stopped it.
+    pub fn interrupted(self) -> RunError {
+        let message = format!(
+            "interrupted {}; what was recorded until then was written, and says so\n{}",
+            self.why.trim_end_matches(": interrupted"),
+            self.words.lines().skip(1).collect::<Vec<_>>().join("\n")
+        );
+        RunError { message: message.trim_end().to_owned(), exit: self.exit }
+    }
+}
+
 /// What a run came to.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
+    /// Where it ended before its last tick. The rest is of the ticks that it had.
+    pub ended_early: Option<EarlyEnd>,
     /// Trajectory.
     pub rows: Vec<Row>,
     /// States at the end, by index and then by component; NaN where one is not known.
@@ -69,13 +107,15 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// With the closing reports of all nodes, by index.
+    /// With the closing reports of all nodes, by index; `None` for one that has given none.
     #[must_use]
-    pub fn with_reports(mut self, reports: Vec<Report>) -> Self {
+    pub fn with_reports(mut self, reports: impl IntoIterator<Item = impl Into<Option<Report>>>) -> Self {
+        let reports: Vec<Option<Report>> = reports.into_iter().map(Into::into).collect();
         for (account, report) in self.accounts.iter_mut().zip(&reports) {
-            account.report = Some((report.max_ratio, report.counters.clone()));
+            account.report = report.as_ref().map(|report| (report.max_ratio, report.counters.clone()));
         }
-        Self { counters: reports.into_iter().map(|report| report.counters).collect(), ..self }
+        let counters = |report: Option<Report>| report.map(|report| report.counters).unwrap_or_default();
+        Self { counters: reports.into_iter().map(counters).collect(), ..self }
     }
 
     /// The summary, with the scenario's expectations judged.
@@ -88,6 +128,7 @@ impl Outcome {
             nodes: scenario.nodes.len(),
             ticks: scenario.time.ticks,
             tick_s: scenario.time.tick_s(),
+            ended_early: self.ended_early.as_ref().map(|early| early.why.clone()),
             trace_hash: self.hash.map(|hash| hash.to_string()),
             funnel: Some(self.funnel()),
             sync: Some(SyncSummary {
@@ -147,6 +188,7 @@ impl Outcome {
                 silent: &self.silent,
                 contradictions: &self.contradictions,
                 reference: self.reference.as_ref(),
+                ended_early: self.ended_early.as_ref().map(|early| early.why.as_str()),
             },
         )
     }

@@ -58,6 +58,16 @@ impl Ended {
     }
 }
 
+impl Ended {
+    /// It ran, failed, and said so in `words`; nothing of it is a defect of the program.
+    pub fn fell_short(&self, words: &[&str]) {
+        assert_eq!(self.code, Some(1), "{}", self.err);
+        for word in words {
+            assert!(self.err.contains(word), "no '{word}' in: {}", self.err);
+        }
+    }
+}
+
 /// A folder with a scenario, a bench file and the outputs.
 pub struct Bench {
     folder: TempDir,
@@ -116,6 +126,24 @@ impl Bench {
 
     pub fn run(&self, arguments: &[&str]) -> Ended {
         end(self.spawn(arguments))
+    }
+
+    /// After how many ticks of how many the run ended, and why, as its summary says; there is a row of the trajectory for each.
+    pub fn ended_early(&self) -> String {
+        let summary = self.summary();
+        let why = summary["ended_early"].as_str().unwrap().to_owned();
+        assert_eq!((&summary["passed"], &summary["bench"]["bit_for_bit"]), (&false.into(), &false.into()));
+        let recorded: usize = why.split(' ').nth(1).unwrap().parse().unwrap();
+        let rows = fs::read_to_string(self.path("out/trajectory.csv")).unwrap().lines().count() - 1;
+        assert!(rows == recorded || summary["ticks"].as_u64() > Some(2000), "{rows} rows: {why}");
+        why
+    }
+
+    /// The checks that the run did not pass.
+    pub fn failed_checks(&self) -> Vec<String> {
+        let summary = self.summary();
+        let checks = summary["checks"].as_array().unwrap().iter().filter(|check| check["pass"] == false);
+        checks.map(|check| check["name"].as_str().unwrap().to_owned()).collect()
     }
 
     pub fn summary(&self) -> serde_json::Value {

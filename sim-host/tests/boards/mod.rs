@@ -9,7 +9,7 @@ pub use bench::*;
 use funnel_core::{Output, Phase, Session};
 use funnel_protocol::WIRE_VERSION;
 use funnel_protocol::message::Message;
-use funnel_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
+use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
 use funnel_protocol::service::{Identity, Reply};
 use rustix::fs::OFlags;
 use rustix::pty::{self, OpenptFlags};
@@ -37,7 +37,19 @@ pub enum Act {
     Hang,
     /// It puts noise on the line as fast as it can.
     Flood,
+    /// It says this, a frame that is none of what is awaited, as fast as it can.
+    Babble(Vec<u8>),
 }
+
+/// What a board says, by the id that it says it by.
+#[derive(Clone)]
+pub enum Says {
+    Message(Message),
+    Reply(u8, Reply),
+}
+
+/// What a board says instead of what its node does.
+pub type Lie = Box<dyn FnMut(Says) -> Vec<Says> + Send>;
 
 /// What a board does before it sends its `n`-th state, from 0.
 pub type Script = Box<dyn FnMut(u32) -> Act + Send>;
@@ -69,7 +81,25 @@ impl Board {
         Self::start_with(identity, rate, Box::new(|_| Act::Send))
     }
 
+    /// A board that says something else than its node does.
+    pub fn lying(uid: u64, lie: impl FnMut(Says) -> Vec<Says> + Send + 'static) -> Self {
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
+        Self::play(identity, Part { lie: Box::new(lie), ..Part::honest() })
+    }
+
+    /// A board whose node hears no state.
+    pub fn deaf(uid: u64) -> Self {
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
+        Self::play(identity, Part { deaf: true, ..Part::honest() })
+    }
+
     fn start_with(identity: Identity, rate: f64, script: Script) -> Self {
+        Self::play(identity, Part { rate, script, ..Part::honest() })
+    }
+
+    fn play(identity: Identity, part: Part) -> Self {
         // Closed in programs that other tests start meanwhile: they would keep an unplugged board's line open.
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let port = pty::openpt(flags).unwrap();
@@ -85,8 +115,7 @@ impl Board {
             port,
             deframer: Deframer::new(),
             session,
-            rate,
-            script,
+            part,
             states: states.clone(),
             noise: noise.clone(),
             hung: false,
@@ -125,13 +154,26 @@ impl Board {
     }
 }
 
+/// What a board does that a good one does not.
+struct Part {
+    /// Of its clock.
+    rate: f64,
+    script: Script,
+    lie: Lie,
+    deaf: bool,
+}
+
+impl Part {
+    fn honest() -> Self {
+        Self { rate: 1.0, script: Box::new(|_| Act::Send), lie: Box::new(|said| vec![said]), deaf: false }
+    }
+}
+
 struct Played {
     port: File,
     deframer: Deframer,
     session: Session,
-    /// Of its clock.
-    rate: f64,
-    script: Script,
+    part: Part,
     states: Arc<AtomicU32>,
     noise: Arc<AtomicU64>,
     hung: bool,
@@ -151,7 +193,7 @@ impl Played {
                     0
                 }
             };
-            let rate = self.rate;
+            let rate = self.part.rate;
             let now = || (begin.elapsed().as_nanos() as f64 * rate) as u64;
             if self.session.poll_at().is_some_and(|at| at <= now()) {
                 self.drain(now());
@@ -159,6 +201,9 @@ impl Played {
             for &byte in &bytes[..length] {
                 let now = now();
                 if let Some(frame) = self.deframer.push(byte) {
+                    if self.part.deaf && matches!(frame, Ok(Frame::RealTime(Message::State { .. }))) {
+                        continue;
+                    }
                     self.session.on_frame(frame, now);
                     self.drain(now);
                 }
@@ -181,7 +226,7 @@ impl Played {
 
     fn send(&mut self, message: &Message) {
         if let Message::State { .. } = message {
-            let act = (self.script)(self.states.fetch_add(1, Ordering::Relaxed));
+            let act = (self.part.script)(self.states.fetch_add(1, Ordering::Relaxed));
             match act {
                 Act::Send => {}
                 Act::Noise(bytes) => self.put(&bytes),
@@ -192,6 +237,11 @@ impl Played {
                 }
                 Act::Vanish => self.quit.store(true, Ordering::Relaxed),
                 Act::Hang => self.hung = true,
+                Act::Babble(bytes) => {
+                    while !self.quit.load(Ordering::Relaxed) {
+                        self.put(&bytes);
+                    }
+                }
                 Act::Flood => {
                     while !self.quit.load(Ordering::Relaxed) {
                         self.put(&[0x55; 200]);
@@ -201,14 +251,25 @@ impl Played {
             }
         }
         if !self.quit.load(Ordering::Relaxed) {
-            self.put(&serial::encode(message));
+            self.say(Says::Message(*message));
         }
     }
 
     fn reply(&mut self, reply: &Reply) {
-        let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
-        let length = serial::encode_service(reply, self.session.id(), &mut scratch, &mut frame).unwrap();
-        self.put(&frame[..length]);
+        self.say(Says::Reply(self.session.id(), reply.clone()));
+    }
+
+    fn say(&mut self, said: Says) {
+        for said in (self.part.lie)(said) {
+            match said {
+                Says::Message(message) => self.put(&serial::encode(&message)),
+                Says::Reply(id, reply) => {
+                    let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
+                    let length = serial::encode_service(&reply, id, &mut scratch, &mut frame).unwrap();
+                    self.put(&frame[..length]);
+                }
+            }
+        }
     }
 
     /// Waits for room while somebody has the terminal open.
