@@ -92,7 +92,9 @@ fn digits_of(value: f64, digits: usize) -> String {
 }
 
 fn draw(scenario: &Scenario, outcome: &Outcome) {
-    let mut trace = Trace::new(scenario.title.as_str()).with_components(scenario.components());
+    let title = scenario.title.as_str();
+    let mut trace =
+        Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
     outcome.rows.iter().for_each(|row| trace.push(row));
     let folder = Path::new("docs/book/src/figures");
     std::fs::create_dir_all(folder).expect("a folder for the figures");

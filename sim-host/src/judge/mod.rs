@@ -56,6 +56,37 @@ pub struct Findings {
     pub last: Vec<f64>,
     /// By window of the scenario, in its order.
     pub windows: Vec<WindowFigures>,
+    /// The same figures of each node, by index and then by component.
+    pub worst: Vec<Worst>,
+}
+
+/// What came of one component of one node.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Worst {
+    /// Its largest `|nu| / psi`; NaN where one was not a number.
+    pub max_ratio: f64,
+    /// Ticks with `|nu| >= psi`, or with a term that is not a number.
+    pub breaches: u64,
+    /// Ticks of which the term is not known.
+    pub unknown: u64,
+    /// Ticks that were judged.
+    pub judged: u64,
+}
+
+impl Worst {
+    /// Takes the ratio of a tick, where it is known, and says whether it is a breach.
+    pub fn take(&mut self, ratio: Option<f64>) -> bool {
+        let Some(ratio) = ratio else {
+            self.unknown += 1;
+            return false;
+        };
+        // Written so that NaN is outside.
+        let breach = !(ratio < 1.0);
+        self.max_ratio = larger(self.max_ratio, ratio);
+        self.breaches += u64::from(breach);
+        self.judged += 1;
+        breach
+    }
 }
 
 /// Judges a run tick by tick.
@@ -82,7 +113,7 @@ impl<'a> Judge<'a> {
             truth: Truth::of(scenario),
             floors: floors(scenario),
             windows: Windows::of(scenario),
-            findings: Findings::default(),
+            findings: Findings { worst: vec![Worst::default(); entries], ..Findings::default() },
             terms: vec![f64::NAN; entries],
             psi: vec![f64::NAN; entries],
         }
@@ -170,18 +201,19 @@ impl<'a> Judge<'a> {
     fn ratios(&mut self, moment: &Moment<'_>) -> f64 {
         let components = self.scenario.components();
         let mut most = 0.0;
-        for (at, (nu, psi)) in self.terms.iter().zip(&self.psi).enumerate() {
+        let terms = self.terms.iter().zip(&self.psi).zip(&mut self.findings.worst);
+        for (at, ((nu, psi), worst)) in terms.enumerate() {
             let index = at / components;
             if !self.truth.is_known(index, moment.presence) {
                 self.findings.unknown += 1;
+                worst.take(None);
                 continue;
             }
             self.findings.judged += 1;
             // Zero in a funnel that has closed is inside it by no more than any other value is.
             let ratio = if *nu == 0.0 && *psi == 0.0 { 1.0 } else { nu.abs() / psi };
             most = larger(most, ratio);
-            // Written so that NaN is outside.
-            if !(ratio < 1.0) {
+            if worst.take(Some(ratio)) {
                 self.findings.breaches += 1;
                 self.findings.first_breach.get_or_insert((moment.k, index));
             }

@@ -112,3 +112,17 @@ fn windows_see_their_ticks_only_both_ends_included() {
     let never = findings(&scenario, &[(1, apart(0.0), RAN)]).windows;
     assert_eq!(never[0], WindowFigures::default());
 }
+
+#[test]
+fn every_node_has_figures_of_its_own() {
+    let scenario = scenario(PATH, &[]);
+    let away = [Presence::Absent, Presence::Ran, Presence::Ran];
+    let found = findings(
+        &scenario,
+        &[(0, [0.0, 5.0, 0.0], RAN), (1, [0.0, 1.0, 0.0], RAN), (10, [0.0, 3.0, 1.0], away)],
+    );
+    let worst = |max_ratio, breaches, unknown, judged| Worst { max_ratio, breaches, unknown, judged };
+    // nu_1 = 2.5 and 0.5, nu_2 = -5 and -1, nu_3 = 2.5, 0.5 and 1, in a funnel of 2.
+    assert_eq!(found.worst, [worst(1.25, 1, 1, 2), worst(2.5, 1, 1, 2), worst(1.25, 1, 0, 3)]);
+    assert_eq!(found.breaches, 3);
+}

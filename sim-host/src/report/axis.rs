@@ -14,6 +14,34 @@ pub(super) fn padded(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
+/// This much wider than what is usual, a range is cut: a value far away would leave no room for the others.
+const FAR: f64 = 20.0;
+/// This much wider than what is natural, what is usual is no longer looked at.
+const BEYOND: f64 = 1000.0;
+
+/// The range for all of `values`, or, where some of them are too far away, for the others. `natural` are values that the picture has
+/// to show: the scale that the run is about.
+pub(super) fn robust(values: &[f64], natural: impl Iterator<Item = f64>) -> Range<f64> {
+    let all = padded(values.iter().copied());
+    let width = |range: &Range<f64>| range.end - range.start;
+    let natural = padded(natural);
+    let usual = padded(usual(values).into_iter().flatten().chain([natural.start, natural.end]));
+    let core = if width(&usual) <= BEYOND * width(&natural) { usual } else { natural };
+    if width(&all) <= FAR * width(&core) && values.iter().all(|v| !v.is_infinite()) {
+        return all;
+    }
+    let room = 0.25 * width(&core);
+    all.start.max(core.start - room)..all.end.min(core.end + room)
+}
+
+/// Values that a twentieth of all is below, and above.
+fn usual(values: &[f64]) -> Option<[f64; 2]> {
+    let mut finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let share = finite.len() / 20;
+    let last = finite.len().checked_sub(1)?;
+    Some([share, last - share].map(|at| *finite.select_nth_unstable_by(at, f64::total_cmp).1))
+}
+
 /// A decimal label without trailing zeros, `1e-7` style where that is shorter.
 pub(super) fn label(value: &f64) -> String {
     let value = *value;
@@ -44,6 +72,21 @@ mod tests {
         let labels = [0.0, -2.5, 1e-7, 40.0, 2.5e6].map(|v| label(&v));
         assert_eq!(labels, ["0", "\u{2212}2.5", "1e\u{2212}7", "40", "2.500e6"]);
         assert_eq!([1e-10, 0.01, 1000.0].map(|v| decade(&v)), ["1e\u{2212}10", "0.01", "1000"]);
+    }
+
+    #[test]
+    fn a_value_far_away_leaves_room_for_the_others() {
+        let mut values: Vec<f64> = (0..100).map(|k| f64::from(k % 10)).collect();
+        let whole = robust(&values, [0.0, 5.0].into_iter());
+        assert!(whole.contains(&0.0) && whole.contains(&9.0) && whole.end < 10.0);
+        values.push(1e9);
+        let cut = robust(&values, [0.0, 5.0].into_iter());
+        assert!(cut.contains(&9.0) && cut.end < 20.0, "{cut:?}");
+        values.extend([8e8; 900]);
+        let cut = robust(&values, [0.0, 5.0].into_iter());
+        assert!(cut.contains(&5.0) && cut.end < 20.0, "a run that is far away for most of the time: {cut:?}");
+        let infinite = robust(&[0.0, 1.0, f64::INFINITY], [0.0, 1.0].into_iter());
+        assert!(infinite.end < 2.0, "{infinite:?}");
     }
 
     #[test]

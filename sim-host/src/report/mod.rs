@@ -1,16 +1,24 @@
 //! Plots of a run as SVG text.
 //!
-//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel.
+//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel. They
+//! show what is true: true terms in the scenario's funnels, nothing where nothing is known, and words where something is cut.
 
 mod axis;
+mod clip;
+mod curve;
 mod funnels;
 mod legend;
+mod marks;
+mod notes;
+mod panel;
 mod states;
 mod style;
+mod text;
 mod thin;
 mod trace;
 
 pub use funnels::funnels_svg;
+pub use marks::Kind as MarkKind;
 pub use states::states_svg;
 pub use trace::Trace;
 

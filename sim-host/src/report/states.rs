@@ -1,47 +1,54 @@
 //! All states over time, the emergent trajectory and the blended dynamics.
 
-use plotters::coord::Shift;
+use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
 use std::ops::Range;
 
+use super::clip::{self, clip};
+use super::curve::Curve;
 use super::legend::{self, Entry, Stroke};
-use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
+use super::style::{BREACH, CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
 use super::thin::thin;
-use super::trace::Trace;
-use super::{PlotError, axis};
+use super::trace::{Node, Trace};
+use super::{PlotError, axis, marks, text};
 
 const SIZE: (u32, u32) = (1000, 520);
 /// Width of the legend, in pixels.
 const LEGEND: u32 = 130;
+/// The part of the height that a line of text takes.
+const LINE: f64 = 0.04;
+/// Stops and absences that are named in the picture; of more, how many.
+const NAMED: usize = 8;
 
 /// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
 /// figure, as SVG text. Up to twelve curves get a colour each; of more, each component of a vector does, and scalar states are
-/// drawn alike. What of the blended dynamics is far from all states is left out.
+/// drawn alike. A curve ends where its node stops or is away. What of the blended dynamics is far from all states is left out.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
 pub fn states_svg(trace: &Trace) -> Result<String, PlotError> {
-    let (first, last) = trace.span()?;
+    let span = trace.span()?;
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (px(SIZE.0), px(SIZE.1))).into_drawing_area();
         root.fill(&WHITE).map_err(PlotError::new)?;
+        let title = text::fit(&trace.title, 20, SIZE.0 - 92);
+        root.draw(&Text::new(title, at(76, 14), font(20).color(&INK))).map_err(PlotError::new)?;
         let (left, right) = root.split_horizontally(px(SIZE.0 - LEGEND));
-        let title = Text::new(trace.title.clone(), at(76, 14), font(20).color(&INK));
-        left.draw(&title).map_err(PlotError::new)?;
-        curves(&left, trace, first..last)?;
-        legend::draw(&right.margin(px(42), 0, 0, 0), &entries(trace))?;
+        picture(&left, trace, &span)?;
+        legend::column(&right.margin(px(42), 0, 0, 0), &entries(trace))?;
         root.present().map_err(PlotError::new)?;
     }
     Ok(shrink(&svg, SIZE))
 }
 
-fn curves<DB: DrawingBackend>(
+fn picture<DB: DrawingBackend>(
     area: &DrawingArea<DB, Shift>,
     trace: &Trace,
-    span: Range<f64>,
+    span: &Range<f64>,
 ) -> Result<(), PlotError> {
-    let heights = heights(trace);
+    let curves: Vec<Vec<(f64, f64)>> = trace.nodes.iter().map(|node| trace.states(node)).collect();
+    let heights = heights(trace, &curves);
     let mut chart = ChartBuilder::on(area)
         .margin_left(px(6))
         .margin_top(px(44))
@@ -49,8 +56,9 @@ fn curves<DB: DrawingBackend>(
         .margin_bottom(px(8))
         .x_label_area_size(px(46))
         .y_label_area_size(px(70))
-        .build_cartesian_2d(span, heights.clone())
+        .build_cartesian_2d(span.clone(), heights.clone())
         .map_err(PlotError::new)?;
+    let state = if trace.has_unit() { trace.axis("state") } else { trace.axis("state x") };
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
@@ -60,30 +68,74 @@ fn curves<DB: DrawingBackend>(
         .label_style(font(15).color(&INK))
         .axis_desc_style(font(17).color(&INK))
         .x_desc("time t in s")
-        .y_desc("state x in state units")
+        .y_desc(state)
         .x_label_formatter(&axis::label)
         .y_label_formatter(&axis::label)
         .draw()
         .map_err(PlotError::new)?;
-    for (k, node) in trace.nodes.iter().enumerate() {
-        let style = match Colours::of(trace) {
-            Colours::Curve => line(colour(k), 2),
-            Colours::Component => line(colour(node.component), 1),
-            Colours::One => line(CROWD, 1),
-        };
-        let points = thin(&trace.t, |k| node.x[k]);
-        chart.draw_series(LineSeries::new(points, style)).map_err(PlotError::new)?;
+    mark(&mut chart, trace, span, &heights)?;
+    for (k, (node, points)) in trace.nodes.iter().zip(&curves).enumerate() {
+        let style = line(ink(trace, k, node), if trace.nodes.len() <= NODES { 2 } else { 1 });
+        Curve::solid(clip(thin(points), &heights), style).draw(&mut chart)?;
     }
-    for (_, components, stroke) in predictions(trace) {
-        let (mark, space) = stroke.pattern().unwrap_or((1, 0));
-        for values in components {
-            let mut points = thin(&trace.t, |k| values[k]);
-            points.retain(|(_, value)| heights.contains(value));
-            let series = DashedLineSeries::new(points, px(mark), px(space), line(BLACK, 2));
-            chart.draw_series(series).map_err(PlotError::new)?;
+    for (k, node) in trace.nodes.iter().enumerate() {
+        if let Some((t, x)) = trace.stop(node) {
+            let at = (t.clamp(span.start, span.end), x.clamp(heights.start, heights.end));
+            marks::cross(&mut chart, at, ink(trace, k, node))?;
         }
     }
+    for (_, components, stroke) in predictions(trace) {
+        for values in components {
+            let points: Vec<(f64, f64)> = trace.t.iter().copied().zip(values.iter().copied()).collect();
+            let pieces = clip(thin(&points), &heights);
+            Curve { pieces, style: line(BLACK, 2), stroke }.draw(&mut chart)?;
+        }
+    }
+    match clip::words(curves.iter().flatten().map(|p| p.1), &heights) {
+        Some(words) => {
+            area.draw(&Text::new(words, at(84, 48), font(15).color(&BREACH))).map_err(PlotError::new)
+        }
+        None => Ok(()),
+    }
+}
+
+/// Draws and names stops and absences, in the order in which they began.
+fn mark<DB, CT>(
+    chart: &mut ChartContext<'_, DB, CT>,
+    trace: &Trace,
+    span: &Range<f64>,
+    heights: &Range<f64>,
+) -> Result<(), PlotError>
+where
+    DB: DrawingBackend,
+    CT: CoordTranslate<From = (f64, f64)>,
+{
+    let mut all: Vec<&marks::Mark> = trace.marks.iter().collect();
+    all.sort_by(|a, b| a.from.total_cmp(&b.from));
+    let more = all.len().saturating_sub(NAMED);
+    for (n, mark) in all.iter().enumerate() {
+        let first = trace.nodes.iter().enumerate().find(|(_, node)| node.id == mark.id);
+        let colour = first.map_or(INK, |(k, node)| ink(trace, k, node));
+        mark.draw(chart, (span, heights), colour)?;
+        // Below the line that says what is cut.
+        let y = heights.end - (heights.end - heights.start) * LINE * (n as f64 + 1.0);
+        let words = match n {
+            n if n < NAMED => format!("node {} {}", mark.id, mark.kind.word()),
+            n if n == NAMED => format!("and {more} more"),
+            _ => continue,
+        };
+        marks::label(chart, span, (mark.from, y), words)?;
+    }
     Ok(())
+}
+
+/// The colour of the curves of `node`, the `k`-th.
+fn ink(trace: &Trace, k: usize, node: &Node) -> RGBColor {
+    match Colours::of(trace) {
+        Colours::Curve => colour(k),
+        Colours::Component => colour(node.component),
+        Colours::One => CROWD,
+    }
 }
 
 /// What has a colour of its own.
@@ -107,13 +159,25 @@ impl Colours {
 }
 
 /// The range of the vertical axis: all of the states and of `xi`, and of the blended dynamics what is not farther from those than
-/// a quarter of their own range. An average that outliers drag far away would leave no room for the states.
-fn heights(trace: &Trace) -> Range<f64> {
-    let states = trace.nodes.iter().flat_map(|n| n.x.iter()).chain(trace.xi.iter().flatten()).copied();
-    let inner = axis::padded(states.clone());
+/// a quarter of their own range. An average that outliers drag far away would leave no room for the states, and neither would a node
+/// that diverges: the scale is that of the initial states, of `xi` and of the funnels.
+fn heights(trace: &Trace, curves: &[Vec<(f64, f64)>]) -> Range<f64> {
+    let xi = || trace.xi.iter().flatten().copied();
+    let mut values: Vec<f64> = curves.iter().flatten().map(|p| p.1).chain(xi()).collect();
+    let start = curves.iter().filter_map(|curve| curve.iter().map(|p| p.1).find(|x| x.is_finite()));
+    let mut natural: Vec<f64> = start.chain(xi().filter(|xi| xi.is_finite())).collect();
+    let low = natural.iter().copied().fold(f64::INFINITY, f64::min);
+    let widths = trace.nodes.iter().filter_map(|node| node.psi.last()).filter(|psi| psi.is_finite());
+    let width = widths.fold(0.0, |most: f64, &psi| most.max(psi));
+    natural.extend([low - width, low + width].into_iter().filter(|v| v.is_finite()));
+    let inner = axis::robust(&values, natural.into_iter());
     let room = 0.25 * (inner.end - inner.start);
     let near = inner.start - room..inner.end + room;
-    axis::padded(states.chain(trace.blended.iter().flatten().copied().filter(|value| near.contains(value))))
+    values.retain(|value| inner.contains(value));
+    values.extend(trace.blended.iter().flatten().copied().filter(|value| near.contains(value)));
+    // Where values are cut, up to the cut.
+    let whole = axis::padded(values.into_iter());
+    whole.start.min(inner.start)..whole.end.max(inner.end)
 }
 
 /// What is predicted, where it is known anywhere: its name, its values over time by component, and how it is drawn.
@@ -138,6 +202,7 @@ fn entries(trace: &Trace) -> Vec<Entry> {
     let black =
         |(name, _, stroke): (&str, _, _)| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };
     entries.extend(predictions(trace).map(black));
+    entries.extend(marks::entries(trace.marks.iter()));
     entries
 }
 
@@ -152,7 +217,8 @@ mod tests {
         for (t, blended) in [(0.0, 0.0), (1.0, end)] {
             trace.push(&Row { t, x: vec![-1.0, 1.0], blended: vec![blended], ..Row::default() });
         }
-        heights(&trace)
+        let curves: Vec<_> = trace.nodes.iter().map(|node| trace.states(node)).collect();
+        heights(&trace, &curves)
     }
 
     #[test]

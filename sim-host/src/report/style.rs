@@ -26,6 +26,7 @@ pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 pub(super) const FAINT: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
 pub(super) const CROWD: RGBColor = RGBColor(0x7F, 0x9F, 0xBF);
 pub(super) const BOUNDARY: RGBColor = RGBColor(0x80, 0x80, 0x80);
+pub(super) const BREACH: RGBColor = RGBColor(0xCC, 0x00, 0x11);
 pub(super) const INSIDE: RGBColor = RGBColor(0xEC, 0xEF, 0xF2);
 
 /// The colour of the node at `index` among those shown.

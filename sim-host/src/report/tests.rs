@@ -4,6 +4,7 @@ use super::*;
 use crate::record::Row;
 use crate::reference::examples::{five_agents, narrow_path, ring};
 use crate::reference::{Funnel, Gain, ReferenceProblem, solve};
+use plotters::style::RGBColor;
 
 /// The emergent vector field: the root `h` of `sum_i psi_i mu_i^-1(h - f_i(t, xi)) = 0`.
 fn emergent(problem: &ReferenceProblem, t: f64, xi: f64) -> f64 {
@@ -75,7 +76,7 @@ fn five_agents_are_drawn_whole_and_thin() {
         assert!(states.contains(label), "{label}");
     }
     assert_eq!(funnels.matches("largest |").count(), 5);
-    assert!(lengths(&states)[4] > 1500 && lengths(&states)[0] <= thin::POINTS, "{:?}", lengths(&states));
+    assert!(lengths(&states)[4] > 1500 && lengths(&states)[0] <= thin::POINTS + 2, "{:?}", lengths(&states));
     assert!(!states.contains("NaN") && !funnels.contains("NaN"));
 }
 
@@ -110,25 +111,216 @@ fn nothing_to_show_is_an_error() {
     assert!(funnels_svg(&single).is_err());
 }
 
+/// A network of nodes with these states, true terms and believed terms over time, in funnels of 2.
+fn told(rows: &[(f64, Vec<f64>, Vec<f64>, Vec<f64>)]) -> Trace {
+    let mut trace = Trace::new("told");
+    for (t, x, true_nu, nu) in rows.iter().cloned() {
+        let (asked_psi, psi) = (vec![2.0; x.len()], vec![2.0; x.len()]);
+        trace.push(&Row { t, x, nu, psi, true_nu, asked_psi, ..Row::default() });
+    }
+    trace
+}
+
+/// Numbers of points of the polylines and dots that have this colour and width in pixels.
+fn drawn(svg: &str, colour: RGBColor, width: u32) -> Vec<usize> {
+    let RGBColor(r, g, b) = colour;
+    let stroke = format!("stroke=\"#{r:02X}{g:02X}{b:02X}\" stroke-width=\"{}\" points=\"", style::px(width));
+    let points = svg.split(&stroke).skip(1).filter_map(|rest| rest.split('"').next());
+    points.map(|points| points.split_whitespace().count()).collect()
+}
+
+/// Dots of this colour.
+fn dots(svg: &str, colour: RGBColor) -> usize {
+    let RGBColor(r, g, b) = colour;
+    svg.lines()
+        .filter(|l| l.starts_with("<circle") && l.contains(&format!("fill=\"#{r:02X}{g:02X}{b:02X}\"")))
+        .count()
+}
+
 #[test]
-fn a_node_that_has_no_number_is_nearest_to_the_boundary_of_all() {
-    let mut trace = Trace::new("lost");
-    for k in 0..3 {
-        let nu: Vec<f64> =
-            (0..20).map(|i| if i == 17 && k == 1 { f64::NAN } else { 0.01 * f64::from(i) }).collect();
-        let (x, psi, u) = (vec![0.0; 20], vec![1.0; 20], vec![0.0; 20]);
+fn a_node_that_hears_nobody_is_shown_outside_however_it_believes_to_be_inside() {
+    let rows: Vec<_> =
+        (0..100).map(|k| (f64::from(k), vec![0.0, 3.0], vec![3.0, -3.0], vec![0.0, 0.0])).collect();
+    let (_, funnels) = draw("deaf", &told(&rows));
+    for words in [
+        "largest |\u{3BD}|/\u{3C8} = 1.500 at the rows",
+        "outside at 100 rows",
+        "\u{3BD} as the node believes",
+    ] {
+        assert!(funnels.contains(words), "{words}");
+    }
+    assert!(!funnels.contains("\u{3C8} as the node has it"), "the funnels are the same");
+    // Terms and ratios of two nodes, and a line of the legend.
+    assert_eq!(drawn(&funnels, style::BREACH, 3).len(), 5);
+}
+
+#[test]
+fn what_a_node_believes_is_not_drawn_where_it_is_true() {
+    let rows: Vec<_> =
+        (0..100).map(|k| (f64::from(k), vec![0.0, 1.0], vec![1.0, -1.0], vec![1.0001, -1.0])).collect();
+    let (_, funnels) = draw("honest", &told(&rows));
+    assert!(!funnels.contains("believes") && !funnels.contains("outside"));
+}
+
+#[test]
+fn the_largest_ratio_is_that_of_all_ticks_where_the_judge_has_it() {
+    let rows: Vec<_> =
+        (0..3).map(|k| (f64::from(k), vec![0.0, 1.0], vec![1.0, -1.0], vec![1.0, -1.0])).collect();
+    let mut trace = told(&rows);
+    let worst = |max_ratio, breaches| crate::judge::Worst { max_ratio, breaches, unknown: 0, judged: 2001 };
+    trace.judged(&[worst(1.25, 1), worst(f64::NAN, 7)]);
+    let (_, funnels) = draw("judged", &trace);
+    assert!(funnels.contains("= 1.250\n") && !funnels.contains("at the rows"), "the rows show 0.5");
+    assert!(funnels.contains("outside at 1 tick, between the rows"));
+    assert!(funnels.contains("largest |\u{3BD}|/\u{3C8}: not a number"));
+}
+
+#[test]
+fn a_node_of_which_nothing_is_known_does_not_look_good() {
+    let rows: Vec<_> =
+        (0..3).map(|k| (f64::from(k), vec![0.0, f64::NAN], vec![f64::NAN; 2], vec![f64::NAN; 2])).collect();
+    let (_, funnels) = draw("unknown", &told(&rows));
+    assert_eq!(funnels.matches("largest |\u{3BD}|/\u{3C8}: not known").count(), 2);
+    assert!(funnels.contains("not known at 3 rows"));
+}
+
+#[test]
+fn an_absence_is_a_gap_with_a_name_and_a_single_known_point_in_it_is_a_dot() {
+    let x = |k: i32| if (30..60).contains(&k) && k != 45 { f64::NAN } else { 1.0 };
+    let rows: Vec<_> = (0..100)
+        .map(|k| {
+            let x = x(k);
+            (f64::from(k), vec![x, 0.0], vec![-x, x], vec![-x, x])
+        })
+        .collect();
+    let mut trace = told(&rows);
+    let (states, funnels) = draw("gap", &trace);
+    assert_eq!(drawn(&states, style::colour(0), 2), [30, 40, 2], "two pieces, and the legend");
+    assert_eq!(dots(&states, style::colour(0)), 1);
+    assert_eq!(dots(&funnels, style::colour(0)), 2, "term and ratio");
+    trace.mark(1, 30.0, Some(60.0), MarkKind::Away);
+    let (states, funnels) = draw("away", &trace);
+    assert!(states.contains("node 1 away") && funnels.contains("away from 30 s to 60 s"));
+    assert_eq!((drawn(&states, style::colour(0), 2), dots(&states, style::colour(0))), (vec![30, 40, 2], 0));
+}
+
+#[test]
+fn a_curve_ends_in_a_cross_where_its_node_stops() {
+    let x = |k: i32| f64::from(k.min(50)) / 50.0;
+    let rows: Vec<_> =
+        (0..100).map(|k| (f64::from(k), vec![x(k), 0.0], vec![-x(k), x(k)], vec![-x(k), x(k)])).collect();
+    let mut trace = told(&rows);
+    trace.mark(1, 50.0, None, MarkKind::Stopped);
+    let (states, funnels) = draw("stopped", &trace);
+    assert!(states.contains("node 1 stopped") && funnels.contains("stopped at 50 s; judged on"));
+    // Its points; two strokes of a cross at the end are lines of two points; and the legend.
+    let curve = drawn(&states, style::colour(0), 2);
+    assert_eq!(curve.iter().max(), Some(&51), "{curve:?}");
+    assert_eq!(drawn(&states, style::colour(1), 2).iter().max(), Some(&100));
+}
+
+#[test]
+fn a_node_that_diverges_leaves_room_for_the_others_and_what_is_cut_is_said() {
+    let far = |k: i32| if k < 50 { 0.5 } else { 1e9 };
+    let rows: Vec<_> = (0..100)
+        .map(|k| (f64::from(k), vec![far(k), 0.0], vec![-far(k), far(k)], vec![-far(k), far(k)]))
+        .collect();
+    let (states, funnels) = draw("diverged", &told(&rows));
+    assert!(states.contains("clipped: values up to 1e9"));
+    assert_eq!(funnels.matches("clipped: values up to 1e9").count(), 2);
+    assert_eq!(funnels.matches("clipped: values up to 5e8").count(), 2, "the ratios");
+    for svg in [states, funnels] {
+        assert!(!svg.contains("1e9\n</text>") || svg.contains("up to 1e9\n</text>"));
+        assert!(svg.contains("\n1\n</text>"), "an axis on which 1 can be read");
+    }
+}
+
+#[test]
+fn a_funnel_that_begins_infinite_is_drawn_from_where_it_can_be_seen() {
+    let mut trace = Trace::new("reciprocal time");
+    for k in 0..200 {
+        let t = 0.05 * f64::from(k);
+        let nu = vec![0.2, -0.2];
+        let psi = vec![1.0 / t; 2];
         trace.push(&Row {
-            t: f64::from(k),
-            x,
-            nu,
-            psi,
-            u,
-            xi: vec![0.0],
-            blended: vec![0.0],
+            t,
+            x: vec![0.0, 0.2],
+            nu: nu.clone(),
+            psi: psi.clone(),
+            true_nu: nu,
+            asked_psi: psi,
             ..Row::default()
         });
     }
-    assert!(trace.nodes[17].worst.is_nan() && trace.nodes[16].worst < 1.0);
-    let svg = funnels_svg(&trace).unwrap();
-    assert!(svg.contains("node 18") && svg.contains("NaN"), "the twelve that are shown have it first");
+    let (_, funnels) = draw("infinite", &trace);
+    assert!(funnels.contains("\u{3C8} begins infinite") && !funnels.contains("clipped"));
+    assert!(!funnels.contains("inf,") && !funnels.contains("NaN"));
+}
+
+#[test]
+fn the_unit_of_the_states_stands_on_the_axes() {
+    let rows: Vec<_> =
+        (0..3).map(|k| (f64::from(k), vec![0.0, 1.0], vec![1.0, -1.0], vec![1.0, -1.0])).collect();
+    let (states, funnels) = draw("unit", &told(&rows).with_unit(Some("\u{b0}C")));
+    assert!(states.contains("state (\u{b0}C)") && funnels.contains("\u{3BD} (\u{b0}C)"));
+    assert!(!states.contains("state units") && !funnels.contains("state units"));
+}
+
+/// Whether `svg` is well-formed XML of what plotters writes (elements, attributes, text), without control characters.
+fn well_formed(svg: &str) -> Result<(), String> {
+    let fit = |c: char| c == '\n' || !(c.is_control() || u32::from(c) & 0xFFFE == 0xFFFE);
+    let text =
+        |text: &str| match text.split('&').skip(1).find(|rest| {
+            !["lt;", "gt;", "amp;", "quot;", "apos;"].iter().any(|entity| rest.starts_with(entity))
+        }) {
+            Some(rest) => Err(format!("a lone & before {rest:?}")),
+            None => Ok(()),
+        };
+    if let Some(c) = svg.chars().find(|&c| !fit(c)) {
+        return Err(format!("the character {c:?}"));
+    }
+    let mut open: Vec<&str> = Vec::new();
+    for (k, part) in svg.split('<').enumerate().skip(1) {
+        let (tag, after) = part.split_once('>').ok_or(format!("no end of tag {k}"))?;
+        text(after)?;
+        if after.contains('>') || (open.is_empty() && k > 1) {
+            return Err(format!("text that is none: {after:?}"));
+        }
+        if let Some(name) = tag.strip_prefix('/') {
+            let opened = open.pop();
+            if opened != Some(name) {
+                return Err(format!("{name} closes {opened:?}"));
+            }
+            continue;
+        }
+        let (whole, inner) = (tag.ends_with('/'), tag.trim_end_matches('/'));
+        let (name, attributes) = inner.split_once(' ').unwrap_or((inner, ""));
+        let quoted: Vec<&str> = attributes.split('"').collect();
+        if !name.chars().all(|c| c.is_ascii_alphabetic()) || quoted.len() % 2 == 0 {
+            return Err(format!("the tag {tag:?}"));
+        }
+        quoted.iter().try_for_each(|value| text(value))?;
+        if !whole {
+            open.push(name);
+        }
+    }
+    if open.is_empty() { Ok(()) } else { Err(format!("never closed: {open:?}")) }
+}
+
+#[test]
+fn a_title_cannot_break_out_of_the_picture() {
+    let title =
+        "</text></svg><script>alert(1)</script><!-- \u{1b}[2J\u{7} & \" ' ]]> \u{FFFE}\u{202E}\0 --> &amp;";
+    let mut trace = Trace::new(title).with_unit(Some("<&\"'>\u{1b}"));
+    for t in [0.0, 1.0] {
+        trace.push(&Row { t, x: vec![t, 0.0], nu: vec![0.0, 1.0], psi: vec![2.0; 2], ..Row::default() });
+    }
+    let (states, funnels) = draw("title", &trace);
+    for svg in [&states, &funnels] {
+        well_formed(svg).unwrap();
+        assert!(!svg.contains("<script") && svg.contains("&lt;script&gt;alert"));
+    }
+    assert!(well_formed("<svg>\n<text>\n\u{1b}\n</text>\n</svg>\n").is_err());
+    assert!(well_formed("<svg>\n<text>\na & b\n</text>\n</svg>\n").is_err());
+    assert!(well_formed("<svg>\n<text>\n</svg>\n").is_err());
 }

@@ -8,7 +8,7 @@ use crate::exit::Exit;
 use crate::record::{
     AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter, junit, write_atomic,
 };
-use crate::report::{PlotError, Trace, funnels_svg, states_svg};
+use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -91,8 +91,19 @@ fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result
 }
 
 fn write_plots(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
-    let mut trace = Trace::new(scenario.title.as_str()).with_components(scenario.components());
+    let title = scenario.title.as_str();
+    let mut trace =
+        Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
     outcome.rows.iter().for_each(|row| trace.push(row));
+    trace.judged(&outcome.findings.worst);
+    for stop in outcome.stops(scenario) {
+        trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
+    }
+    for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
+        let at_s = |tick: u32| scenario.time.at_s(tick.into());
+        let to = absence.to_tick.map(at_s);
+        trace.mark(usize::from(absence.node), at_s(absence.from_tick), to, MarkKind::Away);
+    }
     write_atomic(folder.join("states.svg"), plot(states_svg(&trace))?.as_bytes())?;
     write_atomic(folder.join("funnels.svg"), plot(funnels_svg(&trace))?.as_bytes())?;
     Ok(())

@@ -18,6 +18,8 @@ use super::tree::{Item, Place, Value};
 
 const STATE: Range = Range::any("state units");
 const INPUT: Range = Range::any("state units per second");
+/// Characters of a unit.
+const LONGEST_UNIT: usize = 16;
 const NOISE: Range = Range::non_negative("state units").up_to(params::LARGEST);
 
 /// What one `[agent]` or `[[node]]` table says.
@@ -39,15 +41,21 @@ struct Common<'a> {
     log: &'a Log,
 }
 
-/// The nodes, and where each one's initial state (or else its funnel) was written.
-pub(super) fn read<'a>(
-    root: &mut Section<'a>,
-    coupling: &Coupling<'a>,
-    count: u64,
-) -> (Vec<NodeSpec>, Vec<Place>) {
+/// The nodes and their states.
+#[derive(Default)]
+pub(super) struct Agents {
+    pub nodes: Vec<NodeSpec>,
+    /// Where each node's initial state (or else its funnel) was written.
+    pub places: Vec<Place>,
+    /// The unit of the states.
+    pub unit: Option<String>,
+}
+
+/// What `[agent]` and `[[node]]` say.
+pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>, count: u64) -> Agents {
     let log = root.log();
     let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
-    let defaults = read_agent(root, coupling, &components);
+    let (defaults, unit) = read_agent(root, coupling, &components);
     let overrides = read_overrides(root, coupling.kind, count);
     let lacks = |id: &u64| overrides.get(id).is_none_or(|given| given.dynamics.is_none());
     let without = (1..=count).find(|id| defaults.dynamics.is_none() && lacks(id));
@@ -58,22 +66,40 @@ pub(super) fn read<'a>(
     }
     let common = Common { defaults, coupling: coupling.kind, components, root: root.place(), log };
     let node = |id| read_node(id, &common, overrides.get(&u64::from(id)));
-    (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip()
+    let (nodes, places) = (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip();
+    Agents { nodes, places, unit }
 }
 
-fn read_agent<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>, components: &Components) -> Given<'a> {
+/// What `[agent]` gives to all nodes, and the unit of the states.
+fn read_agent<'a>(
+    root: &mut Section<'a>,
+    coupling: &Coupling<'a>,
+    components: &Components,
+) -> (Given<'a>, Option<String>) {
     let mut given = Given { gain: coupling.gain, funnel: coupling.funnel, ..Given::default() };
+    let mut unit = None;
     if let Some(mut agent) = root.section("agent") {
         let log = agent.log();
         given.state = agent.take("state");
         given.dynamics = agent.take("dynamics");
         given.noise = agent.take("noise");
+        unit = agent.value("unit", None, |item| read_unit(item).map(Some));
         agent.finish();
         given.state.and_then(|item| read_state(item, components, log));
         given.dynamics.and_then(|item| read_dynamics(item, components, log));
         given.noise.and_then(|item| read_noise(item, log));
     }
-    given
+    (given, unit)
+}
+
+/// A unit stands on axes: short, and all of it to be seen.
+fn read_unit(item: &Item) -> Result<String, Box<Diagnostic>> {
+    let fits =
+        |text: &&str| (1..=LONGEST_UNIT).contains(&text.chars().count()) && !text.contains(char::is_control);
+    let allowed = || {
+        format!("must be a string of 1 to {LONGEST_UNIT} characters without control characters, as \"degC\"")
+    };
+    item.text().filter(fits).map(str::to_owned).ok_or_else(|| item.diagnostic(Problem::Value, allowed()))
 }
 
 fn read_overrides<'a>(

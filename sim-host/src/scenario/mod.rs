@@ -35,6 +35,7 @@ pub use model::{
 };
 pub use overrides::Override;
 
+use agents::Agents;
 use coupling::Coupling;
 use reader::{Log, Range, Section, later, ready, unsupported};
 use tree::{Item, Place};
@@ -92,14 +93,14 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let time = need_section(&mut file, "time").map(read_time);
     let network = need_section(&mut file, "graph").and_then(network::read);
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
-    let (nodes, places) = match (&network, &coupling) {
+    let Agents { nodes, places, unit } = match (&network, &coupling) {
         (Some(network), Some(coupling)) if network.nodes > 0 => {
             agents::read(&mut file, coupling, network.nodes)
         }
         _ => {
             file.take("agent");
             file.take("node");
-            (Vec::new(), Vec::new())
+            Agents::default()
         }
     };
     let bus = read_bus(&mut file);
@@ -124,8 +125,21 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     log.checkpoint()?;
     let path = path.to_owned();
     let Coupling { kind: coupling, on_breach, floor, .. } = coupling;
-    let scenario =
-        Scenario { title, seed, time, graph, coupling, floor, on_breach, nodes, bus, safety, expect, path };
+    let scenario = Scenario {
+        title,
+        seed,
+        time,
+        graph,
+        coupling,
+        floor,
+        on_breach,
+        nodes,
+        unit,
+        bus,
+        safety,
+        expect,
+        path,
+    };
     initial::check(&scenario, &places)?;
     Ok(scenario)
 }

@@ -26,6 +26,8 @@ pub struct Scenario {
     pub on_breach: BreachSpec,
     /// One per node; index i has id i + 1.
     pub nodes: Vec<NodeSpec>,
+    /// The unit of the states, for who reads a picture.
+    pub unit: Option<String>,
     /// The bus between the nodes.
     pub bus: BusSpec,
     /// What stops a node, beside its own state and funnel.

@@ -767,3 +767,16 @@ fn many_mistakes_of_one_kind_do_not_fill_the_screen() {
     assert_eq!(told.lines().count(), 21, "{told}");
     assert!(told.ends_with("\nand 40 more"), "{told}");
 }
+
+#[test]
+fn the_unit_of_the_states_is_read_and_fits_on_an_axis() {
+    assert_eq!(read(FILE, &[]).unwrap().unit, None);
+    assert_eq!(read(FILE, &["agent.unit=\"degC\""]).unwrap().unit.as_deref(), Some("degC"));
+    for wrong in ["3", "\"\"", "\"a\\u001bb\"", "\"seventeen letters\""] {
+        let error = set_error(&format!("agent.unit={wrong}"));
+        assert!(
+            error.contains("must be a string of 1 to 16 characters without control characters"),
+            "{error}"
+        );
+    }
+}
