@@ -19,6 +19,8 @@ pub struct CounterSummary {
     pub extrapolated: u64,
     /// Values that came after their tick had run.
     pub late: u64,
+    /// Ticks that a node was moved on over without running them.
+    pub skipped: u64,
     /// Edges that a node dropped for the silence of the neighbour.
     pub lost: u64,
     /// Announced weights that were not the node's own.
@@ -47,7 +49,8 @@ impl CounterSummary {
             floored: sum(|c| c.floored),
             reopened: sum(|c| c.reopened),
             extrapolated: sum(|c| c.extrapolated),
-            late: 0,
+            late: sum(|c| c.late),
+            skipped: sum(|c| c.skipped),
             lost: sum(|c| c.neighbours_lost),
             weights_differ: sum(|c| c.weights_differ),
             sync_gaps: sum(|c| c.sync_gaps),
@@ -67,6 +70,7 @@ impl CounterSummary {
             ("reopened", self.reopened),
             ("extrapolated", self.extrapolated),
             ("late", self.late),
+            ("ticks skipped", self.skipped),
             ("lost", self.lost),
             ("weights that differ", self.weights_differ),
             ("SYNC gaps", self.sync_gaps),

@@ -2,6 +2,7 @@
 
 use super::collect::Collector;
 use super::error::RunError;
+use super::heard;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::{EarlyEnd, Outcome};
 use super::reference;
@@ -53,7 +54,13 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let reports: Vec<_> = engine.nodes().iter().map(Node::report).collect();
     let bus = Some(bus_record(engine.traffic(), &reports));
     let events = engine.events().to_vec();
-    Ok(Outcome { bus, events, ended_early: early, ..collector.finish().with_reports(reports) })
+    // Of a run that was cut off nobody knows who would still have been heard.
+    let (unheard, silent) = match early {
+        Some(_) => (Vec::new(), Vec::new()),
+        None => heard::unheard_and_silent(scenario, &engine),
+    };
+    let outcome = collector.finish().with_reports(reports);
+    Ok(Outcome { bus, events, unheard, silent, ended_early: early, ..outcome })
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.

@@ -5,6 +5,7 @@ mod collect;
 mod commission;
 mod error;
 mod fidelity;
+mod heard;
 mod options;
 mod outcome;
 mod output;

@@ -1,0 +1,32 @@
+//! Who was heard, by what the nodes of a simulated network know of each other at the end.
+
+use crate::engine::Engine;
+use crate::scenario::Scenario;
+use funnel_core::neighbour::Presence;
+use funnel_core::{Node, Phase};
+use funnel_protocol::NodeId;
+
+/// Ids of nodes that no neighbour has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes
+/// that have stopped say nothing, as they should, and have a check of their own.
+pub(super) fn unheard_and_silent(scenario: &Scenario, engine: &Engine) -> (Vec<u16>, Vec<u16>) {
+    let (mut unheard, mut silent) = (Vec::new(), Vec::new());
+    for (index, node) in engine.nodes().iter().enumerate() {
+        let id = node.id();
+        let neighbours = scenario.graph.neighbours(index);
+        let listeners: Vec<&Node> =
+            neighbours.iter().filter_map(|&(other, _)| engine.nodes().get(other)).collect();
+        if listeners.is_empty() || matches!(node.phase(), Phase::Faulted(_)) {
+            continue;
+        }
+        if !listeners.iter().any(|listener| has_heard(listener, id)) {
+            unheard.push(id.get().into());
+        } else if !listeners.iter().any(|listener| listener.neighbour_presence(id) == Some(Presence::Known)) {
+            silent.push(id.get().into());
+        }
+    }
+    (unheard, silent)
+}
+
+fn has_heard(listener: &Node, id: NodeId) -> bool {
+    listener.neighbour_was_heard(id) == Some(true)
+}
