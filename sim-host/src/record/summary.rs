@@ -49,10 +49,16 @@ pub struct Summary {
     pub checks: Vec<Check>,
     /// Whether all expectations and checks hold (exit code 0).
     pub passed: bool,
+    /// Where the run came to an end before its time, a sentence with the tick; else `null`.
+    pub ended_early: Option<String>,
     /// Ids of the nodes that stopped by themselves, ascending; what they ended with is what they stopped at.
     pub stopped: Vec<u16>,
     /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have any.
     pub overruns: u64,
+    /// Version of this program.
+    pub version: &'static str,
+    /// The command as typed, quoted for a shell.
+    pub command: String,
     /// Wall time of the run, in seconds.
     pub wall_s: f64,
 }
@@ -368,7 +374,7 @@ pub(super) mod tests {
             "counters":null,"max_input":0.0,"expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
             {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},
             {"name":"reference_error","limit":0.001,"value":null,"pass":false}],
-            "checks":[{"name":"stopped","pass":true,"text":"no node stopped by itself"}],"passed":false,"stopped":[],"overruns":0,"wall_s":0.0}"#;
+            "checks":[{"name":"stopped","pass":true,"text":"no node stopped by itself"}],"passed":false,"ended_early":null,"stopped":[],"overruns":0,"version":"","command":"","wall_s":0.0}"#;
         let expected = expected.replace("\n            ", "");
         assert_eq!(serde_json::to_string(&example()).unwrap(), expected);
         assert!(!example().passes());

@@ -29,7 +29,16 @@ fn trace(title: &str, problem: &ReferenceProblem, end: f64, rows: usize) -> Trac
     for (k, &t) in times.iter().enumerate() {
         let row = |table| solution.row(table, k).to_vec();
         let (x, nu, psi) = (row(&solution.x), row(&solution.nu), row(&solution.psi));
-        trace.push(&Row { t, x, nu, psi, u: row(&solution.u), xi: vec![xi], blended: vec![0.5 * xi], ..Row::default() });
+        trace.push(&Row {
+            t,
+            x,
+            nu,
+            psi,
+            u: row(&solution.u),
+            xi: vec![xi],
+            blended: vec![0.5 * xi],
+            ..Row::default()
+        });
         let half = xi + 0.5 * step * emergent(problem, t, xi);
         xi += step * emergent(problem, t + 0.5 * step, half);
     }

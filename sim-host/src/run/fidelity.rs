@@ -10,6 +10,7 @@ use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
 use crate::engine::Engine;
+use crate::extremes::largest;
 use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::progress::Progress;
@@ -36,17 +37,37 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
     let progress = progress("loopback", scenario, options);
     engine.start();
+    let mut ended_early = None;
     // One tick more than the run has: it is what makes the diffusive terms at the end.
     for k in 0..=scenario.time.ticks {
-        check_interrupt(options)?;
         // `None` where all nodes have stopped by themselves: what they saw last stays.
         let _ = engine.advance();
         collector.tick(k, engine.observations(), &engine.presence(k));
         progress.at(k as f64 * scenario.time.tick_s());
+        ended_early = interrupted(k, scenario, options);
+        if ended_early.is_some() {
+            break;
+        }
     }
     let reports: Vec<_> = engine.nodes().iter().map(Node::report).collect();
     let bus = Some(bus_record(engine.traffic(), &reports));
-    Ok(Outcome { bus, events: engine.events().to_vec(), ..collector.finish().with_reports(reports) })
+    let outcome = ended(collector.finish().with_reports(reports), ended_early);
+    Ok(Outcome { bus, events: engine.events().to_vec(), ..outcome })
+}
+
+/// What there is to say where the user wants to stop after tick `k`, and there are more.
+fn interrupted(k: u64, scenario: &Scenario, options: &RunOptions) -> Option<String> {
+    let more = k < scenario.time.ticks;
+    (more && options.interrupt.is_set()).then(|| options.interrupted_at(k, scenario))
+}
+
+/// An outcome with what it is to be judged by where the run has not come to its end.
+fn ended(outcome: Outcome, ended_early: Option<String>) -> Outcome {
+    let widest = match (&ended_early, outcome.rows.last()) {
+        (Some(_), Some(last)) => largest(0.0, last.asked_psi.iter().copied()),
+        _ => outcome.widest,
+    };
+    Outcome { widest, ended_early, ..outcome }
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.
@@ -74,15 +95,20 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
     let progress = progress("loopback", scenario, options);
+    let mut ended_early = None;
     for k in 0..=scenario.time.ticks {
-        check_interrupt(options)?;
         let seen = central.advance().to_vec();
         collector.tick(k, &seen, &central.presence());
         progress.at(k as f64 * scenario.time.tick_s());
+        ended_early = interrupted(k, scenario, options);
+        if ended_early.is_some() {
+            break;
+        }
     }
     let reports = central.reports();
     let bus = Some(bus_record(Traffic::default(), &reports));
-    Ok(Outcome { bus, events: central.events().to_vec(), ..collector.finish().with_reports(reports) })
+    let outcome = ended(collector.finish().with_reports(reports), ended_early);
+    Ok(Outcome { bus, events: central.events().to_vec(), ..outcome })
 }
 
 /// Fidelity `emulator`.

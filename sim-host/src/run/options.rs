@@ -3,6 +3,7 @@
 use crate::bench::BenchFile;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
+use crate::scenario::{Scenario, format_duration};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -51,7 +52,7 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Ticks between two rows of the trajectory; `None` means every tick, thinned to 2,000 rows.
     pub every_ticks: Option<u64>,
-    /// File for the summary as JSON.
+    /// File for the summary as JSON; `-` is standard output, here and below.
     pub json: Option<PathBuf>,
     /// File for the expectations as JUnit XML.
     pub junit: Option<PathBuf>,
@@ -78,6 +79,13 @@ impl RunOptions {
             qemu: "qemu-system-arm".to_owned(),
             interrupt: self.interrupt.clone(),
         }
+    }
+
+    /// What there is to say of a run that the user has stopped after tick `k`.
+    pub fn interrupted_at(&self, k: u64, scenario: &Scenario) -> String {
+        let (by, ticks) = (self.interrupt.by(), scenario.time.ticks);
+        let at = format_duration(k.saturating_mul(scenario.time.tick_ns));
+        format!("interrupted by {by} after tick {k} of {ticks}, at {at}")
     }
 
     /// Ticks between two rows of the trajectory, for a run of `ticks`.

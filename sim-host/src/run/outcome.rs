@@ -64,6 +64,8 @@ pub struct Outcome {
     pub events: Vec<NodeEvent>,
     /// The nodes of a bench, and how they differ from loopback.
     pub bench: Option<BenchSummary>,
+    /// Where the run came to an end before its time, a sentence with the tick.
+    pub ended_early: Option<String>,
     /// Logs of emulated nodes: id and text.
     pub logs: Vec<(u8, String)>,
 }
@@ -104,6 +106,7 @@ impl Outcome {
             bus: self.bus.clone(),
             counters: self.believed.map(|_| self.count()),
             bench: self.bench.clone(),
+            ended_early: self.ended_early.clone(),
             stopped: self.stopped(scenario),
             overruns: self.counters.iter().map(|counters| u64::from(counters.overruns)).sum(),
             ..Summary::default()
@@ -136,7 +139,7 @@ impl Outcome {
     fn checks(&self, scenario: &Scenario) -> Vec<Check> {
         let stops = self.stops(scenario);
         let absences = self.bench.as_ref().map_or(&[][..], |bench| bench.absences.as_slice());
-        checks(
+        let mut checks = checks(
             scenario,
             &Evidence {
                 findings: &self.findings,
@@ -147,7 +150,9 @@ impl Outcome {
                 silent: &self.silent,
                 contradictions: &self.contradictions,
             },
-        )
+        );
+        checks.push(complete(self.ended_early.as_deref()));
+        checks
     }
 
     /// The nodes that stopped by themselves, in the order in which they did.
@@ -205,6 +210,12 @@ impl Outcome {
         let windows = windows.flat_map(|(n, (window, figures))| of_window(n + 1, window, figures));
         before.chain(final_value).chain(after).chain(windows).collect()
     }
+}
+
+/// Fails where a run came to an end before its time.
+fn complete(ended_early: Option<&str>) -> Check {
+    let text = ended_early.unwrap_or("every tick was run").to_owned();
+    Check { name: "complete", pass: ended_early.is_none(), text }
 }
 
 /// Those of a list of names, limits and values that have a limit.
