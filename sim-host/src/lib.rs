@@ -24,6 +24,7 @@ pub mod interrupt;
 pub mod judge;
 pub mod noise;
 pub mod presence;
+pub mod printable;
 pub mod progress;
 pub mod random;
 pub mod record;

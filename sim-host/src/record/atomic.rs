@@ -1,14 +1,14 @@
 //! Files that appear whole or not at all.
 
-use std::ffi::OsString;
+use super::{rights, temporary};
+use crate::printable::printable;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A file could not be written. Nothing half-written is left behind.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot write {}: {reason}", path.display())]
+#[error("cannot write {}: {reason}", printable(&path.display().to_string()))]
 pub struct RecordError {
     /// The file that was to be.
     pub path: PathBuf,
@@ -17,18 +17,30 @@ pub struct RecordError {
     pub reason: io::Error,
 }
 
-/// Distinguishes the temporary files of one process.
-static COUNT: AtomicU64 = AtomicU64::new(0);
-
 /// A buffered file under a temporary name beside `path`. [`commit`](Self::commit) gives it its name;
-/// dropping it before that removes it. A file that had the name before stays until then. A device or a pipe (`/dev/null`,
-/// `/dev/stdout`) is written to as it is: a file must not take its place.
+/// dropping it before that removes it. A file that had the name before stays until then, and leaves its rights to the new one; of a
+/// symbolic link the target is replaced, and the link stays. A device or a pipe (`/dev/null`, `/dev/stdout`) is written to as it is: a
+/// file must not take its place. `-` is standard output.
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    /// `None` for a device.
-    temporary: Option<PathBuf>,
-    file: Option<BufWriter<File>>,
+    sink: Sink,
+    settled: bool,
+}
+
+#[derive(Debug)]
+enum Sink {
+    /// The file is renamed from its temporary name to that of the target.
+    File {
+        file: BufWriter<File>,
+        temporary: PathBuf,
+        target: PathBuf,
+    },
+    /// A device, a pipe, or an open file by its number.
+    AsItIs(BufWriter<File>),
+    StandardOutput(Vec<u8>),
+    /// Committed.
+    Done,
 }
 
 impl AtomicFile {
@@ -39,25 +51,40 @@ impl AtomicFile {
     pub fn create(path: impl Into<PathBuf>) -> Result<Self, RecordError> {
         let path = path.into();
         match Self::open(&path) {
-            Ok((temporary, file)) => Ok(Self { path, temporary, file: Some(BufWriter::new(file)) }),
+            Ok(sink) => Ok(Self { path, sink, settled: false }),
             Err(reason) => Err(RecordError { path, reason }),
         }
     }
 
-    fn open(path: &Path) -> io::Result<(Option<PathBuf>, File)> {
+    fn open(path: &Path) -> io::Result<Sink> {
+        if is_standard_output(path) {
+            return Ok(Sink::StandardOutput(Vec::new()));
+        }
         if path.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into());
         }
         if is_device(path) {
-            return Ok((None, OpenOptions::new().write(true).open(path)?));
+            // To the end of what is there, where it is a file that somebody else has opened.
+            return Ok(Sink::AsItIs(BufWriter::new(OpenOptions::new().append(true).open(path)?)));
         }
-        let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?;
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{}-{}.tmp", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
-        let temporary = path.with_file_name(hidden);
+        let target = follow(path)?;
+        let temporary = temporary::beside(&target).ok_or(io::ErrorKind::InvalidInput)?;
         let file = OpenOptions::new().write(true).create_new(true).open(&temporary)?;
-        Ok((Some(temporary), file))
+        let sink = Sink::File { file: BufWriter::new(file), temporary, target };
+        let mut opened = Self { path: path.to_owned(), sink, settled: false };
+        opened.take_rights()?;
+        Ok(std::mem::replace(&mut opened.sink, Sink::Done))
+    }
+
+    /// Gives the new file the rights of the one that it is to replace.
+    fn take_rights(&mut self) -> io::Result<()> {
+        let Sink::File { file, target, .. } = &self.sink else { return Ok(()) };
+        // Says that the file's process lives, for who looks for what killed ones have left. Not every file system has locks.
+        let _ = file.get_ref().try_lock();
+        match rights::of(target) {
+            Some(rights) => file.get_ref().set_permissions(rights),
+            None => Ok(()),
+        }
     }
 
     /// The name that the file will have.
@@ -65,16 +92,38 @@ impl AtomicFile {
         &self.path
     }
 
+    /// Whether writing twice would write two texts: it is no file that is replaced.
+    #[must_use]
+    pub fn is_stream(&self) -> bool {
+        !matches!(self.sink, Sink::File { .. })
+    }
+
     /// Writes by `write`, with errors that name the file.
     ///
     /// # Errors
     /// [`RecordError`], for example on a full disk.
     pub fn write(&mut self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), RecordError> {
-        let result = match &mut self.file {
-            Some(file) => write(file),
-            None => Ok(()),
+        self.settled = false;
+        let result = match &mut self.sink {
+            Sink::File { file, .. } | Sink::AsItIs(file) => write(file),
+            Sink::StandardOutput(text) => write(text),
+            Sink::Done => Ok(()),
         };
         result.map_err(|reason| self.failed(reason))
+    }
+
+    /// Brings everything to the disk, under the temporary name: nothing but a new name is missing then.
+    ///
+    /// # Errors
+    /// [`RecordError`], for example on a full disk.
+    pub fn settle(&mut self) -> Result<(), RecordError> {
+        let settled = match &mut self.sink {
+            _ if self.settled => Ok(()),
+            Sink::File { file, .. } => file.flush().and_then(|()| file.get_ref().sync_all()),
+            Sink::AsItIs(_) | Sink::StandardOutput(_) | Sink::Done => Ok(()),
+        };
+        self.settled = settled.is_ok();
+        settled.map_err(|reason| self.failed(reason))
     }
 
     /// Flushes to the disk and renames.
@@ -82,25 +131,23 @@ impl AtomicFile {
     /// # Errors
     /// [`RecordError`]; the temporary file is gone then.
     pub fn commit(mut self) -> Result<(), RecordError> {
-        let result = self.settle();
-        match result {
-            Ok(()) => Ok(()),
+        self.settle()?;
+        let named = match &mut self.sink {
+            Sink::File { temporary, target, .. } => fs::rename(temporary, target),
+            Sink::AsItIs(file) => reader_may_leave(file.flush()),
+            Sink::StandardOutput(text) => {
+                let mut out = io::stdout().lock();
+                reader_may_leave(out.write_all(text).and_then(|()| out.flush()))
+            }
+            Sink::Done => Ok(()),
+        };
+        match named {
+            Ok(()) => {
+                self.sink = Sink::Done;
+                Ok(())
+            }
             Err(reason) => Err(self.failed(reason)),
         }
-    }
-
-    fn settle(&mut self) -> io::Result<()> {
-        if let Some(mut file) = self.file.take() {
-            let settled = file.flush().and_then(|()| match &self.temporary {
-                Some(temporary) => file.get_ref().sync_all().and_then(|()| fs::rename(temporary, &self.path)),
-                None => Ok(()),
-            });
-            if settled.is_err() {
-                self.file = Some(file);
-            }
-            settled?;
-        }
-        Ok(())
     }
 
     fn failed(&self, reason: io::Error) -> RecordError {
@@ -108,22 +155,63 @@ impl AtomicFile {
     }
 }
 
+/// A reader that went away (`| head`) has had enough, and is no failure.
+fn reader_may_leave(written: io::Result<()>) -> io::Result<()> {
+    match written {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        other => other,
+    }
+}
+
 impl Drop for AtomicFile {
     fn drop(&mut self) {
-        if let Some(file) = self.file.take() {
-            // Not flushed: the content is being thrown away, and on a full disk flushing fails again.
-            drop(file.into_parts());
-            // Nobody is left to tell if this fails too.
-            let _ = self.temporary.as_ref().map(fs::remove_file);
+        match std::mem::replace(&mut self.sink, Sink::Done) {
+            Sink::File { file, temporary, .. } => {
+                // Not flushed: the content is being thrown away, and on a full disk flushing fails again.
+                drop(file.into_parts());
+                // Nobody is left to tell if this fails too.
+                let _ = fs::remove_file(temporary);
+            }
+            Sink::AsItIs(file) => drop(file.into_parts()),
+            Sink::StandardOutput(_) | Sink::Done => {}
         }
     }
 }
 
+/// Whether a path means standard output.
+#[must_use]
+pub fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-") || path == Path::new("/dev/stdout")
+}
+
 /// Whether `path` is something other than a file or a folder, or a name that the system gives to an open file.
-fn is_device(path: &Path) -> bool {
+pub(crate) fn is_device(path: &Path) -> bool {
     let system = path.starts_with("/dev") || path.starts_with("/proc");
     let special = fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir());
     special || (system && fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_symlink()))
+}
+
+/// The most symbolic links on a path, as Linux has it.
+const MOST_LINKS: usize = 40;
+
+/// The file that a path means: where it is a symbolic link, its target, whether or not that is there.
+///
+/// # Errors
+/// A link cannot be read, or the links go round.
+pub(crate) fn follow(path: &Path) -> io::Result<PathBuf> {
+    let mut target = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        match fs::symlink_metadata(&target) {
+            Ok(metadata) if metadata.is_symlink() => {
+                let next = fs::read_link(&target)?;
+                // A relative target counts from the folder of its link; an absolute one replaces it.
+                target.pop();
+                target.push(next);
+            }
+            _ => return Ok(target),
+        }
+    }
+    Err(io::Error::new(io::ErrorKind::InvalidInput, "its symbolic links go round"))
 }
 
 /// Writes `content` to `path`, whole or not at all.
@@ -150,7 +238,7 @@ pub(super) mod tests {
             Self(path)
         }
 
-        fn names(&self) -> Vec<String> {
+        pub(crate) fn names(&self) -> Vec<String> {
             let name = |e: io::Result<fs::DirEntry>| e.unwrap().file_name().into_string().unwrap();
             fs::read_dir(&self.0).unwrap().map(name).collect()
         }
@@ -199,5 +287,32 @@ pub(super) mod tests {
         assert!(error.to_string().ends_with("a: no storage space"), "{error}");
         drop(file);
         assert!(folder.names().is_empty());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn rights_are_kept_and_links_are_written_through() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = Folder::new("rights");
+        let at = |name: &str| folder.0.join(name);
+        fs::create_dir(at("deep")).unwrap();
+        fs::write(at("deep/target"), "old").unwrap();
+        fs::set_permissions(at("deep/target"), fs::Permissions::from_mode(0o604)).unwrap();
+        symlink("deep/target", at("link")).unwrap();
+        symlink("link", at("link-to-link")).unwrap();
+        symlink("deep/none-yet", at("dangling")).unwrap();
+        fs::hard_link(at("deep/target"), at("kept")).unwrap();
+        write_atomic(at("link-to-link"), b"new").unwrap();
+        assert_eq!(fs::read(at("deep/target")).unwrap(), b"new");
+        assert_eq!(fs::metadata(at("deep/target")).unwrap().permissions().mode() & 0o7777, 0o604);
+        assert!(fs::symlink_metadata(at("link-to-link")).unwrap().is_symlink());
+        assert!(fs::symlink_metadata(at("link")).unwrap().is_symlink());
+        // Replaced whole, so that another name of the old file still has the old text.
+        assert_eq!(fs::read(at("kept")).unwrap(), b"old");
+        write_atomic(at("dangling"), b"new").unwrap();
+        assert_eq!(fs::read(at("deep/none-yet")).unwrap(), b"new");
+        assert!(fs::symlink_metadata(at("dangling")).unwrap().is_symlink());
+        symlink("round", at("round")).unwrap();
+        assert!(write_atomic(at("round"), b"").unwrap_err().to_string().ends_with("go round"));
     }
 }

@@ -3,11 +3,13 @@
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::summary::{Expectation, FunnelSummary, Summary};
+use crate::exit::Exit;
+use crate::printable::{printable, printable_lines};
 
 /// The text of a JUnit file: one suite, named after the scenario, with a test case for each expectation, for each check that every run has to
 /// pass, and for the breaches. A failure carries `repeat`, the command that repeats the run.
 pub fn junit(summary: &Summary, repeat: &str) -> String {
-    let mut suite = TestSuite::new(summary.scenario.as_str());
+    let mut suite = TestSuite::new(printable(&summary.scenario));
     suite.set_time(std::time::Duration::try_from_secs_f64(summary.wall_s).unwrap_or_default());
     for expectation in &summary.expect {
         suite.add_test_case(case(&expectation.name, status(expectation, summary, repeat), summary));
@@ -23,6 +25,37 @@ pub fn junit(summary: &Summary, repeat: &str) -> String {
     if let Some(funnel) = &summary.funnel {
         suite.add_test_case(case("breaches", breaches(funnel, summary, repeat), summary));
     }
+    text(suite)
+}
+
+/// A run that came to no verdict.
+#[derive(Clone, Copy, Debug)]
+pub struct JunitError<'a> {
+    /// The scenario as the user named it.
+    pub scenario: &'a str,
+    /// What happened.
+    pub message: &'a str,
+    /// How the program ends for it.
+    pub exit: Exit,
+    /// The command that was run.
+    pub command: &'a str,
+}
+
+/// The text of a JUnit file for such a run: one test case, `run`, with the error.
+pub fn junit_error(error: &JunitError<'_>) -> String {
+    let mut status = TestCaseStatus::non_success(NonSuccessKind::Error);
+    let message = printable_lines(error.message);
+    status.set_message(message.lines().next().unwrap_or_default());
+    status.set_type(error.exit.kind());
+    status.set_description(format!("{message}\ncommand: {}", printable(error.command)));
+    let mut case = TestCase::new("run", status);
+    case.set_classname("sim-host");
+    let mut suite = TestSuite::new(printable(error.scenario));
+    suite.add_test_case(case);
+    text(suite)
+}
+
+fn text(suite: TestSuite) -> String {
     let mut report = Report::new("sim-host");
     report.add_test_suite(suite);
     // Writing into memory fails only on a time stamp that cannot be formatted, and the report has none.
@@ -57,16 +90,17 @@ fn breaches(funnel: &FunnelSummary, summary: &Summary, repeat: &str) -> TestCase
 }
 
 fn case(name: &str, status: TestCaseStatus, summary: &Summary) -> TestCase {
-    let mut case = TestCase::new(name, status);
+    let mut case = TestCase::new(printable(name), status);
     case.set_classname(format!("sim-host.{}", summary.on));
     case
 }
 
 fn failure(message: &str, kind: &str, summary: &Summary, repeat: &str) -> TestCaseStatus {
     let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
-    status.set_message(message);
+    let message = printable(message);
+    status.set_message(&*message);
     status.set_type(kind);
-    status.set_description(format!("{message}\nseed {}, repeat with: {repeat}", summary.seed));
+    status.set_description(format!("{message}\nseed {}, repeat with: {}", summary.seed, printable(repeat)));
     status
 }
 
@@ -74,6 +108,7 @@ fn failure(message: &str, kind: &str, summary: &Summary, repeat: &str) -> TestCa
 mod tests {
     use super::super::summary::tests::example;
     use super::*;
+    use crate::judge::Check;
 
     #[test]
     fn every_expectation_is_a_case_and_failures_say_how_to_repeat() {
@@ -85,5 +120,29 @@ mod tests {
         assert!(text.contains("reference_error could not be measured"), "{text}");
         assert!(text.contains("repeat with: sim-host run a.toml --seed 1"), "{text}");
         assert!(text.contains("Five &lt;heterogeneous"), "{text}");
+    }
+
+    #[test]
+    fn a_run_without_a_verdict_is_one_error_with_its_message() {
+        let error = JunitError {
+            scenario: "a<\u{1b}[2J>.toml",
+            message: "first\u{fffe}\nsecond",
+            exit: Exit::BadInput,
+            command: "sim-host run",
+        };
+        let text = junit_error(&error);
+        assert!(text.contains(r#"tests="1""#) && text.contains(r#"errors="1""#), "{text}");
+        assert!(text.contains(r#"<error message="first\u{fffe}" type="refused">"#), "{text}");
+        assert!(text.contains(r#"name="a&lt;\u{1b}[2J&gt;.toml""#) && text.contains("second"), "{text}");
+    }
+
+    #[test]
+    fn no_character_that_is_none_of_xmls_gets_into_the_file() {
+        let bad = "a\u{1b}]0;x\u{7}\u{fffe}\u{ffff}\u{9b}b";
+        let mut summary = Summary { scenario: bad.into(), ..example() };
+        summary.checks[0] = Check { name: "stopped", pass: false, text: bad.into() };
+        let text = junit(&summary, bad);
+        assert!(!text.contains(|c: char| c != '\n' && crate::printable::is_unprintable(c)), "{text}");
+        assert!(text.contains(r"a\u{1b}]0;x\u{7}\u{fffe}\u{ffff}\u{9b}b"), "{text}");
     }
 }

@@ -6,17 +6,22 @@ mod atomic;
 mod junit;
 mod number;
 mod reference;
+mod rights;
 mod summary;
+mod temporary;
 mod trace_hash;
 mod trajectory;
 
-pub use atomic::{AtomicFile, RecordError, write_atomic};
-pub use junit::junit;
+pub use atomic::{AtomicFile, RecordError, is_standard_output, write_atomic};
+pub(crate) use atomic::follow;
+pub use junit::{JunitError, junit, junit_error};
 pub use number::{Precision, shortest};
+pub use rights::remove_earlier;
 pub use summary::{
     AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary,
     Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface,
     ReferenceSummary, Summary, SyncSummary, WiresSummary,
 };
+pub use temporary::remove_abandoned;
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

@@ -24,9 +24,6 @@ pub struct Summary {
     pub ticks: u64,
     /// Tick period, in seconds.
     pub tick_s: f64,
-    /// After how many ticks the run ended, and why, where it did so before its last one; left out where it did not.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub ended_early: Option<String>,
     /// See [`TraceHash`](super::TraceHash); `null` where no `f32` node ran.
     pub trace_hash: Option<String>,
     /// How the funnels held.
@@ -52,10 +49,16 @@ pub struct Summary {
     pub checks: Vec<Check>,
     /// Whether all expectations and checks hold (exit code 0).
     pub passed: bool,
+    /// After how many ticks the run ended, and why, where it did so before its last one; else `null`.
+    pub ended_early: Option<String>,
     /// Ids of the nodes that stopped by themselves, ascending; what they ended with is what they stopped at.
     pub stopped: Vec<u16>,
     /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have any.
     pub overruns: u64,
+    /// Version of this program.
+    pub version: &'static str,
+    /// The command as typed, quoted for a shell.
+    pub command: String,
     /// Wall time of the run, in seconds.
     pub wall_s: f64,
 }
@@ -384,7 +387,7 @@ pub(super) mod tests {
             "counters":null,"max_input":0.0,"expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
             {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},
             {"name":"reference_error","limit":0.001,"value":null,"pass":false}],
-            "checks":[{"name":"stopped","pass":true,"text":"no node stopped by itself"}],"passed":false,"stopped":[],"overruns":0,"wall_s":0.0}"#;
+            "checks":[{"name":"stopped","pass":true,"text":"no node stopped by itself"}],"passed":false,"ended_early":null,"stopped":[],"overruns":0,"version":"","command":"","wall_s":0.0}"#;
         let expected = expected.replace("\n            ", "");
         assert_eq!(serde_json::to_string(&example()).unwrap(), expected);
         assert!(!example().passes());

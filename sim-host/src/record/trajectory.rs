@@ -69,6 +69,14 @@ impl TrajectoryWriter {
         self.file.write(|out| line(out, row, shape, precision))
     }
 
+    /// Brings everything to the disk, so that nothing but the name is missing.
+    ///
+    /// # Errors
+    /// [`RecordError`], for example on a full disk.
+    pub fn settle(&mut self) -> Result<(), RecordError> {
+        self.file.settle()
+    }
+
     /// Gives the file its name.
     ///
     /// # Errors

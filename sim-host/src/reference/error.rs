@@ -77,5 +77,7 @@ pub enum ReferenceError {
     Cancelled {
         /// Where.
         at: f64,
+        /// The rows up to `at`.
+        partial: Box<ReferenceSolution>,
     },
 }

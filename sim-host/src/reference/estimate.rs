@@ -64,6 +64,9 @@ pub fn solve_estimated(
             let partial = Box::new(merged.split(*partial).0);
             return Err(ReferenceError::Unresolved { at, psi, ratio, reason, partial });
         }
+        Err(ReferenceError::Cancelled { at, partial }) => {
+            return Err(ReferenceError::Cancelled { at, partial: Box::new(merged.split(*partial).0) });
+        }
         Err(other) => return Err(other),
     };
     let looser = ReferenceOptions { tolerance: smaller(LOOSER * options.tolerance, LOOSEST), ..*options };

@@ -53,7 +53,7 @@ impl Run<'_> {
         while !self.ahead.is_empty() {
             match self.stretch(on_step) {
                 Ok(()) => {}
-                Err(Stop::Cancelled) => return Err(ReferenceError::Cancelled { at: self.t }),
+                Err(Stop::Cancelled) => return Err(self.cancelled()),
                 Err(Stop::Solver(reason)) => return Err(self.unresolved(reason)),
             }
         }
@@ -163,6 +163,11 @@ impl Run<'_> {
             self.ahead = rest;
         }
         Ok(())
+    }
+
+    fn cancelled(mut self) -> ReferenceError {
+        self.solution.resolved_until = self.t;
+        ReferenceError::Cancelled { at: self.t, partial: Box::new(self.solution) }
     }
 
     fn unresolved(mut self, reason: String) -> ReferenceError {

@@ -221,7 +221,7 @@ fn a_run_can_be_watched_given_up_and_limited() {
     let options = ReferenceOptions::default();
     let mut stop = |t: f64| if t > 0.5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let error = solve_with(&problem, &[20.0], &options, &mut stop).unwrap_err();
-    assert!(matches!(error, ReferenceError::Cancelled { at } if (0.5..0.6).contains(&at)));
+    assert!(matches!(error, ReferenceError::Cancelled { at, .. } if (0.5..0.6).contains(&at)));
     let short = ReferenceOptions { max_steps: 100, ..options };
     let error = solve(&problem, &times(20.0, 20), &short).unwrap_err();
     assert!(error.to_string().contains("100 steps were not enough"), "{error}");

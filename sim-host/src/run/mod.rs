@@ -1,31 +1,38 @@
 //! Runs a scenario at a fidelity, and judges it.
 
 mod bench;
+mod claim;
 mod collect;
 mod commission;
 mod error;
 mod fidelity;
+mod folder;
 mod heard;
+mod names;
 mod options;
 mod outcome;
 mod output;
 mod own_clock;
+mod places;
 mod reference;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 
+pub use claim::Claim;
 pub use commission::{commission, erase};
 pub use error::RunError;
 #[cfg(test)]
 pub(crate) use fidelity::engine as engine_of;
 pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
+pub use places::Wanted;
 
 use crate::emergent::EmergentTrajectory;
 use crate::exit::Exit;
-use crate::record::Summary;
+use crate::printable::printable;
+use crate::record::{Summary, junit};
 use crate::scenario::{LARGEST_RUN, Scenario};
 use funnel_core::Event;
 use output::Outputs;
@@ -37,31 +44,52 @@ use std::time::Instant;
 /// # Errors
 /// See [`RunError`]; outputs appear whole or not at all.
 pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
+    let wanted = Wanted {
+        scenario: &scenario.path,
+        bench: options.bench.as_ref().map(|file| file.path.as_path()),
+        out: options.out.as_deref(),
+        json: options.json.as_deref(),
+        junit: options.junit.as_deref(),
+        command: &options.repeat,
+    };
+    Claim::take(&wanted)?.guard(|claim| execute_in(claim, scenario, options))
+}
+
+/// The same with outputs that have been claimed before the scenario was read.
+///
+/// # Errors
+/// See [`RunError`]; outputs appear whole or not at all.
+pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
     let begin = Instant::now();
     fits(scenario)?;
     let outputs = Outputs::open(scenario, options)?;
     let outcome = simulate(scenario, options)?;
-    // A node that has stopped by itself leaves figures that look like those of a good run.
+    tell_events(scenario, &outcome, options);
+    let mut summary = outcome.judge(scenario, options.on);
+    summary.version = env!("CARGO_PKG_VERSION");
+    summary.command = claim.command().to_owned();
+    summary.wall_s = begin.elapsed().as_secs_f64();
+    outputs.write(scenario, &outcome, &summary)?;
+    // Last, so that it is green only where everything else is there.
+    claim.take_junit().map_or(Ok(()), |file| claim::commit(file, &junit(&summary, &options.repeat)))?;
+    if let Some(early) = &outcome.ended_early {
+        // What the nodes had to say for themselves; the check says the rest.
+        let words = if early.exit == Exit::Interrupted { &early.why } else { &early.words };
+        let _ = writeln!(std::io::stderr(), "{words}");
+    }
+    Ok(summary)
+}
+
+/// A node that has stopped by itself leaves figures that look like those of a good run.
+fn tell_events(scenario: &Scenario, outcome: &Outcome, options: &RunOptions) {
     let told = outcome.events.iter().filter(|event| match options.verbosity {
         Verbosity::Verbose => true,
         Verbosity::Normal => matches!(event.event, Event::Fault(_) | Event::Warned(_)),
         Verbosity::Quiet => false,
     });
-    // Nobody is left to tell where standard error is closed.
     let events = output::events(told, scenario.time.tick_ns);
+    // Nobody is left to tell where standard error is closed.
     let _ = std::io::stderr().write_all(events.as_bytes());
-    let mut summary = outcome.judge(scenario, options.on);
-    summary.wall_s = begin.elapsed().as_secs_f64();
-    outputs.write(scenario, &outcome, &summary, options)?;
-    match outcome.ended_early {
-        Some(early) if early.exit == Exit::Interrupted => Err(early.interrupted()),
-        Some(early) => {
-            // What the nodes had to say for themselves; the check says the rest.
-            let _ = writeln!(std::io::stderr(), "{}", early.words);
-            Ok(summary)
-        }
-        None => Ok(summary),
-    }
 }
 
 /// Runs `scenario` and gives everything that was seen; writes nothing.
@@ -94,6 +122,6 @@ fn fits(scenario: &Scenario) -> Result<(), RunError> {
     Err(RunError::bad_input(format!(
         "{}: graph.nodes = {nodes}: a run takes {LARGEST_RUN} nodes at most, since an id is 7 bits on the wire and 0 means all; \
          `sim-host check` takes this scenario",
-        scenario.path.display()
+        printable(&scenario.path.display().to_string())
     )))
 }

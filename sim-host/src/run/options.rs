@@ -51,7 +51,7 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Ticks between two rows of the trajectory; `None` means every tick, thinned to 2,000 rows.
     pub every_ticks: Option<u64>,
-    /// File for the summary as JSON.
+    /// File for the summary as JSON; `-` is standard output, here and below.
     pub json: Option<PathBuf>,
     /// File for the expectations as JUnit XML.
     pub junit: Option<PathBuf>,

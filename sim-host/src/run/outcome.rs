@@ -47,16 +47,6 @@ impl EarlyEnd {
         let why = format!("after {recorded} of {} ticks: {first}", scenario.time.ticks.saturating_add(1));
         Self { why, words: message, exit }
     }
-
-    /// For the user who stopped it.
-    pub fn interrupted(self) -> RunError {
-        let message = format!(
-            "interrupted {}; what was recorded until then was written, and says so\n{}",
-            self.why.trim_end_matches(": interrupted"),
-            self.words.lines().skip(1).collect::<Vec<_>>().join("\n")
-        );
-        RunError { message: message.trim_end().to_owned(), exit: self.exit }
-    }
 }
 
 /// What a run came to.

@@ -1,13 +1,13 @@
-//! The files of a run. All are opened before the run, so that a folder that cannot be written costs no time.
+//! The files of a run, but for the JUnit file. All are opened before the run, so that a folder that cannot be written costs no time.
 
+use super::claim::commit;
 use super::error::RunError;
+use super::names;
 use super::options::{Fidelity, RunOptions};
 use super::outcome::Outcome;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{
-    AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter, junit, write_atomic,
-};
+use crate::record::{AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter};
 use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
@@ -15,82 +15,95 @@ use std::path::{Path, PathBuf};
 
 /// Files that wait for their content.
 pub struct Outputs {
-    trajectory: Option<TrajectoryWriter>,
-    json: Vec<AtomicFile>,
-    junit: Option<AtomicFile>,
+    folder: Option<FolderFiles>,
+    json: Option<AtomicFile>,
+}
+
+/// What `--out` asks for.
+struct FolderFiles {
+    path: PathBuf,
+    trajectory: TrajectoryWriter,
+    events: AtomicFile,
+    scenario: AtomicFile,
+    states: AtomicFile,
+    funnels: AtomicFile,
+    summary: AtomicFile,
 }
 
 impl Outputs {
-    /// Makes the folder and opens the files.
+    /// Opens the files; the folder is there.
     ///
     /// # Errors
     /// The first file that cannot be written, by name.
     pub fn open(scenario: &Scenario, options: &RunOptions) -> Result<Self, RunError> {
-        let mut outputs = Self { trajectory: None, json: Vec::new(), junit: None };
-        if let Some(folder) = &options.out {
-            make_folder(folder)?;
-            let precision = match options.on {
-                Fidelity::Reference => Precision::Double,
-                Fidelity::Loopback | Fidelity::Emulator | Fidelity::Bench => Precision::Single,
-            };
-            let shape = Shape { nodes: scenario.nodes.len(), components: scenario.components() };
-            let path = folder.join("trajectory.csv");
-            outputs.trajectory = Some(TrajectoryWriter::create(path, shape, precision)?);
-            outputs.json.push(AtomicFile::create(folder.join("summary.json"))?);
-        }
-        if let Some(path) = &options.json {
-            outputs.json.push(AtomicFile::create(path)?);
-        }
-        outputs.junit = options.junit.as_ref().map(AtomicFile::create).transpose()?;
-        Ok(outputs)
+        let folder =
+            options.out.as_ref().map(|path| FolderFiles::open(path, scenario, options.on)).transpose()?;
+        let json = options.json.as_ref().map(AtomicFile::create).transpose()?;
+        Ok(Self { folder, json })
     }
 
-    /// Writes everything and gives the files their names.
+    /// Writes everything, and gives the files their names once all of them are whole.
     ///
     /// # Errors
     /// The first file that cannot be written, by name.
-    pub fn write(
-        self,
-        scenario: &Scenario,
-        outcome: &Outcome,
-        summary: &Summary,
-        options: &RunOptions,
-    ) -> Result<(), RunError> {
-        if let Some(mut trajectory) = self.trajectory {
-            outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
-            trajectory.finish()?;
+    pub fn write(self, scenario: &Scenario, outcome: &Outcome, summary: &Summary) -> Result<(), RunError> {
+        let summary = summary.to_json();
+        if let Some(folder) = self.folder {
+            folder.write(scenario, outcome, &summary)?;
         }
-        if let Some(folder) = &options.out {
-            write_folder(folder, scenario, outcome)?;
-        }
-        for file in self.json {
-            commit(file, &summary.to_json())?;
-        }
-        if let Some(file) = self.junit {
-            commit(file, &junit(summary, &options.repeat))?;
-        }
-        Ok(())
+        Ok(self.json.map_or(Ok(()), |file| commit(file, &summary))?)
     }
 }
 
-fn make_folder(folder: &Path) -> Result<(), RecordError> {
-    std::fs::create_dir_all(folder).map_err(|reason| RecordError { path: PathBuf::from(folder), reason })
+impl FolderFiles {
+    fn open(path: &Path, scenario: &Scenario, on: Fidelity) -> Result<Self, RecordError> {
+        let precision = match on {
+            Fidelity::Reference => Precision::Double,
+            Fidelity::Loopback | Fidelity::Emulator | Fidelity::Bench => Precision::Single,
+        };
+        let shape = Shape { nodes: scenario.nodes.len(), components: scenario.components() };
+        let file = |name: &str| AtomicFile::create(path.join(name));
+        Ok(Self {
+            path: path.to_owned(),
+            trajectory: TrajectoryWriter::create(path.join("trajectory.csv"), shape, precision)?,
+            events: file("events.txt")?,
+            scenario: file(names::SCENARIO)?,
+            states: file("states.svg")?,
+            funnels: file("funnels.svg")?,
+            summary: file(names::SUMMARY)?,
+        })
+    }
+
+    fn write(self, scenario: &Scenario, outcome: &Outcome, summary: &str) -> Result<(), RunError> {
+        let Self { path, mut trajectory, events: told, scenario: as_run, states, funnels, summary: last } =
+            self;
+        outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
+        trajectory.settle()?;
+        let trace = trace(scenario, outcome);
+        let mut settled = vec![
+            settle(told, &events(&outcome.events, scenario.time.tick_ns))?,
+            settle(as_run, &scenario.as_run)?,
+            settle(states, &plot(states_svg(&trace))?)?,
+            settle(funnels, &plot(funnels_svg(&trace))?)?,
+        ];
+        for (id, log) in &outcome.logs {
+            settled.push(settle(AtomicFile::create(path.join(format!("node-{id}.log")))?, log)?);
+        }
+        // The summary says what the others are, so that it comes last.
+        settled.push(settle(last, summary)?);
+        trajectory.finish()?;
+        Ok(settled.into_iter().try_for_each(AtomicFile::commit)?)
+    }
 }
 
-fn commit(mut file: AtomicFile, text: &str) -> Result<(), RecordError> {
+/// A whole file that has not got its name yet.
+fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
     file.write(|out| out.write_all(text.as_bytes()))?;
-    file.commit()
+    file.settle()?;
+    Ok(file)
 }
 
-fn write_folder(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
-    write_atomic(folder.join("events.txt"), events(&outcome.events, scenario.time.tick_ns).as_bytes())?;
-    for (id, log) in &outcome.logs {
-        write_atomic(folder.join(format!("node-{id}.log")), log.as_bytes())?;
-    }
-    write_plots(folder, scenario, outcome)
-}
-
-fn write_plots(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<(), RunError> {
+fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     let title = scenario.title.as_str();
     let mut trace =
         Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
@@ -104,9 +117,7 @@ fn write_plots(folder: &Path, scenario: &Scenario, outcome: &Outcome) -> Result<
         let to = absence.to_tick.map(at_s);
         trace.mark(usize::from(absence.node), at_s(absence.from_tick), to, MarkKind::Away);
     }
-    write_atomic(folder.join("states.svg"), plot(states_svg(&trace))?.as_bytes())?;
-    write_atomic(folder.join("funnels.svg"), plot(funnels_svg(&trace))?.as_bytes())?;
-    Ok(())
+    trace
 }
 
 /// A plot that cannot be drawn from whole rows is a defect of the program.
@@ -120,10 +131,17 @@ pub(super) fn events<'a>(events: impl IntoIterator<Item = &'a NodeEvent>, tick_n
     let mut text = String::new();
     for NodeEvent { at, node, event } in events {
         // Writing to a string does not fail.
-        let t = at.saturating_sub(tick_ns) as f64 * 1e-9;
-        let _ = writeln!(text, "{t:.6} s, node {} {event}", node + 1);
+        let t = seconds(at.saturating_sub(tick_ns));
+        let _ = writeln!(text, "{t} s, node {} {event}", node + 1);
     }
     text
+}
+
+/// Nanoseconds as seconds, to the last digit, with six decimals or more.
+fn seconds(ns: u64) -> String {
+    let exact = format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000);
+    let zeros = exact.len() - exact.trim_end_matches('0').len();
+    exact[..exact.len() - zeros.min(3)].to_owned()
 }
 
 #[cfg(test)]
@@ -138,5 +156,19 @@ mod tests {
         let expected =
             "0.000000 s, node 3 started\n0.040000 s, node 3 is inside its funnel again at tick 40\n";
         assert_eq!(events(&list, 1_000_000), expected);
+    }
+
+    #[test]
+    fn times_of_events_are_exact() {
+        for (ns, text) in [
+            (0, "0.000000"),
+            (1, "0.000000001"),
+            (1_500, "0.0000015"),
+            (300_000_000, "0.300000"),
+            (86_400_000_000_001_000, "86400000.000001"),
+            (u64::MAX, "18446744073.709551615"),
+        ] {
+            assert_eq!(seconds(ns), text);
+        }
     }
 }

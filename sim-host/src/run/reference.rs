@@ -2,7 +2,7 @@
 
 use super::error::RunError;
 use super::options::{RunOptions, Verbosity};
-use super::outcome::Outcome;
+use super::outcome::{EarlyEnd, Outcome};
 use crate::emergent::Predictor;
 use crate::exit::Exit;
 use crate::extremes::{larger, largest};
@@ -25,15 +25,20 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let is_row = |k: u64| k.is_multiple_of(stride) || k == ticks;
     let is_judged = |k: u64| k.is_multiple_of(judged) || k == ticks;
     let wanted: Vec<u64> = (0..=ticks).filter(|&k| is_row(k) || is_judged(k)).collect();
-    let solution = solve(scenario, options, &wanted)?;
+    let solution = match solve(scenario, &problem(scenario)?, options, &wanted) {
+        Err(ReferenceError::Cancelled { partial, .. }) if !partial.times.is_empty() => *partial,
+        other => other.map_err(explained)?,
+    };
+    // Before the end where the user has stopped it.
+    let end = solution.times.len().checked_sub(1).and_then(|last| wanted.get(last)).copied().unwrap_or(ticks);
     let (mut predictor, mut judge) = (Predictor::new(scenario), Judge::new(scenario));
     let presence = vec![Presence::Ran; scenario.nodes.len()];
     let mut outcome = Outcome::default();
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
-        if is_judged(k) {
+        if is_judged(k) || k == end {
             judge.tick(&Moment { k, x: &row.x, u: &row.u, presence: &presence }, Some(&row.x));
         }
-        if is_row(k) {
+        if is_row(k) || k == end {
             let prediction = predictor.advance(row.t);
             (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
             outcome.widest = largest(0.0, row.psi.iter().copied());
@@ -50,6 +55,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
         prediction: predictor.finish(),
         // The reference is its own reference: what it may be off by is in its estimate.
         reference: Some(ReferenceSummary::beside(&solution)),
+        ended_early: (end < ticks || options.interrupt.is_set())
+            .then(|| EarlyEnd::after(end + 1, scenario, RunError::interrupted())),
         ..outcome
     })
 }
@@ -66,10 +73,15 @@ pub fn where_expected(
         return Ok(None);
     }
     let wanted: Vec<u64> = (0..=scenario.time.ticks).collect();
-    solve(scenario, options, &wanted).map(Some)
+    solve(scenario, &problem(scenario)?, options, &wanted).map(Some).map_err(explained)
 }
 
-fn solve(scenario: &Scenario, options: &RunOptions, ticks: &[u64]) -> Result<ReferenceSolution, RunError> {
+fn solve(
+    scenario: &Scenario,
+    problem: &ReferenceProblem,
+    options: &RunOptions,
+    ticks: &[u64],
+) -> Result<ReferenceSolution, ReferenceError> {
     let times: Vec<f64> = ticks.iter().map(|&k| scenario.time.at_s(k)).collect();
     let quiet = options.verbosity == Verbosity::Quiet;
     let progress = Progress::new("reference", scenario.time.end_s(), quiet);
@@ -77,16 +89,18 @@ fn solve(scenario: &Scenario, options: &RunOptions, ticks: &[u64]) -> Result<Ref
         progress.at(t);
         if options.interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let options = ReferenceOptions::default();
-    reference::solve_estimated(&problem(scenario)?, &times, &options, &mut on_step).map_err(|error| {
-        match error {
-            ReferenceError::Cancelled { .. } => RunError::interrupted(),
-            ReferenceError::Unresolved { .. } => {
-                RunError { message: error.to_string(), exit: Exit::ExpectationFailed }
-            }
-            _ => RunError::bad_input(error),
+    reference::solve_estimated(problem, &times, &ReferenceOptions::default(), &mut on_step)
+}
+
+/// How a run ends without a whole solution.
+fn explained(error: ReferenceError) -> RunError {
+    match error {
+        ReferenceError::Cancelled { .. } => RunError::interrupted(),
+        ReferenceError::Unresolved { .. } => {
+            RunError { message: error.to_string(), exit: Exit::ExpectationFailed }
         }
-    })
+        _ => RunError::bad_input(error),
+    }
 }
 
 fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {

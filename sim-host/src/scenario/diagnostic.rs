@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::printable::printable;
 use serde::Serialize;
 
 /// The sort of mistake, which decides how the message is worded.
@@ -53,32 +54,33 @@ impl Diagnostic {
         self.key.rsplit('.').next().unwrap_or(&self.key)
     }
 
-    fn place(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn place(&self) -> String {
         match self.line {
-            0 => write!(f, "{}: ", self.file),
-            line => write!(f, "{}:{line}:{}: ", self.file, self.column),
+            0 => format!("{}: ", self.file),
+            line => format!("{}:{line}:{}: ", self.file, self.column),
+        }
+    }
+
+    fn mistake(&self) -> String {
+        match (&self.problem, &self.found) {
+            (Problem::UnknownKey { section }, _) => {
+                format!("unknown key '{}' in {section}; known: {}", self.leaf(), self.allowed)
+            }
+            (Problem::MissingKey { section }, _) => {
+                format!("missing key '{}' in {section}: {}", self.leaf(), self.allowed)
+            }
+            (_, Some(found)) => format!("{} = {found}: {}", self.key, self.allowed),
+            (_, None) if self.key.is_empty() => self.allowed.clone(),
+            (_, None) => format!("{}: {}", self.key, self.allowed),
         }
     }
 }
 
 impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.place(f)?;
-        match (&self.problem, &self.found) {
-            (Problem::UnknownKey { section }, _) => {
-                write!(f, "unknown key '{}' in {section}; known: {}", self.leaf(), self.allowed)?;
-            }
-            (Problem::MissingKey { section }, _) => {
-                write!(f, "missing key '{}' in {section}: {}", self.leaf(), self.allowed)?;
-            }
-            (_, Some(found)) => write!(f, "{} = {found}: {}", self.key, self.allowed)?,
-            (_, None) if self.key.is_empty() => f.write_str(&self.allowed)?,
-            (_, None) => write!(f, "{}: {}", self.key, self.allowed)?,
-        }
-        match &self.hint {
-            Some(hint) => write!(f, "; {hint}"),
-            None => Ok(()),
-        }
+        let hint = self.hint.as_ref().map_or(String::new(), |hint| format!("; {hint}"));
+        // File names, keys and values are others' text, and may hold what steers a terminal.
+        f.write_str(&printable(&format!("{}{}{hint}", self.place(), self.mistake())))
     }
 }
 

@@ -19,9 +19,12 @@ pub(crate) mod reader;
 mod safety;
 mod topology;
 pub(crate) mod tree;
+mod written;
 
+use crate::printable::printable;
 use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnel_core::params;
+use std::io::Read;
 use std::path::Path;
 
 pub use affine::{Affine, Sine};
@@ -34,6 +37,7 @@ pub use model::{
     NodeSpec, NormalisedSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
 };
 pub use overrides::Override;
+pub use written::FIRST_LINE;
 
 use agents::Agents;
 use coupling::Coupling;
@@ -47,11 +51,15 @@ pub const LARGEST_RUN: usize = funnel_protocol::NodeId::MAX as usize;
 const MAX_NODE_TICKS: u64 = 1 << 40;
 
 impl Scenario {
-    /// Reads and checks a scenario file, with `overrides` from the command line put in first.
+    /// Reads and checks a scenario file, with `overrides` from the command line put in first. `-` is standard input.
     ///
     /// # Errors
     /// Everything that was found to be wrong, with file, line and column.
     pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, Diagnostics> {
+        if is_standard_input(path) {
+            let name = Path::new(STANDARD_INPUT);
+            return Self::parse(&read_standard_input()?, name, overrides);
+        }
         Self::parse(&read_text(path)?, path, overrides)
     }
 
@@ -64,8 +72,25 @@ impl Scenario {
         for value in overrides {
             value.apply(&mut root)?;
         }
-        resolve(&root, path)
+        let scenario = resolve(&root, path)?;
+        let as_run = written::as_run(text, root, &scenario.title, overrides.is_empty());
+        Ok(Self { as_run, ..scenario })
     }
+}
+
+/// How messages name a scenario that comes through standard input.
+const STANDARD_INPUT: &str = "standard input";
+
+/// Whether a path means standard input.
+#[must_use]
+pub fn is_standard_input(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+fn read_standard_input() -> Result<String, Diagnostics> {
+    let mut bytes = Vec::new();
+    let read = std::io::stdin().lock().read_to_end(&mut bytes);
+    read_bytes(read.map(|_| bytes), STANDARD_INPUT)
 }
 
 /// The text of a file.
@@ -73,9 +98,13 @@ impl Scenario {
 /// # Errors
 /// It cannot be read, or is no UTF-8.
 pub(crate) fn read_text(path: &Path) -> Result<String, Diagnostics> {
-    let whole = Place::whole(&path.display().to_string());
+    read_bytes(std::fs::read(path), &path.display().to_string())
+}
+
+fn read_bytes(bytes: std::io::Result<Vec<u8>>, name: &str) -> Result<String, Diagnostics> {
+    let whole = Place::whole(name);
     let refuse = |why: String| Diagnostics::from(whole.diagnostic(Problem::Whole, "", why));
-    let bytes = std::fs::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    let bytes = bytes.map_err(|error| refuse(format!("cannot be read: {error}")))?;
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         refuse(format!("must be UTF-8 text, and is not at byte {at}"))
@@ -139,13 +168,15 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         safety,
         expect,
         path,
+        as_run: String::new(),
     };
     initial::check(&scenario, &places)?;
     Ok(scenario)
 }
 
 fn default_title(path: &Path) -> String {
-    path.file_stem().map_or_else(|| "scenario".to_owned(), |stem| stem.to_string_lossy().into_owned())
+    path.file_stem()
+        .map_or_else(|| "scenario".to_owned(), |stem| printable(&stem.to_string_lossy()).into_owned())
 }
 
 fn need_section<'a>(file: &mut Section<'a>, key: &'static str) -> Option<Section<'a>> {

@@ -36,6 +36,8 @@ pub struct Scenario {
     pub expect: Expect,
     /// The file that it came from, as named by the user.
     pub path: PathBuf,
+    /// The text that gives it again, with the values of the command line in it.
+    pub as_run: String,
 }
 
 impl Scenario {

@@ -5,6 +5,7 @@
 
 use std::cell::RefCell;
 
+use crate::printable::is_unprintable;
 use funnel_core::params;
 
 use super::diagnostic::{Diagnostic, Diagnostics, Problem};
@@ -273,11 +274,20 @@ impl<'a> Section<'a> {
         self.read(duration_ns(item, false).and_then(inside), limits.0)
     }
 
-    /// A string that may be absent.
+    /// A string that may be absent. It is shown on terminals and in pictures, so that it must be printable.
     pub fn text(&mut self, key: &'static str) -> Option<String> {
         let item = self.take(key)?;
-        if item.text().is_none() {
-            self.log.report(item.diagnostic(Problem::Value, "must be a string"));
+        match item.text() {
+            None => self.log.report(item.diagnostic(Problem::Value, "must be a string")),
+            Some(text) => {
+                if let Some(bad) = text.chars().find(|&c| is_unprintable(c)) {
+                    let allowed = format!(
+                        "must be printable text in one line, without control characters such as {}",
+                        bad.escape_unicode()
+                    );
+                    self.log.report(item.diagnostic(Problem::Value, allowed));
+                }
+            }
         }
         item.text().map(str::to_owned)
     }

@@ -65,7 +65,7 @@ pub(crate) struct Item {
 pub(crate) enum Value {
     Integer(i128),
     Float(f64),
-    Bool,
+    Bool(bool),
     Text(String),
     Date,
     Array(Vec<Item>),
@@ -114,7 +114,7 @@ impl Value {
         match self {
             Self::Integer(_) => "an integer",
             Self::Float(_) => "a number",
-            Self::Bool => "a boolean",
+            Self::Bool(_) => "a boolean",
             Self::Text(_) => "a string",
             Self::Date => "a date",
             Self::Array(_) => "an array",
@@ -216,7 +216,7 @@ impl<'t> Source<'t> {
                 Err(_) => Value::Float(f64::INFINITY),
             },
             DeValue::Float(digits) => Value::Float(digits.as_str().parse().unwrap_or(f64::NAN)),
-            DeValue::Boolean(_) => Value::Bool,
+            DeValue::Boolean(value) => Value::Bool(*value),
             DeValue::Datetime(_) => Value::Date,
             DeValue::Array(array) => {
                 let items = array.iter().enumerate().map(|(n, item)| self.element(item, n, path));

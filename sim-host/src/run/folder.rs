@@ -1,0 +1,173 @@
+//! The folder of outputs: made, locked against a second run, and cleared of an earlier one.
+
+use super::error::RunError;
+use super::names;
+use crate::printable::printable;
+use crate::record::{RecordError, remove_abandoned, remove_earlier};
+use crate::scenario::FIRST_LINE;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// A folder that no other run writes into. The lock goes with the process, however that ends.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    lock: File,
+    is_new: bool,
+}
+
+impl Folder {
+    /// Makes the folder where it is missing, and locks it.
+    ///
+    /// # Errors
+    /// It cannot be written, or another run has it.
+    pub fn take(path: &Path) -> Result<Self, RunError> {
+        let failed = |reason| RunError::from(RecordError { path: path.to_owned(), reason });
+        let is_new = !path.exists();
+        fs::create_dir_all(path).map_err(failed)?;
+        loop {
+            let lock = open(&path.join(names::LOCK)).map_err(failed)?;
+            if let Err(TryLockError::WouldBlock) = lock.try_lock() {
+                return Err(taken(path, lock));
+            }
+            // Where the file system has no locks there is nobody to tell apart.
+            // A run that has just ended may have removed the file that was opened here.
+            if is_current(&lock, path) {
+                let folder = Self { path: path.to_owned(), lock, is_new };
+                folder.sign();
+                return Ok(folder);
+            }
+        }
+    }
+
+    fn lock_path(&self) -> PathBuf {
+        self.path.join(names::LOCK)
+    }
+
+    /// Says who has the folder. Where the disk is full the lock holds without it.
+    fn sign(&self) {
+        let _ = self.lock.set_len(0).and_then(|()| write!(&self.lock, "{}", std::process::id()));
+    }
+
+    /// Removes what an earlier run, of whatever command, has left: files of this program's names only.
+    ///
+    /// # Errors
+    /// A file that cannot be removed; or `scenario.toml` is not of this program.
+    pub fn clear(&self) -> Result<(), RunError> {
+        let scenario = self.path.join(names::SCENARIO);
+        if is_strangers(&scenario) {
+            let name = scenario.display().to_string();
+            return Err(RunError::bad_input(format!(
+                "{} would be replaced by the scenario as it was run, and is not of this program; move it, or name another folder with --out",
+                printable(&name)
+            )));
+        }
+        let earlier = names::in_folder(&self.path).into_iter().filter(|path| *path != self.lock_path());
+        for path in earlier {
+            remove_earlier(&path)?;
+        }
+        remove_abandoned(&self.path, names::is_ours);
+        Ok(())
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // Before the lock is given up; nobody is left to tell if it stays.
+        let _ = fs::remove_file(self.lock_path());
+        if self.is_new {
+            // Fails where there is something in it.
+            let _ = fs::remove_dir(&self.path);
+        }
+    }
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    match fs::symlink_metadata(path) {
+        Ok(metadata) if !metadata.is_file() => {
+            Err(io::Error::new(io::ErrorKind::AlreadyExists, format!("{} in it is no file", names::LOCK)))
+        }
+        _ => OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path),
+    }
+}
+
+fn is_current(lock: &File, folder: &Path) -> bool {
+    let number = |metadata: io::Result<fs::Metadata>| metadata.ok().map(|it| (it.dev(), it.ino()));
+    number(lock.metadata()) == number(fs::symlink_metadata(folder.join(names::LOCK)))
+}
+
+fn taken(path: &Path, mut lock: File) -> RunError {
+    let mut holder = String::new();
+    let _ = Read::by_ref(&mut lock).take(20).read_to_string(&mut holder);
+    let holder = match holder.parse::<u32>() {
+        Ok(process) => format!(" (process {process})"),
+        Err(_) => String::new(),
+    };
+    RunError::bad_input(format!(
+        "--out {}: another run{holder} is writing into this folder; wait for it, or name another folder",
+        printable(&path.display().to_string())
+    ))
+}
+
+/// Whether there is such a file and its first line is not the one that this program writes.
+fn is_strangers(scenario: &Path) -> bool {
+    let first = |file: File| {
+        let mut line = Vec::new();
+        let _ = file.take(FIRST_LINE.len() as u64).read_to_end(&mut line);
+        line == FIRST_LINE.as_bytes()
+    };
+    fs::metadata(scenario).is_ok_and(|it| it.is_file()) && !File::open(scenario).is_ok_and(first)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_had_once_and_free_afterwards() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("out");
+        let first = Folder::take(&path).unwrap();
+        let message = Folder::take(&path).unwrap_err().message;
+        let process = format!("another run (process {}) is writing", std::process::id());
+        assert!(message.contains(&process), "{message}");
+        drop(first);
+        assert!(!path.exists(), "an empty folder that was made for the run goes with it");
+        fs::create_dir(&path).unwrap();
+        // What a killed run leaves.
+        fs::write(path.join(names::LOCK), "1").unwrap();
+        drop(Folder::take(&path).unwrap());
+        assert!(path.exists() && fs::read_dir(&path).unwrap().next().is_none());
+    }
+
+    #[test]
+    fn only_files_of_this_program_are_cleared() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        for name in ["summary.json", "bench.csv", "node-3.log", "thesis.tex", "node-x.log"] {
+            fs::write(at(name), "").unwrap();
+        }
+        fs::write(at("scenario.toml"), format!("{FIRST_LINE}\nversion = 1")).unwrap();
+        fs::create_dir(at("can.log")).unwrap();
+        let folder = Folder::take(root.path()).unwrap();
+        folder.clear().unwrap();
+        drop(folder);
+        let entries = fs::read_dir(root.path()).unwrap();
+        let mut left: Vec<_> =
+            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        left.sort();
+        assert_eq!(left, ["can.log", "node-x.log", "thesis.tex"]);
+    }
+
+    #[test]
+    fn a_scenario_of_the_users_is_not_replaced() {
+        let root = tempfile::tempdir().unwrap();
+        let mine = root.path().join("scenario.toml");
+        fs::write(&mine, "version = 1\n").unwrap();
+        let folder = Folder::take(root.path()).unwrap();
+        assert!(folder.clear().unwrap_err().message.contains("scenario.toml would be replaced"));
+        assert_eq!(fs::read_to_string(mine).unwrap(), "version = 1\n");
+    }
+}

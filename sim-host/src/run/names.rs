@@ -1,0 +1,64 @@
+//! The names of the files that this program leaves in a folder.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The scenario as it was run.
+pub const SCENARIO: &str = "scenario.toml";
+/// The summary.
+pub const SUMMARY: &str = "summary.json";
+/// Held locked while a run writes into the folder.
+pub const LOCK: &str = ".sim-host.lock";
+
+/// Files of every command.
+const FILES: [&str; 10] = [
+    SUMMARY,
+    "trajectory.csv",
+    "events.txt",
+    "states.svg",
+    "funnels.svg",
+    SCENARIO,
+    "bench.csv",
+    "can.log",
+    "can.pcapng",
+    LOCK,
+];
+
+/// Whether a file of this name in a folder of outputs is of this program.
+pub fn is_ours(name: &str) -> bool {
+    FILES.contains(&name) || is_log(name)
+}
+
+/// `node-N.log`
+fn is_log(name: &str) -> bool {
+    let number = name.strip_prefix("node-").and_then(|rest| rest.strip_suffix(".log"));
+    number.is_some_and(|number| {
+        !number.is_empty() && number.len() <= 3 && number.bytes().all(|byte| byte.is_ascii_digit())
+    })
+}
+
+/// Every file that a run may write in `folder`, and every one that an earlier run has left there.
+pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut logs: Vec<_> = names.filter(|name| is_log(name)).collect();
+    logs.sort();
+    FILES.into_iter().map(str::to_owned).chain(logs).map(|name| folder.join(name)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_others_are_not_ours() {
+        for name in ["summary.json", "node-1.log", "node-127.log", "bench.csv"] {
+            assert!(is_ours(name), "{name}");
+        }
+        for name in
+            ["summary.json.bak", "Summary.json", "node-.log", "node-x.log", "node-1.log.gz", "thesis.tex"]
+        {
+            assert!(!is_ours(name), "{name}");
+        }
+    }
+}
