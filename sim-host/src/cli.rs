@@ -206,9 +206,11 @@ fn execute(
             Err(error) => Err(error),
         }
     })?;
-    let was_stopped = summary.ended_early.is_some() && options.interrupt.is_set();
-    let stop = if was_stopped { options.interrupt.exit() } else { Exit::Success };
-    let exit = verdict(&summary, &options.repeat).worst(stop);
+    if summary.ended_early.is_some() && options.interrupt.is_set() {
+        // The user knows; what was recorded says so, too.
+        return Ok(options.interrupt.exit());
+    }
+    let exit = verdict(&summary, &options.repeat);
     let is_taken = [wanted.json, wanted.junit].into_iter().flatten().any(is_standard_output);
     if options.verbosity > Verbosity::Quiet && !is_taken {
         // The verdict stands where nobody reads the summary.

@@ -63,7 +63,8 @@ fn hash(scenario: &str, more: &[&str]) -> Value {
 /// Without the wall time, which is the only thing that may differ between two runs of a command.
 fn without_wall_time(mut files: BTreeMap<String, String>) -> BTreeMap<String, String> {
     let summary = files.get_mut("summary.json").unwrap();
-    *summary = summary.lines().filter(|line| !line.contains("\"wall_s\"")).collect();
+    let varies = |line: &&str| line.contains("\"wall_s\"") || line.contains("\"command\"");
+    *summary = summary.lines().filter(|line| !varies(line)).collect();
     files
 }
 
@@ -80,7 +81,10 @@ fn skip(what: &str) {
 fn the_folder_has_the_files_of_the_contract() {
     let files = outputs(FIVE, &[]);
     let names: Vec<_> = files.keys().map(String::as_str).collect();
-    assert_eq!(names, ["events.txt", "funnels.svg", "states.svg", "summary.json", "trajectory.csv"]);
+    assert_eq!(
+        names,
+        ["events.txt", "funnels.svg", "scenario.toml", "states.svg", "summary.json", "trajectory.csv"]
+    );
     for name in ["funnels.svg", "states.svg"] {
         assert!(files[name].starts_with("<svg") && files[name].trim_end().ends_with("</svg>"), "{name}");
     }
@@ -108,6 +112,7 @@ fn the_trajectory_has_the_columns_of_the_contract_and_a_row_per_tick() {
         .into_iter()
         .chain(columns.into_iter().flatten())
         .chain(["xi", "blended"].map(str::to_owned))
+        .chain(["true_nu", "asked_psi"].iter().flat_map(|name| (1..=5).map(move |id| format!("{name}_{id}"))))
         .collect();
     assert_eq!(rows[0], header);
     assert_eq!(rows.len(), 1 + 201);
@@ -124,10 +129,12 @@ fn the_summary_has_the_keys_of_the_contract() {
     let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>().join(" ");
     assert_eq!(
         keys(&summary),
-        "bus emergent expect funnel nodes on overruns reference scenario seed stopped sync tick_s ticks trace_hash wall_s"
+        "bus checks command counters emergent ended_early expect funnel max_input nodes on overruns passed reference scenario seed stopped \
+         sync tick_s ticks trace_hash version wall_s"
     );
-    assert_eq!(keys(&summary["funnel"]), "breaches max_ratio");
-    assert_eq!(keys(&summary["sync"]), "bound final_spread lambda2");
+    assert_eq!(keys(&summary["funnel"]), "believed breaches max_ratio reopened_ratio unknown");
+    assert_eq!(keys(&summary["funnel"]["believed"]), "breaches max_ratio");
+    assert_eq!(keys(&summary["sync"]), "bound final_spread lambda2 max_spread");
     assert_eq!(
         keys(&summary["emergent"]),
         "blended_error blended_final contraction final_error steady_ratio steady_ratio_max xi_final"
@@ -176,15 +183,14 @@ fn every_thins_the_rows_and_nothing_else() {
     let (all, thinned) = (outputs(FIVE, &[]), outputs(FIVE, &["--every", "30ms"]));
     let all_rows: Vec<_> = all["trajectory.csv"].lines().collect();
     let rows: Vec<_> = thinned["trajectory.csv"].lines().collect();
-    // Without xi and the blended dynamics, which are integrated from row to row, so that their last digits may differ.
-    let state = |row: &str| row.rsplitn(3, ',').last().unwrap().to_owned();
-    let wanted: Vec<_> = all_rows[1..].iter().step_by(30).map(|row| state(row)).collect();
-    assert_eq!(rows[1..].iter().map(|row| state(row)).collect::<Vec<_>>(), wanted);
-    assert_eq!(wanted.len(), 7);
+    // The last tick has a row whether or not its turn has come.
+    let wanted: Vec<_> = all_rows[1..].iter().step_by(30).chain(all_rows.last()).collect();
+    assert!(rows[1..].iter().eq(wanted.iter().copied()), "{} rows", rows.len());
+    assert_eq!(wanted.len(), 8);
     assert_eq!(summary(&all)["trace_hash"], summary(&thinned)["trace_hash"]);
     // Two thousand rows without --every.
     let long = outputs(FIVE, &["--set", "time.duration=5s", "--set", "expect.reference_error=0.01"]);
-    assert_eq!(long["trajectory.csv"].lines().count(), 1 + 1 + 5000 / 3);
+    assert_eq!(long["trajectory.csv"].lines().count(), 1 + 1 + 5000 / 3 + 1);
 }
 
 #[test]
@@ -228,7 +234,8 @@ fn an_expectation_that_fails_is_code_1_with_the_command_that_repeats_it() {
     let summary: Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
     assert_eq!((&summary["expect"][0]["pass"], &summary["expect"][1]["pass"]), (&false.into(), &true.into()));
     let junit = fs::read_to_string(junit).unwrap();
-    assert!(junit.contains("tests=\"2\"") && junit.contains("failures=\"1\""), "{junit}");
+    // Two expectations, eight checks and the breaches.
+    assert!(junit.contains("tests=\"11\"") && junit.contains("failures=\"1\""), "{junit}");
     assert!(junit.contains("<failure") && junit.contains("--seed 1"), "{junit}");
 }
 
@@ -334,37 +341,44 @@ fn a_reader_that_goes_away_does_not_change_the_verdict() {
 }
 
 #[test]
-fn ctrl_c_is_code_130_and_leaves_no_half_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let mut child = sim_host(&[
-        "run",
-        FIVE,
-        "--set",
-        "time.duration=10h",
-        "--every",
-        "1min",
-        "--out",
-        out.to_str().unwrap(),
-    ])
-    .stderr(Stdio::piped())
-    .spawn()
-    .unwrap();
-    // The files are opened before the first tick, and signals are looked after before that.
-    let begin = std::time::Instant::now();
-    while !out.is_dir() || files(&out).is_empty() {
-        assert!(begin.elapsed().as_secs() < 30, "no output was opened");
-        std::thread::sleep(std::time::Duration::from_millis(5));
+fn a_run_that_is_stopped_writes_what_it_has_and_says_so() {
+    for (signal, code) in [("INT", 130), ("TERM", 130), ("HUP", 129)] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let junit = path(&folder, "a.xml");
+        let out_text = out.to_str().unwrap();
+        let long = ["--set", "time.duration=10h", "--set", "expect={}", "--every", "1s", "--junit", &junit];
+        let mut child = sim_host(&[&["run", FIVE, "--out", out_text][..], &long].concat())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // The JUnit file is there before the first tick, and signals are looked after before that.
+        let begin = std::time::Instant::now();
+        while !Path::new(&junit).is_file() {
+            assert!(begin.elapsed().as_secs() < 30, "no output was opened");
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        assert!(
+            fs::read_to_string(&junit).unwrap().contains("has not come to its end"),
+            "green before its end"
+        );
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        let kill = format!("kill -{signal} {}", child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        let mut err = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(code), "{err}");
+        assert!(err.starts_with("interrupted after ") && err.contains("was written, and says so"), "{err}");
+        let files = files(&out);
+        let summary = summary(&files);
+        let early = summary["ended_early"].as_str().unwrap();
+        assert!(early.starts_with("after ") && early.ends_with("of 36000001 ticks: interrupted"), "{early}");
+        assert_eq!(summary["passed"], false);
+        assert!(files["trajectory.csv"].lines().count() > 2 && files.contains_key("states.svg"));
+        let junit = fs::read_to_string(junit).unwrap();
+        assert!(junit.contains("name=\"complete\"") && junit.contains("<failure"), "{junit}");
     }
-    let kill = format!("kill -INT {}", child.id());
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-    let mut err = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
-    assert_eq!(
-        (child.wait().unwrap().code(), err.as_str()),
-        (Some(130), "interrupted; no output was written\n")
-    );
-    assert_eq!(files(&out), BTreeMap::new());
 }
 
 #[test]
@@ -407,7 +421,8 @@ fn vector_states_have_columns_of_their_own_in_every_output() {
     let header = files["trajectory.csv"].lines().next().unwrap();
     assert!(
         header.starts_with("t,x_1_0,x_1_1,x_2_0,")
-            && header.ends_with(",u_5_1,xi_0,xi_1,blended_0,blended_1"),
+            && header.contains(",u_5_1,xi_0,xi_1,blended_0,blended_1,true_nu_1_0,")
+            && header.ends_with(",asked_psi_5_1"),
         "{header}"
     );
     for label in ["node 1, x0", "node 5, x1"] {
@@ -441,7 +456,11 @@ fn a_node_that_stops_by_itself_and_refused_frames_are_told_without_asking() {
     assert_eq!(code, Some(1), "{err}");
     assert!(err.contains("stopped by itself") && !err.contains("hears node"), "{err}");
     let (_, _, err) = run(&[&stop[..], &["-q"]].concat());
-    assert!(!err.contains("stopped by itself"), "{err}");
+    // That it is why the run has failed is said all the same.
+    assert!(
+        err.lines().all(|line| !line.contains("stopped by itself") || line.starts_with("failed: stopped: ")),
+        "{err}"
+    );
     let (_, out, _) = run(&["run", FIVE, "--set", SHORT]);
     assert!(out.contains("deliveries lost\n"), "{out}");
     // Noise that takes every state beyond what a node accepts.

@@ -30,8 +30,7 @@ pub use outcome::{EarlyEnd, Outcome};
 pub use places::Wanted;
 
 use crate::emergent::EmergentTrajectory;
-use crate::exit::Exit;
-use crate::printable::printable;
+use crate::printable::{printable, printable_lines};
 use crate::record::{Summary, junit};
 use crate::scenario::{LARGEST_RUN, Scenario};
 use funnel_core::Event;
@@ -74,8 +73,8 @@ pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) 
     claim.take_junit().map_or(Ok(()), |file| claim::commit(file, &junit(&summary, &options.repeat)))?;
     if let Some(early) = &outcome.ended_early {
         // What the nodes had to say for themselves; the check says the rest.
-        let words = if early.exit == Exit::Interrupted { &early.why } else { &early.words };
-        let _ = writeln!(std::io::stderr(), "{words}");
+        let is_written = options.out.is_some() || options.json.is_some() || options.junit.is_some();
+        let _ = writeln!(std::io::stderr(), "{}", printable_lines(&early.told(is_written)));
     }
     Ok(summary)
 }

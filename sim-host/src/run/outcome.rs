@@ -47,6 +47,20 @@ impl EarlyEnd {
         let why = format!("after {recorded} of {} ticks: {first}", scenario.time.ticks.saturating_add(1));
         Self { why, words: message, exit }
     }
+
+    /// What there is to say of it on the terminal; `is_written`: what was recorded has gone into files.
+    pub fn told(&self, is_written: bool) -> String {
+        if self.exit != Exit::Interrupted {
+            return self.words.clone();
+        }
+        let after = self.why.trim_end_matches(": interrupted");
+        let recorded = match is_written {
+            true => "what was recorded until then was written, and says so",
+            false => "no output was asked for",
+        };
+        let others = self.words.lines().skip(1).map(|line| format!("\n{line}")).collect::<String>();
+        format!("interrupted {after}; {recorded}{others}")
+    }
 }
 
 /// What a run came to.
