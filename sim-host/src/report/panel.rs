@@ -11,6 +11,7 @@ use plotters::chart::MeshStyle;
 use plotters::coord::ranged1d::Ranged;
 use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
+use plotters::style::text_anchor::VPos;
 
 use super::clip::{self, clip};
 use super::curve::Curve;
@@ -25,6 +26,8 @@ use super::{PlotError, axis, marks};
 const LINEAR: f64 = 30.0;
 /// A cell of the sheet, in pixels.
 pub(super) const CELL: (u32, u32) = (440, 356);
+/// The right end of its plots, in pixels.
+const RIGHT: i32 = CELL.0 as i32 - 14;
 /// Height of the ratio panel, in pixels.
 const RATIO: u32 = 130;
 /// A term so many times as wide as its funnel is still shown; else the axis ends at [`CUT`] times.
@@ -83,7 +86,7 @@ impl<'a> Panel<'a> {
 
     pub(super) fn draw<DB: DrawingBackend>(&self, cell: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
         let (above, below) = cell.split_vertically(px(CELL.1 - RATIO));
-        let caption = format!("{}   {}", self.node.label, notes::largest(self.node));
+        let caption = format!("{}: {}", self.node.label, notes::largest(self.node));
         above.draw(&Text::new(caption, at(76, 10), font(16).color(&INK))).map_err(PlotError::new)?;
         let ink = if self.has_breach() { BREACH } else { INK };
         let notes = Text::new(notes::notes(self.trace, self.node), at(76, 30), font(13).color(&ink));
@@ -128,7 +131,7 @@ impl<'a> Panel<'a> {
             Curve::solid(clip(thin(&psi), heights), edge()).draw(&mut chart)?;
         }
         self.terms(&mut chart, heights, whole)?;
-        self.cut(area, 50, clip::words(self.drawn(), heights))
+        clip::say(area, (RIGHT, 50), clip::words(self.drawn(), heights))
     }
 
     fn decades<DB: DrawingBackend>(
@@ -153,7 +156,7 @@ impl<'a> Panel<'a> {
         let psi: Vec<(f64, f64)> = self.all(&self.node.psi).map(|(t, psi)| (t, raised(psi))).collect();
         Curve::solid(clip(thin(&psi), heights), edge()).draw(&mut chart)?;
         self.terms(&mut chart, heights, raised)?;
-        self.cut(area, 50, clip::words(self.drawn().map(f64::abs).map(|y| y.max(bottom)), heights))
+        clip::say(area, (RIGHT, 50), clip::words(self.drawn().map(f64::abs).map(|y| y.max(bottom)), heights))
     }
 
     fn ratio<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
@@ -176,7 +179,9 @@ impl<'a> Panel<'a> {
             .y_label_formatter(&axis::label)
             .draw()
             .map_err(PlotError::new)?;
-        self.marks(&mut chart, &heights)?;
+        for mark in self.trace.marks_of(self.node.id) {
+            mark.draw(&mut chart, (&self.span, &heights), INK)?;
+        }
         for edge_at in [1.0, -1.0] {
             let flat = vec![(self.span.start, edge_at), (self.span.end, edge_at)];
             Curve::solid(vec![flat], edge()).draw(&mut chart)?;
@@ -186,7 +191,8 @@ impl<'a> Panel<'a> {
         self.curve(&ratios, &heights, whole, line(self.colour, 2), Stroke::Solid).draw(&mut chart)?;
         self.curve(&self.outside(&ratios), &heights, whole, line(BREACH, 3), Stroke::Solid)
             .draw(&mut chart)?;
-        self.cut(area, 4, clip::words(shown(), &heights))
+        self.rug(&ratios, heights.start).draw(&mut chart)?;
+        clip::say(area, (RIGHT, 6), clip::words(shown(), &heights))
     }
 
     /// The true term, what the node believes of it, and where it is outside.
@@ -210,6 +216,13 @@ impl<'a> Panel<'a> {
     fn outside(&self, values: &[f64]) -> Vec<f64> {
         let inside = |k: usize| self.node.ratio(k).abs() < 1.0;
         values.iter().enumerate().map(|(k, &v)| if inside(k) { f64::NAN } else { v }).collect()
+    }
+
+    /// Where the node is outside, along the lower edge: to be seen, too, where the term is cut, or after a stop.
+    fn rug(&self, ratios: &[f64], bottom: f64) -> Curve {
+        let at = |ratio: f64| if ratio.abs() >= 1.0 { bottom } else { f64::NAN };
+        let points: Vec<(f64, f64)> = self.all(ratios).map(|(t, ratio)| (t, at(ratio))).collect();
+        Curve::solid(thin(&points), line(BREACH, 5))
     }
 
     fn curve(
@@ -261,20 +274,10 @@ impl<'a> Panel<'a> {
     {
         for mark in self.trace.marks_of(self.node.id) {
             mark.draw(chart, (&self.span, heights), INK)?;
-            marks::label(chart, &self.span, (mark.from, heights.end), mark.kind.word().to_owned())?;
+            let foot = (mark.from, heights.start);
+            marks::label(chart, &self.span, foot, VPos::Bottom, mark.kind.word().to_owned())?;
         }
         Ok(())
-    }
-
-    /// Says what is cut, `top` pixels below the upper edge of `area`.
-    fn cut<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        top: i32,
-        words: Option<String>,
-    ) -> Result<(), PlotError> {
-        let Some(words) = words else { return Ok(()) };
-        area.draw(&Text::new(words, at(84, top + 4), font(13).color(&BREACH))).map_err(PlotError::new)
     }
 }
 
