@@ -35,6 +35,8 @@ const SHOWN: f64 = 10.0;
 const CUT: f64 = 3.0;
 /// Ratios that are farther apart are drawn both.
 const VISIBLE: f64 = 0.05;
+/// Terms that differ by less than this part of the funnel are not.
+const NEAR: f64 = 0.02;
 /// Decades below the widest funnel that a logarithmic axis shows at most.
 const DEEPEST: f64 = 1e-16;
 
@@ -59,8 +61,13 @@ enum Scale {
 impl<'a> Panel<'a> {
     pub(super) fn new(trace: &'a Trace, node: &'a Node, span: Range<f64>, colour: RGBColor) -> Self {
         let scale = Scale::of(node);
+        // Beside a funnel, values near zero are the same, however many decades are between them.
+        let differ = |k: usize, own: f64, truth: f64| {
+            let size = (own - truth).abs();
+            scale.apart(own, truth) && size >= NEAR * node.psi.get(k).copied().unwrap_or(0.0)
+        };
         let shown = |own: &[f64], truth: &[f64]| -> Vec<f64> {
-            let apart = where_apart(own, truth, |a, b| scale.apart(a, b));
+            let apart = where_apart(own, truth, differ);
             // What a stop or an absence hides is no reason for a line in the legend.
             trace.points(node, &apart).into_iter().map(|p| p.1).collect()
         };
@@ -163,7 +170,7 @@ impl<'a> Panel<'a> {
         let ratios: Vec<f64> = (0..self.trace.t.len()).map(|k| self.node.ratio(k)).collect();
         let own = self.node.own_nu.iter().zip(&self.node.own_psi);
         let own: Vec<f64> = own.map(|(&nu, &psi)| ratio(nu, psi)).collect();
-        let own = where_apart(&own, &ratios, |a, b| (a - b).abs() > VISIBLE);
+        let own = where_apart(&own, &ratios, |_, a, b| (a - b).abs() > VISIBLE);
         let shown = || [&ratios, &own].into_iter().flat_map(|v| self.points(v)).map(|p| p.1);
         let most = shown().filter(|v| !v.is_nan()).fold(1.0, |most: f64, v| most.max(v.abs()));
         let reach = 1.1 * if most <= SHOWN { most } else { CUT };
@@ -315,11 +322,12 @@ impl Scale {
 }
 
 /// Those of `own` that are visibly not `truth`, or that stand where it is not known, and a row on both sides of them; NaN elsewhere.
-fn where_apart(own: &[f64], truth: &[f64], apart: impl Fn(f64, f64) -> bool) -> Vec<f64> {
+fn where_apart(own: &[f64], truth: &[f64], apart: impl Fn(usize, f64, f64) -> bool) -> Vec<f64> {
     let differs: Vec<bool> = own
         .iter()
         .zip(truth)
-        .map(|(&own, &truth)| !own.is_nan() && (truth.is_nan() || apart(own, truth)))
+        .enumerate()
+        .map(|(k, (&own, &truth))| !own.is_nan() && (truth.is_nan() || apart(k, own, truth)))
         .collect();
     let near = |k: usize| differs[k.saturating_sub(1)..differs.len().min(k + 2)].iter().any(|&d| d);
     own.iter().take(differs.len()).enumerate().map(|(k, &v)| if near(k) { v } else { f64::NAN }).collect()
