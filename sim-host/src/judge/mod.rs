@@ -80,8 +80,8 @@ impl Worst {
             self.unknown += 1;
             return false;
         };
-        // Written so that NaN is outside.
-        let breach = !(ratio < 1.0);
+        // Not a number is outside.
+        let breach = ratio.is_nan() || ratio >= 1.0;
         self.max_ratio = larger(self.max_ratio, ratio);
         self.breaches += u64::from(breach);
         self.judged += 1;

@@ -2,7 +2,16 @@
 
 use std::ops::Range;
 
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::style::{BREACH, at, font};
 use super::thin::Piece;
+use super::{PlotError, text};
+
+/// Size of the font of what is said.
+const SIZE: u32 = 14;
 
 /// Stands for an infinite value: large enough, and differences of two stay finite.
 const FAR: f64 = 1e300;
@@ -55,6 +64,20 @@ pub(super) fn words(values: impl Iterator<Item = f64>, range: &Range<f64>) -> Op
     } else {
         "clipped: values up to infinity".to_owned()
     })
+}
+
+/// Writes `words`, where there are some, into the upper right corner of a plot with its corner `(x, y)` there, in pixels, over what is drawn.
+pub(super) fn say<DB: DrawingBackend>(
+    area: &DrawingArea<DB, Shift>,
+    (x, y): (i32, i32),
+    words: Option<String>,
+) -> Result<(), PlotError> {
+    let Some(words) = words else { return Ok(()) };
+    let left = x - text::width(&words, SIZE) as i32 - 12;
+    let ground = Rectangle::new([at(left, y + 1), at(x - 1, y + 20)], WHITE.mix(0.85).filled());
+    area.draw(&ground).map_err(PlotError::new)?;
+    let style = TextStyle::from(font(SIZE)).color(&BREACH).pos(Pos::new(HPos::Right, VPos::Top));
+    area.draw(&Text::new(words, at(x - 6, y + 4), style)).map_err(PlotError::new)
 }
 
 /// Two digits, as `8e8` or `120`.

@@ -8,7 +8,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::PlotError;
 use super::legend::{Entry, Stroke};
-use super::style::{INK, font, line, px};
+use super::style::{INK, at, font, line, px};
 
 /// Why a node's curves end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,11 +81,12 @@ impl Mark {
     }
 }
 
-/// `words` beside the line at `t`, on the side that has more room, downwards from the height `y`.
+/// `words` beside the line at `t`, on the side that has more room, below or above the height `y`.
 pub(super) fn label<DB, CT>(
     chart: &mut ChartContext<'_, DB, CT>,
     span: &Range<f64>,
     (t, y): (f64, f64),
+    vertical: VPos,
     words: String,
 ) -> Result<(), PlotError>
 where
@@ -94,10 +95,10 @@ where
 {
     let left = t > 0.5 * (span.start + span.end);
     let side = if left { HPos::Right } else { HPos::Left };
-    let words = if left { format!("{words}\u{A0}") } else { format!("\u{A0}{words}") };
-    let style = TextStyle::from(font(13)).color(&INK).pos(Pos::new(side, VPos::Top));
+    let style = TextStyle::from(font(13)).color(&INK).pos(Pos::new(side, vertical));
     let t = t.clamp(span.start, span.end);
-    chart.draw_series([Text::new(words, (t, y), style)]).map(|_| ()).map_err(PlotError::new)
+    let text = EmptyElement::at((t, y)) + Text::new(words, at(if left { -4 } else { 4 }, 2), style);
+    chart.draw_series([text]).map(|_| ()).map_err(PlotError::new)
 }
 
 /// A cross where a curve ends.

@@ -23,6 +23,7 @@ fn digits(ratio: f64) -> String {
         ratio == 1.0 || text.parse::<f64>() != Ok(1.0)
     });
     match decimals {
+        _ if ratio.is_infinite() => "infinite".to_owned(),
         _ if ratio >= 1e4 => crate::figure::figure(ratio, 3).replace(".0e", "e"),
         Some(decimals) => format!("{ratio:.decimals$}"),
         None => if ratio < 1.0 {
@@ -41,8 +42,7 @@ pub(super) fn notes(trace: &Trace, node: &Node) -> String {
     let at = |count: u64| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let mut notes = Vec::new();
     if worst.breaches > 0 {
-        let rows = (0..trace.t.len()).any(|k| !(node.ratio(k).abs() < 1.0));
-        let between = if rows { "" } else { ", between the rows" };
+        let between = if node.is_outside_at_a_row() { "" } else { ", between the rows" };
         notes.push(format!("outside at {}{between}", at(worst.breaches)));
     }
     if worst.unknown > 0 {
@@ -68,8 +68,8 @@ mod tests {
 
     #[test]
     fn a_ratio_near_one_is_told_from_one() {
-        let said = [0.9251, 0.99997, 1.0, 1.00004, 1.4, 4e8].map(digits);
-        assert_eq!(said, ["0.925", "0.99997", "1.000", "1.00004", "1.400", "4e8"]);
+        let said = [0.9251, 0.99997, 1.0, 1.00004, 1.4, 4e8, f64::INFINITY].map(digits);
+        assert_eq!(said, ["0.925", "0.99997", "1.000", "1.00004", "1.400", "4e8", "infinite"]);
         assert!(digits(1.0 - 1e-9).contains("or nearer"));
     }
 }

@@ -11,6 +11,7 @@ use plotters::chart::MeshStyle;
 use plotters::coord::ranged1d::Ranged;
 use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
+use plotters::style::text_anchor::VPos;
 
 use super::clip::{self, clip};
 use super::curve::Curve;
@@ -25,6 +26,8 @@ use super::{PlotError, axis, marks};
 const LINEAR: f64 = 30.0;
 /// A cell of the sheet, in pixels.
 pub(super) const CELL: (u32, u32) = (440, 356);
+/// The right end of its plots, in pixels.
+const RIGHT: i32 = CELL.0 as i32 - 14;
 /// Height of the ratio panel, in pixels.
 const RATIO: u32 = 130;
 /// A term so many times as wide as its funnel is still shown; else the axis ends at [`CUT`] times.
@@ -32,6 +35,8 @@ const SHOWN: f64 = 10.0;
 const CUT: f64 = 3.0;
 /// Ratios that are farther apart are drawn both.
 const VISIBLE: f64 = 0.05;
+/// Terms that differ by less than this part of the funnel are not.
+const NEAR: f64 = 0.02;
 /// Decades below the widest funnel that a logarithmic axis shows at most.
 const DEEPEST: f64 = 1e-16;
 
@@ -56,8 +61,13 @@ enum Scale {
 impl<'a> Panel<'a> {
     pub(super) fn new(trace: &'a Trace, node: &'a Node, span: Range<f64>, colour: RGBColor) -> Self {
         let scale = Scale::of(node);
+        // Beside a funnel, values near zero are the same, however many decades are between them.
+        let differ = |k: usize, own: f64, truth: f64| {
+            let size = (own - truth).abs();
+            scale.apart(own, truth) && size >= NEAR * node.psi.get(k).copied().unwrap_or(0.0)
+        };
         let shown = |own: &[f64], truth: &[f64]| -> Vec<f64> {
-            let apart = where_apart(own, truth, |a, b| scale.apart(a, b));
+            let apart = where_apart(own, truth, differ);
             // What a stop or an absence hides is no reason for a line in the legend.
             trace.points(node, &apart).into_iter().map(|p| p.1).collect()
         };
@@ -83,7 +93,7 @@ impl<'a> Panel<'a> {
 
     pub(super) fn draw<DB: DrawingBackend>(&self, cell: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
         let (above, below) = cell.split_vertically(px(CELL.1 - RATIO));
-        let caption = format!("{}   {}", self.node.label, notes::largest(self.node));
+        let caption = format!("{}: {}", self.node.label, notes::largest(self.node));
         above.draw(&Text::new(caption, at(76, 10), font(16).color(&INK))).map_err(PlotError::new)?;
         let ink = if self.has_breach() { BREACH } else { INK };
         let notes = Text::new(notes::notes(self.trace, self.node), at(76, 30), font(13).color(&ink));
@@ -128,7 +138,7 @@ impl<'a> Panel<'a> {
             Curve::solid(clip(thin(&psi), heights), edge()).draw(&mut chart)?;
         }
         self.terms(&mut chart, heights, whole)?;
-        self.cut(area, 50, clip::words(self.drawn(), heights))
+        clip::say(area, (RIGHT, 50), clip::words(self.drawn(), heights))
     }
 
     fn decades<DB: DrawingBackend>(
@@ -153,14 +163,14 @@ impl<'a> Panel<'a> {
         let psi: Vec<(f64, f64)> = self.all(&self.node.psi).map(|(t, psi)| (t, raised(psi))).collect();
         Curve::solid(clip(thin(&psi), heights), edge()).draw(&mut chart)?;
         self.terms(&mut chart, heights, raised)?;
-        self.cut(area, 50, clip::words(self.drawn().map(f64::abs).map(|y| y.max(bottom)), heights))
+        clip::say(area, (RIGHT, 50), clip::words(self.drawn().map(f64::abs).map(|y| y.max(bottom)), heights))
     }
 
     fn ratio<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
         let ratios: Vec<f64> = (0..self.trace.t.len()).map(|k| self.node.ratio(k)).collect();
         let own = self.node.own_nu.iter().zip(&self.node.own_psi);
         let own: Vec<f64> = own.map(|(&nu, &psi)| ratio(nu, psi)).collect();
-        let own = where_apart(&own, &ratios, |a, b| (a - b).abs() > VISIBLE);
+        let own = where_apart(&own, &ratios, |_, a, b| (a - b).abs() > VISIBLE);
         let shown = || [&ratios, &own].into_iter().flat_map(|v| self.points(v)).map(|p| p.1);
         let most = shown().filter(|v| !v.is_nan()).fold(1.0, |most: f64, v| most.max(v.abs()));
         let reach = 1.1 * if most <= SHOWN { most } else { CUT };
@@ -176,7 +186,9 @@ impl<'a> Panel<'a> {
             .y_label_formatter(&axis::label)
             .draw()
             .map_err(PlotError::new)?;
-        self.marks(&mut chart, &heights)?;
+        for mark in self.trace.marks_of(self.node.id) {
+            mark.draw(&mut chart, (&self.span, &heights), INK)?;
+        }
         for edge_at in [1.0, -1.0] {
             let flat = vec![(self.span.start, edge_at), (self.span.end, edge_at)];
             Curve::solid(vec![flat], edge()).draw(&mut chart)?;
@@ -186,7 +198,8 @@ impl<'a> Panel<'a> {
         self.curve(&ratios, &heights, whole, line(self.colour, 2), Stroke::Solid).draw(&mut chart)?;
         self.curve(&self.outside(&ratios), &heights, whole, line(BREACH, 3), Stroke::Solid)
             .draw(&mut chart)?;
-        self.cut(area, 4, clip::words(shown(), &heights))
+        self.rug(&ratios, heights.start).draw(&mut chart)?;
+        clip::say(area, (RIGHT, 6), clip::words(shown(), &heights))
     }
 
     /// The true term, what the node believes of it, and where it is outside.
@@ -210,6 +223,13 @@ impl<'a> Panel<'a> {
     fn outside(&self, values: &[f64]) -> Vec<f64> {
         let inside = |k: usize| self.node.ratio(k).abs() < 1.0;
         values.iter().enumerate().map(|(k, &v)| if inside(k) { f64::NAN } else { v }).collect()
+    }
+
+    /// Where the node is outside, along the lower edge: to be seen, too, where the term is cut, or after a stop.
+    fn rug(&self, ratios: &[f64], bottom: f64) -> Curve {
+        let at = |ratio: f64| if ratio.abs() >= 1.0 { bottom } else { f64::NAN };
+        let points: Vec<(f64, f64)> = self.all(ratios).map(|(t, ratio)| (t, at(ratio))).collect();
+        Curve::solid(thin(&points), line(BREACH, 5))
     }
 
     fn curve(
@@ -261,20 +281,10 @@ impl<'a> Panel<'a> {
     {
         for mark in self.trace.marks_of(self.node.id) {
             mark.draw(chart, (&self.span, heights), INK)?;
-            marks::label(chart, &self.span, (mark.from, heights.end), mark.kind.word().to_owned())?;
+            let foot = (mark.from, heights.start);
+            marks::label(chart, &self.span, foot, VPos::Bottom, mark.kind.word().to_owned())?;
         }
         Ok(())
-    }
-
-    /// Says what is cut, `top` pixels below the upper edge of `area`.
-    fn cut<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        top: i32,
-        words: Option<String>,
-    ) -> Result<(), PlotError> {
-        let Some(words) = words else { return Ok(()) };
-        area.draw(&Text::new(words, at(84, top + 4), font(13).color(&BREACH))).map_err(PlotError::new)
     }
 }
 
@@ -312,11 +322,12 @@ impl Scale {
 }
 
 /// Those of `own` that are visibly not `truth`, or that stand where it is not known, and a row on both sides of them; NaN elsewhere.
-fn where_apart(own: &[f64], truth: &[f64], apart: impl Fn(f64, f64) -> bool) -> Vec<f64> {
+fn where_apart(own: &[f64], truth: &[f64], apart: impl Fn(usize, f64, f64) -> bool) -> Vec<f64> {
     let differs: Vec<bool> = own
         .iter()
         .zip(truth)
-        .map(|(&own, &truth)| !own.is_nan() && (truth.is_nan() || apart(own, truth)))
+        .enumerate()
+        .map(|(k, (&own, &truth))| !own.is_nan() && (truth.is_nan() || apart(k, own, truth)))
         .collect();
     let near = |k: usize| differs[k.saturating_sub(1)..differs.len().min(k + 2)].iter().any(|&d| d);
     own.iter().take(differs.len()).enumerate().map(|(k, &v)| if near(k) { v } else { f64::NAN }).collect()

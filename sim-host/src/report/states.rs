@@ -2,12 +2,13 @@
 
 use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
+use plotters::style::text_anchor::VPos;
 use std::ops::Range;
 
 use super::clip::{self, clip};
 use super::curve::Curve;
 use super::legend::{self, Entry, Stroke};
-use super::style::{BREACH, CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
+use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
 use super::thin::thin;
 use super::trace::{Node, Trace};
 use super::{PlotError, axis, marks, text};
@@ -91,12 +92,8 @@ fn picture<DB: DrawingBackend>(
             Curve { pieces, style: line(BLACK, 2), stroke }.draw(&mut chart)?;
         }
     }
-    match clip::words(curves.iter().flatten().map(|p| p.1), &heights) {
-        Some(words) => {
-            area.draw(&Text::new(words, at(84, 48), font(15).color(&BREACH))).map_err(PlotError::new)
-        }
-        None => Ok(()),
-    }
+    let right = (SIZE.0 - LEGEND) as i32 - 16;
+    clip::say(area, (right, 44), clip::words(curves.iter().flatten().map(|p| p.1), &heights))
 }
 
 /// Draws and names stops and absences, in the order in which they began.
@@ -124,7 +121,7 @@ where
             n if n == NAMED => format!("and {more} more"),
             _ => continue,
         };
-        marks::label(chart, span, (mark.from, y), words)?;
+        marks::label(chart, span, (mark.from, y), VPos::Top, words)?;
     }
     Ok(())
 }

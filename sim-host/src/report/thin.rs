@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn a_curve_of_nothing_but_gaps_keeps_its_bounds_and_bridges_none() {
-        let every_other = |k: usize| if k % 2 == 0 { f64::NAN } else { (k % 10) as f64 };
+        let every_other = |k: usize| if k.is_multiple_of(2) { f64::NAN } else { (k % 10) as f64 };
         let pieces = thin(&curve(40_000, every_other));
         assert!(pieces.len() <= COLUMNS + 1 && pieces.iter().all(|piece| piece.len() <= 2));
         assert!(pieces.iter().all(|piece| piece.iter().any(|p| p.1 == 9.0)), "the highest of each column");

@@ -60,6 +60,11 @@ impl Node {
         (self.ticks.unwrap_or(self.rows), self.ticks.is_some())
     }
 
+    /// Whether a row shows a breach.
+    pub(super) fn is_outside_at_a_row(&self) -> bool {
+        self.rows.breaches > 0
+    }
+
     /// The true ratio at row `k`; NaN where it is not known.
     pub(super) fn ratio(&self, k: usize) -> f64 {
         ratio(self.nu[k], self.psi[k])
