@@ -147,8 +147,9 @@ impl<'a> Collector<'a> {
             if ratio > account.max_ratio || ratio.is_nan() {
                 account.max_ratio = ratio;
             }
-            // Written so that NaN is a breach.
-            account.breaches += u64::from(!(ratio < 1.0));
+            // What is not a number is not inside.
+            let inside = ratio < 1.0;
+            account.breaches += u64::from(!inside);
             let (own, t) = (f64::from(first.psi), self.scenario.time.at_s(k));
             let drawn = node.funnel.width(t);
             let rounding = rounding(&node.funnel);
@@ -162,7 +163,7 @@ impl<'a> Collector<'a> {
             }
             if own > asked * share + rounding {
                 account.widened.get_or_insert((k, own, asked));
-            } else if !(own >= drawn * (1.0 - FUNNEL_SHARE) - rounding) {
+            } else if own.is_nan() || own < drawn * (1.0 - FUNNEL_SHARE) - rounding {
                 account.other_funnel.get_or_insert((k, own, drawn));
             }
         }
