@@ -11,8 +11,8 @@ mod temporary;
 mod trace_hash;
 mod trajectory;
 
+pub(crate) use atomic::follow;
 pub use atomic::{AtomicFile, RecordError, is_standard_output, write_atomic};
-pub(crate) use atomic::{follow, is_device};
 pub use junit::{JunitError, junit, junit_error};
 pub use number::{Precision, shortest};
 pub use rights::remove_earlier;

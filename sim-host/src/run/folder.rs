@@ -98,9 +98,9 @@ fn is_current(lock: &File, folder: &Path) -> bool {
     number(lock.metadata()) == number(fs::symlink_metadata(folder.join(names::LOCK)))
 }
 
-fn taken(path: &Path, mut lock: File) -> RunError {
+fn taken(path: &Path, lock: File) -> RunError {
     let mut holder = String::new();
-    let _ = lock.by_ref().take(20).read_to_string(&mut holder);
+    let _ = lock.take(20).read_to_string(&mut holder);
     let holder = match holder.parse::<u32>() {
         Ok(process) => format!(" (process {process})"),
         Err(_) => String::new(),
