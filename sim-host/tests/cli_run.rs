@@ -60,7 +60,7 @@ fn hash(scenario: &str, more: &[&str]) -> Value {
     summary(&outputs(scenario, more))["trace_hash"].clone()
 }
 
-/// Without the wall time, which is the only thing that may differ between two runs of a command.
+/// Without the wall time and the name of the folder, which are all that may differ between two runs of a command.
 fn without_wall_time(mut files: BTreeMap<String, String>) -> BTreeMap<String, String> {
     let summary = files.get_mut("summary.json").unwrap();
     let varies = |line: &&str| line.contains("\"wall_s\"") || line.contains("\"command\"");

@@ -185,7 +185,7 @@ pub fn is_standard_output(path: &Path) -> bool {
 }
 
 /// Whether `path` is something other than a file or a folder, or a name that the system gives to an open file.
-pub(crate) fn is_device(path: &Path) -> bool {
+pub(super) fn is_device(path: &Path) -> bool {
     let system = path.starts_with("/dev") || path.starts_with("/proc");
     let special = fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir());
     special || (system && fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_symlink()))

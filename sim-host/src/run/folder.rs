@@ -15,7 +15,6 @@ use std::path::{Path, PathBuf};
 pub struct Folder {
     path: PathBuf,
     lock: File,
-    is_new: bool,
 }
 
 impl Folder {
@@ -25,7 +24,6 @@ impl Folder {
     /// It cannot be written, or another run has it.
     pub fn take(path: &Path) -> Result<Self, RunError> {
         let failed = |reason| RunError::from(RecordError { path: path.to_owned(), reason });
-        let is_new = !path.exists();
         fs::create_dir_all(path).map_err(failed)?;
         loop {
             let lock = open(&path.join(names::LOCK)).map_err(failed)?;
@@ -35,7 +33,7 @@ impl Folder {
             // Where the file system has no locks there is nobody to tell apart.
             // A run that has just ended may have removed the file that was opened here.
             if is_current(&lock, path) {
-                let folder = Self { path: path.to_owned(), lock, is_new };
+                let folder = Self { path: path.to_owned(), lock };
                 folder.sign();
                 return Ok(folder);
             }
@@ -77,10 +75,6 @@ impl Drop for Folder {
     fn drop(&mut self) {
         // Before the lock is given up; nobody is left to tell if it stays.
         let _ = fs::remove_file(self.lock_path());
-        if self.is_new {
-            // Fails where there is something in it.
-            let _ = fs::remove_dir(&self.path);
-        }
     }
 }
 
@@ -98,9 +92,9 @@ fn is_current(lock: &File, folder: &Path) -> bool {
     number(lock.metadata()) == number(fs::symlink_metadata(folder.join(names::LOCK)))
 }
 
-fn taken(path: &Path, mut lock: File) -> RunError {
+fn taken(path: &Path, lock: File) -> RunError {
     let mut holder = String::new();
-    let _ = Read::by_ref(&mut lock).take(20).read_to_string(&mut holder);
+    let _ = lock.take(20).read_to_string(&mut holder);
     let holder = match holder.parse::<u32>() {
         Ok(process) => format!(" (process {process})"),
         Err(_) => String::new(),
@@ -134,8 +128,7 @@ mod tests {
         let process = format!("another run (process {}) is writing", std::process::id());
         assert!(message.contains(&process), "{message}");
         drop(first);
-        assert!(!path.exists(), "an empty folder that was made for the run goes with it");
-        fs::create_dir(&path).unwrap();
+        assert_eq!(fs::read_dir(&path).unwrap().count(), 0);
         // What a killed run leaves.
         fs::write(path.join(names::LOCK), "1").unwrap();
         drop(Folder::take(&path).unwrap());

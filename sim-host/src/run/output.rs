@@ -79,13 +79,15 @@ impl FolderFiles {
             self;
         outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
         trajectory.settle()?;
-        let trace = trace(scenario, outcome);
         let mut settled = vec![
             settle(told, &events(&outcome.events, scenario.time.tick_ns))?,
             settle(as_run, &scenario.as_run)?,
-            settle(states, &plot(states_svg(&trace))?)?,
-            settle(funnels, &plot(funnels_svg(&trace))?)?,
         ];
+        if outcome.ended_early.is_none() || outcome.rows.len() >= DRAWN_ROWS {
+            let trace = trace(scenario, outcome);
+            settled.push(settle(states, &plot(states_svg(&trace))?)?);
+            settled.push(settle(funnels, &plot(funnels_svg(&trace))?)?);
+        }
         for (id, log) in &outcome.logs {
             settled.push(settle(AtomicFile::create(path.join(format!("node-{id}.log")))?, log)?);
         }
@@ -95,6 +97,9 @@ impl FolderFiles {
         Ok(settled.into_iter().try_for_each(AtomicFile::commit)?)
     }
 }
+
+/// Rows that there must be for a picture.
+const DRAWN_ROWS: usize = 2;
 
 /// A whole file that has not got its name yet.
 fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
