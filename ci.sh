@@ -172,6 +172,8 @@ cmd_setup() { #: find or install what the other commands need
 # A kernel with CAN, in a process; only Debian and its like package it. `socketcan` says what follows where it is missing.
 has_socketcan() { have linux.uml && have candump && have insmod && have ip && have patchelf; }
 
+has_package() { apt-cache show "$1" >/dev/null 2>&1; }
+
 setup_socketcan() {
     has_socketcan || (apt_install user-mode-linux can-utils kmod iproute2 patchelf) || say "no user-mode Linux, so no test of SocketCAN"
 }
@@ -227,8 +229,10 @@ cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus 
 
 cmd_socketcan() { #: benches on a real CAN bus: vcan in a guest kernel, nodes in processes of their own
     if ! has_socketcan; then
-        [[ ${CI:-} != true ]] || fail "no user-mode Linux, can-utils, kmod, iproute2 or patchelf here: ./ci.sh setup"
-        say "SKIPPED benches on SocketCAN: no user-mode Linux, can-utils, kmod, iproute2 or patchelf here"
+        # In CI a package that is missing is a fault of whoever set it up, unless this system's archive does not have it.
+        [[ ${CI:-} != true ]] || ! has_package user-mode-linux \
+            || fail "no user-mode Linux, can-utils, kmod, iproute2 or patchelf here: ./ci.sh setup"
+        say "SKIPPED benches on SocketCAN: no user-mode Linux, can-utils, kmod, iproute2 or patchelf here; docs/machines.md says which systems have them"
         return
     fi
     local guest why status=0

@@ -221,3 +221,37 @@ fn the_last_tick_has_a_row_at_the_nearest_time() {
     let rows = simulate(&scenario, &options(Fidelity::Loopback, Some(3))).unwrap().rows;
     assert_eq!((rows[1].t, rows.last().unwrap().t), (0.003, 5.0));
 }
+
+#[test]
+fn a_frame_that_comes_late_is_counted() {
+    let summary = judged(&ring(&["bus.latency=4ms"]));
+    let counters = summary.counters.unwrap();
+    assert!(counters.late > 40_000 && summary.passed, "{counters:?}");
+    assert_eq!(judged(&ring(&[])).counters.unwrap().late, 0);
+}
+
+#[test]
+fn frames_that_are_older_than_a_node_takes_are_heard_by_nobody() {
+    let summary = judged(&ring(&["bus.latency=20ms"]));
+    assert!(failed(&summary).contains(&"heard".to_owned()), "{summary:?}");
+    let text = &check(&summary, "heard").text;
+    assert!(
+        text.starts_with("no neighbour has ever heard node 1") && text.ends_with("1 more of the kind"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_funnel_that_begins_very_narrow_and_opens_has_its_width_at_every_tick() {
+    let opening = "coupling.funnel={kind='exponential',start=1e-6,end=100.0,rate=1.0}";
+    let at_rest =
+        ["agent.dynamics.slope=0", "node.1.dynamics.offset=0", "node.2.state=1e-7", "time.duration=20ms"];
+    for policy in ["ride", "{kind='reopen',margin=2.0,rate=1.0}"] {
+        let on_breach = format!("coupling.on_breach={policy}");
+        let scenario = ring(&[&[opening, &on_breach, "expect.funnel_ratio=1.0"][..], &at_rest].concat());
+        let summary = judged(&scenario);
+        assert_eq!(failed(&summary), Vec::<String>::new(), "{policy}: {summary:?}");
+        // nu = 1e-7 or twice that, in 1e-6.
+        assert!((summary.funnel.unwrap().max_ratio - 0.2).abs() < 1e-6 && summary.max_input.is_finite());
+    }
+}
