@@ -107,8 +107,13 @@ fn beside_loopback(bench: &BenchSummary) -> String {
     let unreadable: u64 = bench.nodes.iter().map(|node| node.unreadable).sum();
     let unreadable =
         if unreadable == 0 { String::new() } else { format!("; {unreadable} unreadable frames from nodes") };
+    let unreadable = match bench.unrecorded {
+        0 => unreadable,
+        count => format!("; {count} node-ticks not recorded{unreadable}"),
+    };
     match differences.as_slice() {
-        [] => format!("bit for bit as loopback{unreadable}"),
+        [] if bench.bit_for_bit => format!("bit for bit as loopback{unreadable}"),
+        [] => format!("not bit for bit as loopback{unreadable}"),
         some => format!("differs from loopback: {}{unreadable}", some.join("; ")),
     }
 }

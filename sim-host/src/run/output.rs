@@ -79,10 +79,7 @@ impl FolderFiles {
             self;
         outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
         trajectory.settle()?;
-        let mut settled = vec![
-            settle(told, &events(&outcome.events, scenario.time.tick_ns))?,
-            settle(as_run, &scenario.as_run)?,
-        ];
+        let mut settled = vec![settle(told, &told_of(scenario, outcome))?, settle(as_run, &scenario.as_run)?];
         if outcome.ended_early.is_none() || outcome.rows.len() >= DRAWN_ROWS {
             let trace = trace(scenario, outcome);
             settled.push(settle(states, &plot(states_svg(&trace))?)?);
@@ -130,6 +127,26 @@ fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
     svg.map_err(|error| RunError { message: error.to_string(), exit: Exit::Defect })
 }
 
+/// What nodes reported and when they were away, in the order of time.
+fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
+    let tick_ns = scenario.time.tick_ns;
+    let line = |event: &NodeEvent| (event.at.saturating_sub(tick_ns), events([event], tick_ns));
+    let mut lines: Vec<_> = outcome.events.iter().map(line).collect();
+    for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
+        let mut tell = |tick: u32, what: String| {
+            let at = u64::from(tick).saturating_mul(tick_ns);
+            lines.push((at, format!("{} s, node {} {what}\n", seconds(at), absence.node)));
+        };
+        tell(absence.from_tick, format!("is away from tick {} on: {}", absence.from_tick, absence.why));
+        if let Some(to) = absence.to_tick {
+            tell(to, format!("is back at tick {to}"));
+        }
+    }
+    // Stable: what happened at the same time stays in the order in which it was told.
+    lines.sort_by_key(|&(at, _)| at);
+    lines.into_iter().map(|(_, line)| line).collect()
+}
+
 /// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one
 /// tick after the start, when the announced states have arrived.
 pub(super) fn events<'a>(events: impl IntoIterator<Item = &'a NodeEvent>, tick_ns: u64) -> String {
@@ -152,6 +169,7 @@ fn seconds(ns: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::{AbsenceSummary, BenchSummary};
     use funnel_core::Event;
 
     #[test]
@@ -161,6 +179,29 @@ mod tests {
         let expected =
             "0.000000 s, node 3 started\n0.040000 s, node 3 is inside its funnel again at tick 40\n";
         assert_eq!(events(&list, 1_000_000), expected);
+    }
+
+    #[test]
+    fn absences_stand_among_the_events_in_the_order_of_time() {
+        let text = "version = 1\ntime = { tick = '1ms', duration = '1s' }\ngraph = { kind = 'path', nodes = 3 }\nagent = { dynamics = { kind = 'affine' } }\n\
+                    coupling = { kind = 'none', funnel = { kind = 'constant', width = 1.0 } }";
+        let scenario = Scenario::parse(text, Path::new("a.toml"), &[]).unwrap();
+        let absence =
+            |from_tick, to_tick| AbsenceSummary { node: 3, from_tick, to_tick, why: "it is silent".into() };
+        let bench = BenchSummary {
+            absences: vec![absence(10, Some(40)), absence(60, None)],
+            ..BenchSummary::default()
+        };
+        let event = |at, event| NodeEvent { at, node: 0, event };
+        let outcome = Outcome {
+            events: vec![event(0, Event::Started), event(31_000_000, Event::SyncGap { missed: 2 })],
+            bench: Some(bench),
+            ..Outcome::default()
+        };
+        let expected = "0.000000 s, node 1 started\n0.010000 s, node 3 is away from tick 10 on: it is silent\n\
+                        0.030000 s, node 1 skips 2 ticks that SYNC has skipped\n0.040000 s, node 3 is back at tick 40\n\
+                        0.060000 s, node 3 is away from tick 60 on: it is silent\n";
+        assert_eq!(told_of(&scenario, &outcome), expected);
     }
 
     #[test]
