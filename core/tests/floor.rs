@@ -117,14 +117,11 @@ fn draw(random: &mut Random) -> Draw {
     let n = 2 + (random.next() * 11.0) as usize;
     let (share, weight) = (random.next(), random.decades(-1.0, 2.0));
     let (common, apart) = (random.decades(-1.0, 4.0), random.decades(-1.0, 5.0));
-    let mut weights = vec![vec![0.0; n]; n];
-    for a in 0..n {
-        for b in a + 1..n {
-            if b == a + 1 || random.next() < share {
-                weights[a][b] = weight * random.decades(0.0, 1.0);
-            }
-        }
-    }
+    let mut between = |a: usize, b: usize| {
+        let joined = b == a + 1 || (b > a && random.next() < share);
+        if joined { weight * random.decades(0.0, 1.0) } else { 0.0 }
+    };
+    let weights = (0..n).map(|a| (0..n).map(|b| between(a, b)).collect()).collect();
     let offsets: Vec<f32> = (0..n).map(|_| common + apart * (random.next() - 0.5)).collect();
     let tick_ns = [100_000, 1_000_000, 10_000_000][(random.next() * 3.0) as usize];
     // Nodes settle between the middle of their funnels and 80 % of them.
