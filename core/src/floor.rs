@@ -9,7 +9,7 @@
 //! funnels that differ weigh the nodes in the emergent dynamics (paper, eq. (alg)). So all nodes share the first term, which covers
 //! rounding at every node of up to `SHARED / STEEP` in degree. The factor of a funnel is no part of it: rounding knows nothing of it.
 
-use crate::math::{Real, larger};
+use crate::math::Real;
 
 /// Ulp of `x` that every node floors its funnel at.
 ///
@@ -29,8 +29,8 @@ pub const ROUNDING: f64 = 8.0;
 pub struct Floor<F> {
     /// `SHARED epsilon`.
     shared: F,
-    /// `epsilon d`.
-    unit: F,
+    /// `STEEP epsilon d`.
+    steep: F,
     /// Tick period, s.
     tick: F,
 }
@@ -49,7 +49,7 @@ impl<F: Real> Floor<F> {
     fn rounded_by(epsilon: f64, degree: f64, tick_s: f64) -> Self {
         Self {
             shared: F::from_f64(SHARED * epsilon),
-            unit: F::from_f64(epsilon * degree),
+            steep: F::from_f64(STEEP * epsilon * degree),
             tick: F::from_f64(tick_s),
         }
     }
@@ -57,21 +57,23 @@ impl<F: Real> Floor<F> {
     /// The same for something else, `degree` times as steep: an edge, where this is the floor of degree 1.
     #[inline]
     pub fn times(self, degree: F) -> Self {
-        Self { unit: self.unit * degree, ..self }
+        Self { steep: self.steep * degree, ..self }
     }
 
     /// The unit of [`ROUNDING`], `d (ulp(x) + T ulp(u))`, state units, for what [`Floor::width`] takes.
     #[inline]
     pub fn unit(&self, largest_state: F, largest_input: F) -> F {
-        self.unit * (largest_state + self.tick * largest_input)
+        self.steep * F::from_f64(1.0 / STEEP) * (largest_state + self.tick * largest_input)
     }
 
     /// The floor, state units, for the largest `|x|` that is seen (state units) and the largest `|u|` of the last tick (state units / s).
     /// Not a number where one of them is none.
     #[inline]
     pub fn width(&self, largest_state: F, largest_input: F) -> F {
-        let shared = self.shared * largest_state;
-        let steep = F::from_f32(STEEP as f32) * self.unit(largest_state, largest_input);
-        larger(larger(shared, F::TINY), steep)
+        // More than nothing, so that ratios are defined.
+        let shared = self.shared * largest_state + F::TINY;
+        let steep = self.steep * (largest_state + self.tick * largest_input);
+        // Written so that NaN stays: this runs at every tick.
+        if steep <= shared { shared } else { steep }
     }
 }

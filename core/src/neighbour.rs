@@ -78,16 +78,21 @@ impl<F: Real> Edge<F> {
         self.hearing == Hearing::Known
     }
 
-    /// At tick `k`, where there is no value: whether the edge is given up now. Time counts from the first tick, since a node may join
-    /// a network that runs, and get a neighbour while it does.
+    /// At tick `k`, where there is no value, or one that is too old: whether the edge is given up now. Time counts from the first tick, since
+    /// a node may join a network that runs, and get a neighbour while it does.
     #[cold]
     fn gives_up(&mut self, k: u32, extrapolate_ticks: i32) -> bool {
         if self.hearing == Hearing::New {
             (self.hearing, self.tick) = (Hearing::Waiting, k.wrapping_sub(1));
         }
-        let gives_up = self.hearing == Hearing::Waiting && self.age(k) > extrapolate_ticks;
+        let given_up = match self.hearing {
+            Hearing::Known => Hearing::Lost,
+            Hearing::Waiting => Hearing::Missed,
+            Hearing::New | Hearing::Lost | Hearing::Missed => return false,
+        };
+        let gives_up = self.age(k) > extrapolate_ticks;
         if gives_up {
-            self.hearing = Hearing::Missed;
+            (self.hearing, self.last) = (given_up, None);
         }
         gives_up
     }
@@ -162,21 +167,13 @@ pub struct Sums<F> {
     pub lost_count: u32,
 }
 
-impl<F> Sums<F> {
-    #[cold]
-    fn lose(&mut self, id: u8) {
-        self.lost = NodeId::new(id);
-        self.lost_count += 1;
-    }
-}
-
 /// What a received state was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Heard {
-    /// The first value of this neighbour, or the first after its edge was dropped.
-    pub first: bool,
-    /// The tick that it is for has run already.
-    pub late: bool,
+pub enum Heard {
+    /// A newer value of a known neighbour.
+    Newer,
+    /// The first value, or the first after its edge was dropped.
+    First,
 }
 
 /// Table of neighbours with a fixed capacity.
@@ -302,7 +299,8 @@ impl<F: Real> Neighbours<F> {
         self.edges.get(usize::from(slot)).map(|edge| edge.weight)
     }
 
-    /// Takes a component `x` of a neighbour's state (state units) stamped `tick`; `own` is the tick that the node computes next.
+    /// Takes a component `x` of a neighbour's state (state units) stamped `tick`; `own` is the tick that the node computes next. Gives, too, by how
+    /// many ticks it came late: those that it is for have run.
     ///
     /// # Errors
     /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale` or `Duplicate`; then nothing has
@@ -315,7 +313,7 @@ impl<F: Real> Neighbours<F> {
         tick: TickStamp,
         own: u32,
         x: F,
-    ) -> Result<Heard, Refusal> {
+    ) -> Result<(Heard, i32), Refusal> {
         let slot = self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE);
         if component.get() >= self.components {
             return Err(Refusal::Value);
@@ -324,14 +322,13 @@ impl<F: Real> Neighbours<F> {
         let edge = self.edges.get_mut(index).ok_or(Refusal::UnknownSource)?;
         let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
         let age = own.wrapping_sub(tick) as i32;
-        let late = age > 0;
         if !edge.is_known() {
             // Older than what is extrapolated, it would be dropped again at the next tick.
             if age > self.extrapolate_ticks as i32 {
                 return Err(Refusal::Stale);
             }
             (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
-            return Ok(Heard { first: true, late });
+            return Ok((Heard::First, age));
         }
         let gap = tick.wrapping_sub(edge.tick) as i32;
         match gap {
@@ -341,7 +338,7 @@ impl<F: Real> Neighbours<F> {
             _ => return Err(Refusal::Stale),
         }
         (edge.value, edge.tick) = (x, tick);
-        Ok(Heard { first: false, late })
+        Ok((Heard::Newer, age))
     }
 
     /// Sums of one component at tick `k`, for the node's own state.
@@ -354,16 +351,12 @@ impl<F: Real> Neighbours<F> {
             if edge.component != component {
                 continue;
             }
-            if !edge.is_known() {
-                if edge.gives_up(k, extrapolate_ticks) {
-                    sums.lose(edge.id);
-                }
-                continue;
-            }
             let age = edge.age(k);
-            if age > extrapolate_ticks {
-                (edge.hearing, edge.last) = (Hearing::Lost, None);
-                sums.lose(edge.id);
+            if !edge.is_known() || age > extrapolate_ticks {
+                if edge.gives_up(k, extrapolate_ticks) {
+                    sums.lost = NodeId::new(edge.id);
+                    sums.lost_count += 1;
+                }
                 continue;
             }
             let value = edge.value_at(k);

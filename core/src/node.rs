@@ -15,7 +15,7 @@ use crate::law::max_gain::{self, Term};
 use crate::law::node_wise::Memory;
 use crate::law::{Coupling, EdgeWise};
 use crate::math::{Real, larger};
-use crate::neighbour::{EdgeFunnel, Neighbours, Own, Presence, Sums};
+use crate::neighbour::{EdgeFunnel, Heard, Neighbours, Own, Presence};
 use crate::observe::{Event, Observation, Phase};
 use crate::params::{OnBreach, Params};
 use crate::plant::{Plant, Purpose, Step};
@@ -357,12 +357,12 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if x.abs() > self.params.state_limit {
             return Err(Refusal::OutOfRange);
         }
-        let heard = self.neighbours.hear(source, component, tick, self.tick, x)?;
+        let (heard, late) = self.neighbours.hear(source, component, tick, self.tick, x)?;
         // Once per neighbour, whatever its number of components.
-        if heard.first && component == Component::FIRST {
+        if heard == Heard::First && component == Component::FIRST {
             self.report_event(Event::NeighbourFound(source));
         }
-        if heard.late {
+        if late > 0 {
             count(&mut self.counters.late);
         }
         Ok(())
@@ -497,12 +497,13 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     fn run_tick(&mut self) {
         let k = self.tick;
-        let largest = self.listen(k);
-        let mut psi = self.widths(k, largest);
+        let (largest, input, mut nu) = self.listen(k);
+        let mut psi = self.widths(k, self.params.floor.width(largest, input));
         if let Coupling::EdgeWise(law) = self.params.coupling {
             self.edge_inputs(k, &law);
+            nu = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.nu.abs()));
         }
-        let ratio = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.nu.abs())) / psi.now;
+        let ratio = nu / psi.now;
         let breach = self.judge(k, ratio);
         // What is seen is the funnel that was left, and what the law uses the one that a breach has made of it.
         let left = psi.now;
@@ -516,12 +517,19 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             psi = self.reopen(k, ratio, psi);
         }
         self.compute_inputs(psi);
-        if let Some(component) = self.parts.iter().position(|part| !part.u.is_finite()) {
-            return self.stop_at(k, left, FaultCode::INPUT, component as u16);
+        if !self.parts.iter().all(|part| part.u.is_finite()) {
+            return self.refuse_input(k, left);
         }
         self.saturate();
         self.observe(k, left);
         self.advance(k);
+    }
+
+    /// Stops at tick `k` since an input is not a finite number.
+    #[cold]
+    fn refuse_input(&mut self, k: u32, psi: F) {
+        let component = self.parts.iter().position(|part| !part.u.is_finite()).unwrap_or(0);
+        self.stop_at(k, psi, FaultCode::INPUT, component as u16);
     }
 
     /// How many neighbours are lost, where that stops the node.
@@ -543,22 +551,27 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         self.fail(code, arg);
     }
 
-    /// Diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself.
-    fn listen(&mut self, k: u32) -> F {
-        let mut largest = F::ZERO;
+    /// Diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself, the largest
+    /// `|u|` of the last tick, and the largest `|nu|`.
+    fn listen(&mut self, k: u32) -> (F, F, F) {
+        let (mut largest, mut input, mut nu) = (F::ZERO, F::ZERO, F::ZERO);
         for component in 0..self.parts.len() {
             let Some(part) = self.parts.get_mut(component) else { continue };
             let sums = self.neighbours.sums(k, component as u8, part.own());
             (part.nu, part.dnu) = (sums.nu, sums.dnu);
-            largest = larger(largest, sums.largest);
-            self.note_neighbours(component, &sums);
+            (largest, input) = (larger(largest, sums.largest), larger(input, part.u.abs()));
+            nu = larger(nu, sums.nu.abs());
+            // Rarely anything is to be noted.
+            if sums.extrapolated | sums.lost_count != 0 {
+                self.note_neighbours(component, sums.extrapolated, sums.lost_count, sums.lost);
+            }
         }
-        largest
+        (largest, input, nu)
     }
 
     /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4), and what a breach has added to it.
-    fn widths(&mut self, k: u32, largest: F) -> Widths<F> {
-        let psi = self.floored_widths(k, largest);
+    fn widths(&mut self, k: u32, floor: F) -> Widths<F> {
+        let psi = self.floored_widths(k, floor);
         let OnBreach::Reopen { decay, partial_decay, .. } = self.params.on_breach else { return psi };
         let added = self.reopened;
         self.reopened = added * decay;
@@ -641,10 +654,8 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     }
 
     /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4).
-    fn floored_widths(&mut self, k: u32, largest: F) -> Widths<F> {
+    fn floored_widths(&mut self, k: u32, floor: F) -> Widths<F> {
         let psi = self.params.funnel.widths(k);
-        let input = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.u.abs()));
-        let floor = self.params.floor.width(largest, input);
         if psi.clears(floor) {
             return psi;
         }
@@ -658,12 +669,14 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
 
     /// Counts a breach and says when it begins and ends; what follows from it is up to the policy (LAW.md 5).
     fn judge(&mut self, k: u32, ratio: F) -> bool {
-        self.max_ratio = larger(self.max_ratio, ratio);
-        // What is not a number is not inside.
+        // What is not a number is not inside, and stays the largest.
         let inside = ratio < F::ONE;
         let breach = !inside;
         if breach {
             count(&mut self.counters.breaches);
+            self.max_ratio = larger(self.max_ratio, ratio);
+        } else if ratio > self.max_ratio {
+            self.max_ratio = ratio;
         }
         if breach != self.in_breach {
             self.in_breach = breach;
@@ -675,11 +688,18 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         breach
     }
 
-    fn note_neighbours(&mut self, component: usize, sums: &Sums<F>) {
-        self.counters.extrapolated = self.counters.extrapolated.saturating_add(sums.extrapolated);
-        self.counters.neighbours_lost = self.counters.neighbours_lost.saturating_add(sums.lost_count);
+    #[cold]
+    fn note_neighbours(
+        &mut self,
+        component: usize,
+        extrapolated: u32,
+        lost_count: u32,
+        lost: Option<NodeId>,
+    ) {
+        self.counters.extrapolated = self.counters.extrapolated.saturating_add(extrapolated);
+        self.counters.neighbours_lost = self.counters.neighbours_lost.saturating_add(lost_count);
         // Once per neighbour, whatever its number of components.
-        if let Some(id) = sums.lost.filter(|_| component == 0) {
+        if let Some(id) = lost.filter(|_| component == 0) {
             self.report_event(Event::NeighbourLost(id));
         }
     }

@@ -768,3 +768,21 @@ fn a_coupling_that_comes_new_goes_on_from_the_last_input_or_from_none() {
         }
     }
 }
+
+#[test]
+fn a_neighbour_that_a_commit_brings_is_waited_for_from_the_commit_on() {
+    let edge = |id| EdgeConfig { id, weight: 1.0, edges: 1 };
+    let next = NodeConfig { neighbours: [edge(3), edge(4)].into_iter().collect(), ..config(2, 1) };
+    let mut board = running(&next);
+    let mut lost = Vec::new();
+    board.tell(commit(100));
+    for tick in 5..120 {
+        board.tell(state(1, tick, 1.0));
+        board.tell(state(3, tick, 3.0));
+        let four = Output::Report(Event::NeighbourLost(NodeId::new(4).unwrap()));
+        if board.tell(sync(tick)).contains(&four) {
+            lost.push(tick);
+        }
+    }
+    assert_eq!(lost, [100 + u32::from(next.extrapolate_ticks)]);
+}

@@ -292,3 +292,32 @@ fn midpoint(params: &Params<f32>, k: u32, parts: &mut [Part]) {
         compensated_add(&mut part.x, &mut part.carry, tick * rate);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::configure::{Drive, central_configs};
+    use crate::scenario::Scenario;
+    use funnel_protocol::config::TickSource;
+
+    #[test]
+    fn an_input_that_is_not_finite_stops_all_with_their_states() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios/side-by-side-weakly-centralised.toml");
+        let scenario = Scenario::load(path.as_ref(), &[]).unwrap();
+        let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
+        let configs = central_configs(&scenario, drive).unwrap();
+        let params = configs.iter().map(|config| Params::new(config).unwrap()).collect();
+        let mut central = Central::new(params, &scenario.graph, Noise::of(&scenario));
+        let before: Vec<_> = central.advance().iter().map(|seen| seen.x).collect();
+        assert!(central.events().is_empty());
+        if let Some(member) = central.members.get_mut(1) {
+            member.b = f32::NAN;
+        }
+        let after = central.advance().to_vec();
+        let faults = central.events().iter().filter(|event| event.event == Event::Fault(FaultCode::INPUT));
+        assert!(faults.count() >= 1);
+        assert!(after.iter().all(|seen| seen.u == 0.0 && seen.x.is_finite()), "{after:?}");
+        assert_eq!(central.advance(), &after[..], "everything stays");
+        assert_eq!(before.len(), after.len());
+    }
+}

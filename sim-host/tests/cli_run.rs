@@ -341,47 +341,6 @@ fn a_reader_that_goes_away_does_not_change_the_verdict() {
 }
 
 #[test]
-fn a_run_that_is_stopped_writes_what_it_has_and_says_so() {
-    for (signal, code) in [("INT", 130), ("TERM", 130), ("HUP", 129)] {
-        let folder = tempfile::tempdir().unwrap();
-        let out = folder.path().join("out");
-        let junit = path(&folder, "a.xml");
-        let out_text = out.to_str().unwrap();
-        let long = ["--set", "time.duration=10h", "--set", "expect={}", "--every", "1s", "--junit", &junit];
-        let mut child = sim_host(&[&["run", FIVE, "--out", out_text][..], &long].concat())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        // The JUnit file is there before the first tick, and signals are looked after before that.
-        let begin = std::time::Instant::now();
-        while !Path::new(&junit).is_file() {
-            assert!(begin.elapsed().as_secs() < 30, "no output was opened");
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-        assert!(
-            fs::read_to_string(&junit).unwrap().contains("has not come to its end"),
-            "green before its end"
-        );
-        std::thread::sleep(std::time::Duration::from_millis(500));
-        let kill = format!("kill -{signal} {}", child.id());
-        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-        let mut err = String::new();
-        child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(code), "{err}");
-        assert!(err.starts_with("interrupted after ") && err.contains("was written, and says so"), "{err}");
-        let files = files(&out);
-        let summary = summary(&files);
-        let early = summary["ended_early"].as_str().unwrap();
-        assert!(early.starts_with("after ") && early.ends_with("of 36000001 ticks: interrupted"), "{early}");
-        assert_eq!(summary["passed"], false);
-        assert!(files["trajectory.csv"].lines().count() > 2 && files.contains_key("states.svg"));
-        let junit = fs::read_to_string(junit).unwrap();
-        assert!(junit.contains("name=\"complete\"") && junit.contains("<failure"), "{junit}");
-    }
-}
-
-#[test]
 fn weakly_centralised_coupling_runs_on_no_node() {
     let central =
         ["run", FIVE, "--set", SHORT, "--set", "coupling.kind=weakly-centralised", "--set", "expect={}"];

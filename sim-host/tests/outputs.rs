@@ -40,7 +40,9 @@ impl Place {
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+        // Whoever runs the tests by nohup has them ignore SIGHUP, and so their children.
+        let mut command = Command::new("env");
+        command.args(["--default-signal=HUP,INT,TERM", env!("CARGO_BIN_EXE_sim-host")]);
         command.current_dir(self.0.path()).args(arguments).stdin(Stdio::null());
         command
     }
