@@ -99,6 +99,16 @@ fn the_funnel_is_the_scenarios_down_to_the_accepted_floor() {
 }
 
 #[test]
+fn a_funnel_that_opens_from_next_to_nothing_has_a_width_at_the_start() {
+    let opening = "coupling.funnel={kind='exponential',start=1e-9,end=1e9,rate=1.0}";
+    let scenario = scenario(PATH, &[opening]);
+    let mut judge = Judge::new(&scenario);
+    judge.tick(&Moment { k: 0, x: &[0.0, 0.0, 0.0], u: &[0.0; 3], presence: &RAN }, None);
+    assert_eq!((judge.psi(), judge.terms()), (&[1e-9; 3][..], &[0.0; 3][..]));
+    assert_eq!(judge.finish().breaches, 0);
+}
+
+#[test]
 fn windows_see_their_ticks_only_both_ends_included() {
     let window = "expect={window=[{from='2ms',to='4ms',funnel_ratio=1.0,spread=1.0,emergent_error=1.0,max_input=9.0}]}";
     let scenario = scenario(PATH, &[window]);

@@ -1,6 +1,7 @@
 //! What the reference solves: the closed loop in SI units and `f64`, free of any file format.
 
 use super::error::ReferenceError;
+use crate::scenario::between;
 use funnel_core::gain::{Gain as _, LocallyLinear};
 use funnel_core::math;
 
@@ -151,9 +152,7 @@ impl Funnel {
     /// `psi(t)` in state units, `t` in seconds.
     pub fn width(&self, t: f64) -> f64 {
         match *self {
-            Funnel::Exponential { start, end, rate, factor } => {
-                factor * ((start - end) * math::exp(-rate * t) + end)
-            }
+            Funnel::Exponential { start, end, rate, factor } => factor * between(start, end, rate * t),
             Funnel::Constant { width, factor } => factor * width,
         }
     }

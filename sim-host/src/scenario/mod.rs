@@ -32,6 +32,7 @@ pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
+pub(crate) use model::between;
 pub use model::{
     BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FloorSpec, FunnelSpec, GainSpec,
     NodeSpec, NormalisedSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,

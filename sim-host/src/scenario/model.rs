@@ -259,7 +259,7 @@ impl NormalisedSpec {
     pub fn width(&self, t: f64) -> f64 {
         match *self {
             Self::Constant { width } => width,
-            Self::Exponential { start, end, rate } => (start - end) * math::exp(-rate * t) + end,
+            Self::Exponential { start, end, rate } => between(start, end, rate * t),
         }
     }
 
@@ -327,6 +327,16 @@ pub enum FunnelSpec {
     },
 }
 
+/// `(start - end) exp(-decay) + end`. Where it widens as a sum of two terms that are zero or more: the difference would cancel, to zero for a
+/// start below an ulp of the end.
+pub(crate) fn between(start: f64, end: f64, decay: f64) -> f64 {
+    if end > start {
+        start * math::exp(-decay) - end * math::exp_m1(-decay)
+    } else {
+        (start - end) * math::exp(-decay) + end
+    }
+}
+
 /// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then has a width still.
 fn joined(eps: f64, then: NormalisedSpec, at: f64) -> f64 {
     (eps * then.width(at)).max(f64::TINY)
@@ -337,9 +347,7 @@ impl FunnelSpec {
     #[must_use]
     pub fn width(&self, t: f64) -> f64 {
         match *self {
-            Self::Exponential { start, end, rate, factor } => {
-                factor * ((start - end) * math::exp(-rate * t) + end)
-            }
+            Self::Exponential { start, end, rate, factor } => factor * between(start, end, rate * t),
             Self::Constant { width, factor } => factor * width,
             Self::ReciprocalTime { scale, factor } => factor * scale / t,
             Self::FiniteTime { start, at_ns, power, factor } => {
