@@ -1,13 +1,13 @@
 //! A network of [`Session`]s in memory: what the firmware does with its link, without a board. The host's part (bus,
 //! SYNC, telemetry) is that of `sim_host::emulator`, bytes and all.
 
-use funnel_core::{Output, Session};
-use funnel_protocol::config::{NodeConfig, TickSource};
-use funnel_protocol::message::{Command, Message, Target, TickStamp};
-use funnel_protocol::report::Telemetry;
-use funnel_protocol::serial::{self, Deframer, HOST, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Body, Identity, Reply, Request, StoreError};
-use funnel_protocol::{Refusal, WIRE_VERSION};
+use funnelnet_node::{Output, Session};
+use funnelnet_protocol::config::{NodeConfig, TickSource};
+use funnelnet_protocol::message::{Command, Message, Target, TickStamp};
+use funnelnet_protocol::report::Telemetry;
+use funnelnet_protocol::serial::{self, Deframer, HOST, MAX_FRAME, MAX_RAW};
+use funnelnet_protocol::service::{Body, Identity, Reply, Request, StoreError};
+use funnelnet_protocol::{Refusal, WIRE_VERSION};
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::configure::{Drive, listeners, node_configs};
 use sim_host::noise::Noise;

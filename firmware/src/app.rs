@@ -2,13 +2,13 @@
 
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
-use funnel_core::feeding::FEED_EVERY_NS;
-use funnel_core::{Model, Output, Session};
-use funnel_link::Change;
-use funnel_plant::Plant;
-use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::message::FaultCode;
-use funnel_protocol::service::{Identity, ResetCause};
+use funnelnet_node::feeding::FEED_EVERY_NS;
+use funnelnet_node::{Model, Output, Session};
+use funnelnet_link::Change;
+use funnelnet_plant::Plant;
+use funnelnet_protocol::WIRE_VERSION;
+use funnelnet_protocol::message::FaultCode;
+use funnelnet_protocol::service::{Identity, ResetCause};
 use static_cell::StaticCell;
 
 use crate::link::{Input, Link};

@@ -4,8 +4,9 @@
 //! A heated block with a sensor of 10 mV/K on a converter of 12 bits, and a heater of 10 W on a duty cycle. The state is the temperature in
 //! degrees C, the input is in K/s.
 
-use funnel_core::{Fixed, Model, VectorField};
-use funnel_plant::{Actuator, ActuatorScale, BadScale, Sampled, Sensor, SensorScale, Sink, Source};
+use funnelnet_law::VectorField;
+use funnelnet_node::{Fixed, Model};
+use funnelnet_plant::{Actuator, ActuatorScale, BadScale, Sampled, Sensor, SensorScale, Sink, Source};
 
 /// What the heater does at full drive: 10 W into 20 J/K, K/s.
 pub const FULL: f32 = 0.5;

@@ -3,7 +3,7 @@
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::wdt::{self, WatchdogHandle};
 use embassy_nrf::{Peri, pac, peripherals::WDT};
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 
 use crate::watchdog::{PERIOD, Watchdog};
 

@@ -9,7 +9,7 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use critical_section::Mutex;
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 
 use crate::reset;
 

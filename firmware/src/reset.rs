@@ -5,7 +5,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 
 /// Words of the record: check, starts, cause, place.
 const WORDS: usize = 4;

@@ -3,7 +3,7 @@
 use embassy_rp::flash::{Blocking, Flash};
 use embassy_rp::peripherals::{FLASH, WATCHDOG};
 use embassy_rp::{Peri, pac, watchdog};
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 
 use crate::watchdog::{PERIOD, Watchdog};
 

@@ -3,9 +3,9 @@
 #[cfg(feature = "flash")]
 pub mod flash;
 
-use funnel_core::Task;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::service::StoreError;
+use funnelnet_node::Task;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::service::StoreError;
 
 /// Keeps one configuration and one key; beside them, until the next start, a configuration that is staged.
 #[allow(async_fn_in_trait)] // as for Link

@@ -1,7 +1,7 @@
-//! The watchdog of a board. When it is fed is decided by `funnel_core::Feeding`.
+//! The watchdog of a board. When it is fed is decided by `funnelnet_node::Feeding`.
 
 use embassy_time::Duration;
-use funnel_core::feeding::{Feeding, Progress};
+use funnelnet_node::feeding::{Feeding, Progress};
 
 /// A node whose loop does not come round for so long is reset.
 pub const PERIOD: Duration = Duration::from_secs(2);

@@ -1,7 +1,7 @@
 //! What goes to all nodes of a network by the lines between them: commands, and faults.
 
 use crate::newest::FORGET_MS;
-use funnel_protocol::message::Message;
+use funnelnet_protocol::message::Message;
 use heapless::Vec;
 
 /// A bit for each line.

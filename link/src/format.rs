@@ -3,10 +3,10 @@
 //! In the classic format a message is a frame. In that of CAN FD the components of a state travel together: they are collected while the
 //! node says them, one right after the other, and the frame is complete when it says something else or nothing more.
 
-use funnel_protocol::can::{self, CanFrame};
-use funnel_protocol::can_fd::{self, Content, FdFrame, States};
-use funnel_protocol::message::{Component, Message};
-use funnel_protocol::refusal::Refusal;
+use funnelnet_protocol::can::{self, CanFrame};
+use funnelnet_protocol::can_fd::{self, Content, FdFrame, States};
+use funnelnet_protocol::message::{Component, Message};
+use funnelnet_protocol::refusal::Refusal;
 
 /// A frame with an 11-bit identifier.
 pub trait Frame {
@@ -138,7 +138,7 @@ impl Format for Fd {
 mod tests {
     extern crate std;
     use super::*;
-    use funnel_protocol::message::{NodeId, TickStamp};
+    use funnelnet_protocol::message::{NodeId, TickStamp};
     use std::vec::Vec;
 
     fn state(component: u8, tick: TickStamp) -> Message {

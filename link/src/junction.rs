@@ -7,7 +7,7 @@
 use crate::flood::{Flood, Lines, Put};
 use crate::latest::Latest;
 use crate::newest::Newest;
-use funnel_protocol::message::{Command, Message, TickStamp};
+use funnelnet_protocol::message::{Command, Message, TickStamp};
 
 /// The line to the host, by index.
 pub const HOST_LINE: usize = 0;

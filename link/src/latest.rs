@@ -1,6 +1,6 @@
 //! What one line gets of the values that change with every tick. What it is too slow for is replaced by what is newer.
 
-use funnel_protocol::message::Message;
+use funnelnet_protocol::message::Message;
 use heapless::Vec;
 
 /// A SYNC, eight components of the node's state, and edges, of which the node announces one per tick.

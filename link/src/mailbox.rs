@@ -64,8 +64,8 @@ impl<F: Frame> Mailbox<F> {
 mod tests {
     extern crate std;
     use super::*;
-    use funnel_protocol::can::{CanFrame, decode, encode};
-    use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
+    use funnelnet_protocol::can::{CanFrame, decode, encode};
+    use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
     use std::vec::Vec;
 
     fn state(component: u8, tick: u32) -> CanFrame {
@@ -110,8 +110,8 @@ mod tests {
         }
         let fault = Message::Fault {
             source: NodeId::new(5).unwrap(),
-            code: funnel_protocol::FaultCode::BUS_OFF,
-            severity: funnel_protocol::Severity::Stopped,
+            code: funnelnet_protocol::FaultCode::BUS_OFF,
+            severity: funnelnet_protocol::Severity::Stopped,
             arg: 1,
             tick: TickStamp::low(9, 8),
         };

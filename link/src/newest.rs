@@ -1,6 +1,6 @@
 //! Which SYNC is new. Where lines make a ring each one comes from both sides, and an old one may come late.
 
-use funnel_protocol::message::TickStamp;
+use funnelnet_protocol::message::TickStamp;
 
 /// How long a node remembers what it has passed on, ms: longer than anything needs to go round. 127 nodes at 115,200 bit/s take 0.2 s.
 pub const FORGET_MS: u64 = 2_000;

@@ -1,8 +1,10 @@
 //! Networks of nodes on lines to each other: what is said once gets everywhere, goes over each line at most once in each direction, and dies.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnel_link::{FORGET_MS, HOST_LINE, Junction};
-use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
+use funnelnet_link::{FORGET_MS, HOST_LINE, Junction};
+use funnelnet_protocol::message::{
+    Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
+};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 

@@ -2,7 +2,7 @@
 
 use crate::failure::{BadScale, Failure, check};
 use embedded_hal::pwm::SetDutyCycle;
-use funnel_core::InputRange;
+use funnelnet_node::InputRange;
 
 /// Something that is driven by a number from 0 to a largest one: any `SetDutyCycle`, or a DAC that is adapted by these two lines.
 pub trait Sink {

@@ -1,6 +1,6 @@
 //! What a node measures and drives: its plant.
 //!
-//! The core says when (`funnel_core::Output`), a [`Plant`] does it. [`Virtual`] is the node that integrates its field and owns no pin;
+//! The core says when (`funnelnet_node::Output`), a [`Plant`] does it. [`Virtual`] is the node that integrates its field and owns no pin;
 //! [`Sampled`] reads a converter and drives a duty cycle or a DAC, in SI units. Whoever needs more implements [`Plant`].
 #![no_std]
 #![forbid(unsafe_code)]
@@ -15,8 +15,8 @@ pub use failure::{BadScale, Failure};
 pub use sampled::{Sampled, WithPlant};
 pub use sensor::{Sensor, SensorScale, Source};
 
-use funnel_core::field::State;
-use funnel_core::{Configured, Model};
+use funnelnet_law::field::State;
+use funnelnet_node::{Configured, Model};
 
 /// The plant of a node, as its app sees it. Nothing here waits: a sensor that takes longer than a small part of a tick is read by a task of
 /// its own, and [`Plant::measure`] gives its latest value.

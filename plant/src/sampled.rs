@@ -4,10 +4,10 @@ use crate::actuator::{Actuator, Sink};
 use crate::failure::Failure;
 use crate::sensor::{Sensor, Source};
 use crate::{Model, Plant};
-use funnel_core::PlantSetup;
-use funnel_core::field::State;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::ConfigError;
+use funnelnet_law::field::State;
+use funnelnet_node::PlantSetup;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::ConfigError;
 
 /// A plant with `N` (1 to 8) components, each with a sensor and an actuator of its own.
 #[derive(Debug)]
@@ -19,7 +19,7 @@ pub struct Sampled<S, A, M, const N: usize = 1> {
 }
 
 impl<S: Source, A: Sink, M: Model + Clone, const N: usize> Sampled<S, A, M, N> {
-    /// A plant whose next state `model` predicts: the configuration's field (`funnel_core::Configured`), or one of the user's own. Up to
+    /// A plant whose next state `model` predicts: the configuration's field (`funnelnet_node::Configured`), or one of the user's own. Up to
     /// `coast_ticks` samples in a row may fail before the node stops.
     pub fn new(sensors: [Sensor<S>; N], actuators: [Actuator<A>; N], model: M, coast_ticks: u32) -> Self {
         const { assert!(N >= 1 && N <= 8, "a state has 1 to 8 components") };

@@ -3,8 +3,8 @@
 
 use embedded_hal_mock::eh1::MockError;
 use embedded_hal_mock::eh1::pwm::{Mock, Transaction};
-use funnel_core::{Configured, Model};
-use funnel_plant::{
+use funnelnet_node::{Configured, Model};
+use funnelnet_plant::{
     Actuator, ActuatorScale, BadScale, Failure, Plant, Sampled, Sensor, SensorScale, Sink, Source, Virtual,
 };
 use std::io::ErrorKind;

@@ -1,10 +1,12 @@
 //! Golden vectors: the bytes of every released wire version, in both directions.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnel_protocol::can_fd::{self, Content, States};
-use funnel_protocol::message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
-use funnel_protocol::serial::{Deframer, Frame};
-use funnel_protocol::{can, serial};
+use funnelnet_protocol::can_fd::{self, Content, States};
+use funnelnet_protocol::message::{
+    Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
+};
+use funnelnet_protocol::serial::{Deframer, Frame};
+use funnelnet_protocol::{can, serial};
 
 const VECTORS: &str = include_str!("vectors/v1.txt");
 

@@ -1,18 +1,18 @@
 //! Decoders are total, encoders and decoders agree, and the stated maximum sizes are the real ones.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnel_protocol::config::{
+use funnelnet_protocol::config::{
     BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
     GainConfig, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, NormalisedShape,
     SineConfig, TickSource,
 };
-use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
-use funnel_protocol::report::{Counters, Report};
-use funnel_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
-use funnel_protocol::service::{
+use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
+use funnelnet_protocol::report::{Counters, Report};
+use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
+use funnelnet_protocol::service::{
     Body, Identity, Key, MAX_REPLY_BODY, Reply, Request, ResetCause, StageError, StoreError,
 };
-use funnel_protocol::{Refusal, can};
+use funnelnet_protocol::{Refusal, can};
 use proptest::prelude::*;
 
 /// `largest_config`, written down on 2026-11-25.

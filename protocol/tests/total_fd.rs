@@ -1,9 +1,9 @@
 //! CAN FD: decoders are total, a state has one form only, and what is not quite one is refused.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnel_protocol::can_fd::{Content, States, decode, encode, encode_states};
-use funnel_protocol::message::{Component, Message, NodeId, TickStamp};
-use funnel_protocol::{Refusal, can};
+use funnelnet_protocol::can_fd::{Content, States, decode, encode, encode_states};
+use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
+use funnelnet_protocol::{Refusal, can};
 use proptest::prelude::*;
 
 /// Lengths that a frame of CAN FD can have (ISO 11898-1).

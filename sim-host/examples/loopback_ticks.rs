@@ -3,8 +3,8 @@
 //! Usage: `loopback_ticks [TICKS]`; prints node-ticks per second and the final state of node 1.
 #![allow(clippy::expect_used)]
 
-use funnel_core::{Node, Params};
-use funnel_protocol::config::{
+use funnelnet_node::{Node, Params};
+use funnelnet_protocol::config::{
     BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
     SineConfig, TickSource, scalar,
 };

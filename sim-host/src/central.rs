@@ -12,13 +12,14 @@ use crate::engine::NodeEvent;
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Graph;
-use funnel_core::field::{State, VectorField, compensated_add};
-use funnel_core::funnel::Widths;
-use funnel_core::law::node_wise::{C, THETA};
-use funnel_core::math::larger;
-use funnel_core::{Event, Gain, Observation, Params};
-use funnel_protocol::message::FaultCode;
-use funnel_protocol::report::{Counters, Report, count};
+use funnelnet_law::Gain;
+use funnelnet_law::field::{State, VectorField, compensated_add};
+use funnelnet_law::funnel::Widths;
+use funnelnet_law::law::node_wise::{C, THETA};
+use funnelnet_law::math::larger;
+use funnelnet_node::{Event, Observation, Params};
+use funnelnet_protocol::message::FaultCode;
+use funnelnet_protocol::report::{Counters, Report, count};
 
 /// All nodes, and the largest gain among them.
 pub struct Central {
@@ -298,7 +299,7 @@ mod tests {
     use super::*;
     use crate::configure::{Drive, central_configs};
     use crate::scenario::Scenario;
-    use funnel_protocol::config::TickSource;
+    use funnelnet_protocol::config::TickSource;
 
     #[test]
     fn an_input_that_is_not_finite_stops_all_with_their_states() {

@@ -4,8 +4,8 @@ use crate::scenario::{
     Affine, BreachSpec, CouplingKind, Edge, FunnelSpec, GainSpec, LARGEST_RUN, NodeSpec, NormalisedSpec,
     Scenario,
 };
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::{
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::{
     BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig,
     MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, NormalisedShape, SineConfig, TickSource,
 };

@@ -29,8 +29,8 @@ pub use predictor::{Contraction, Prediction, Predictor};
 
 use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario};
 use agents::Agents;
-use funnel_core::emergent::contraction;
-use funnel_core::gain::{BuiltinGain, Gain, Linear, LocallyLinear, Logarithmic, Reciprocal, median};
+use funnelnet_law::emergent::contraction;
+use funnelnet_law::gain::{BuiltinGain, Gain, Linear, LocallyLinear, Logarithmic, Reciprocal, median};
 use grid::{Grid, Walk};
 
 /// An instant just after the start, where a funnel that is infinite at t = 0 has a width, in s.

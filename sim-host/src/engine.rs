@@ -5,9 +5,9 @@
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
-use funnel_core::{Action, Event, Node, Observation};
-use funnel_protocol::can::{self, CanFrame};
-use funnel_protocol::message::{Command, Message, Target};
+use funnelnet_node::{Action, Event, Node, Observation};
+use funnelnet_protocol::can::{self, CanFrame};
+use funnelnet_protocol::message::{Command, Message, Target};
 
 /// An event of a node, with the node's index and the engine's time (ns).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! Numbers as people write them.
 
-use funnel_core::math;
+use funnelnet_law::math;
 
 /// `value` with so many significant digits and no trailing zeros; powers of ten below 1e-3 and from 1e6 on.
 #[must_use]

@@ -3,10 +3,10 @@
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
-use funnel_core::Task;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::service::StoreError;
-use funnel_store::Store;
+use funnelnet_node::Task;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::service::StoreError;
+use funnelnet_store::Store;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read};
 use std::os::unix::fs::FileExt;

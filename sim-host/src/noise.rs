@@ -2,7 +2,7 @@
 
 use crate::random::{self, Purpose};
 use crate::scenario::Scenario;
-use funnel_protocol::message::Message;
+use funnelnet_protocol::message::Message;
 use rand_pcg::Pcg64;
 
 /// Gaussian noise on the states that nodes send: one stream per node, one draw per frame, in the order of the frames.
@@ -52,8 +52,8 @@ impl Noise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use funnel_protocol::TickStamp;
-    use funnel_protocol::message::{Component, NodeId};
+    use funnelnet_protocol::TickStamp;
+    use funnelnet_protocol::message::{Component, NodeId};
 
     #[test]
     fn only_states_of_noisy_nodes_are_disturbed() {

@@ -2,7 +2,7 @@
 //!
 //! The generator is named (PCG XSL RR 128/64), since `rand`'s default ones change between versions.
 
-use funnel_core::math;
+use funnelnet_law::math;
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng;
 

@@ -7,11 +7,11 @@ use boards::{
     AT_ONCE, Act, Bench, Board, SCENARIO, children, end, entry, loopback_hash, orphaned, repository, second,
     three, wait,
 };
-use funnel_core::Phase;
-use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::message::{FaultCode, Message};
-use funnel_protocol::serial;
-use funnel_protocol::service::{Identity, ResetCause};
+use funnelnet_node::Phase;
+use funnelnet_protocol::WIRE_VERSION;
+use funnelnet_protocol::message::{FaultCode, Message};
+use funnelnet_protocol::serial;
+use funnelnet_protocol::service::{Identity, ResetCause};
 use sim_host::emulator::decode_log;
 use std::fs;
 use std::process::{Child, Command, Stdio};
@@ -81,9 +81,9 @@ fn faults_of_the_bus_and_noise_are_made_by_the_hub() {
 fn a_node_that_computes_otherwise_is_named_with_its_first_tick() {
     // A frame that passes every check and that the node did not mean: its state, a little off, right before the real one.
     let off = |n: u32| {
-        let tick = funnel_protocol::TickStamp::full(n);
-        let source = funnel_protocol::NodeId::new(2).unwrap();
-        let component = funnel_protocol::message::Component::FIRST;
+        let tick = funnelnet_protocol::TickStamp::full(n);
+        let source = funnelnet_protocol::NodeId::new(2).unwrap();
+        let component = funnelnet_protocol::message::Component::FIRST;
         match n {
             50 => Act::Noise(serial::encode(&Message::State { source, component, tick, x: 1.0 }).to_vec()),
             _ => Act::Send,

@@ -6,10 +6,10 @@
 mod boards;
 
 use boards::{AT_ONCE, Act, Bench, Board, Ended, SCENARIO, Says, end, entry, second, wait};
-use funnel_protocol::message::{Component, FaultCode, Message, NodeId, Severity, TickStamp};
-use funnel_protocol::report::{Report, Telemetry};
-use funnel_protocol::serial;
-use funnel_protocol::service::Reply;
+use funnelnet_protocol::message::{Component, FaultCode, Message, NodeId, Severity, TickStamp};
+use funnelnet_protocol::report::{Report, Telemetry};
+use funnelnet_protocol::serial;
+use funnelnet_protocol::service::Reply;
 use std::fs;
 use std::process::Command;
 

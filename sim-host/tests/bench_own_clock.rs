@@ -8,8 +8,8 @@ mod boards;
 use boards::{
     AT_ONCE, Act, Bench, Board, children, end, loopback_hash, orphaned, repository, second, three, wait,
 };
-use funnel_core::Phase;
-use funnel_protocol::message::FaultCode;
+use funnelnet_node::Phase;
+use funnelnet_protocol::message::FaultCode;
 use serde_json::Value;
 use std::fs;
 use std::process::Command;

@@ -5,7 +5,7 @@ mod boards;
 mod keepers;
 
 use boards::{Bench, Board, Ended, SCENARIO, end, entry, wait};
-use funnel_protocol::config::NodeConfig;
+use funnelnet_protocol::config::NodeConfig;
 use keepers::{Flaw, Keeper, attached, config, words};
 use sim_host::hub::{Attached, Commissioned, Commissioning, Failed, HubError, Patience};
 use sim_host::interrupt::Interrupt;

@@ -1,7 +1,7 @@
 //! What goes wrong with emulated nodes: exit code, message, and nothing left behind. `./ci.sh parity` runs these.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnel_protocol::config::TickSource;
+use funnelnet_protocol::config::TickSource;
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::configure::{Drive, node_configs};
 use sim_host::emulator::{self, EmulatorOptions, decode_log};

@@ -3,10 +3,10 @@
 //! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is an integer, or
 //! a `bool`, that means "as before" at 0 and is one zero byte then. So an older configuration is read as if its missing bytes were zeros.
 
-use funnel_protocol::{NodeConfig, Refusal};
+use funnelnet_protocol::{NodeConfig, Refusal};
 
 /// What is written now; the number and what it stands for are in the commit record. 1 was the first. A field more at the end
-/// of `NodeConfig` changes the bytes, and needs a new number, an arm in [`missing`] and golden bytes in tests/layout.rs.
+/// of `NodeConfig` changes the bytes, and needs a new number, an arm in `missing` and golden bytes in tests/layout.rs.
 pub const LAYOUT: u8 = 3;
 
 /// Whether a key can be beside the configuration.

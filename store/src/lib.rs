@@ -30,9 +30,9 @@ mod task;
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::serial::MAX_BODY;
-use funnel_protocol::service::Key;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::serial::MAX_BODY;
+use funnelnet_protocol::service::Key;
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 

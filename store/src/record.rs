@@ -1,7 +1,7 @@
 //! The record that makes a configuration current. Its nine bytes are the same in every layout.
 
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
-use funnel_protocol::service::Key;
+use funnelnet_protocol::service::Key;
 
 use crate::layout;
 

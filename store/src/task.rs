@@ -4,7 +4,7 @@
 //! kilobytes of state machine in the image (docs/notes/2026-11-25-real-nodes-2.md).
 
 use embedded_storage_async::nor_flash::NorFlash;
-use funnel_core::Task;
+use funnelnet_node::Task;
 
 use crate::{Change, Error, Store};
 

@@ -10,10 +10,10 @@ use core::ops::Range;
 use configs::small;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use flash::{Fault, Flash, load, now};
-use funnel_core::Task;
-use funnel_protocol::service::Key;
-use funnel_store::layout::LAYOUT;
-use funnel_store::{Error, Store};
+use funnelnet_node::Task;
+use funnelnet_protocol::service::Key;
+use funnelnet_store::layout::LAYOUT;
+use funnelnet_store::{Error, Store};
 
 const BROKEN: Fault = Fault::Kind(NorFlashErrorKind::Other);
 
@@ -185,9 +185,9 @@ fn traces(id: u8) -> [u8; 4] {
     (100.0 + f32::from(id)).to_le_bytes()
 }
 
-fn told_apart(id: u8) -> funnel_protocol::NodeConfig {
+fn told_apart(id: u8) -> funnelnet_protocol::NodeConfig {
     let x = 100.0 + f32::from(id);
-    funnel_protocol::NodeConfig { initial_state: funnel_protocol::config::scalar(x), ..small(id) }
+    funnelnet_protocol::NodeConfig { initial_state: funnelnet_protocol::config::scalar(x), ..small(id) }
 }
 
 fn holds(flash: &Flaky, bytes: &[u8]) -> bool {

@@ -6,12 +6,12 @@ mod flash;
 
 use configs::{longest, small};
 use flash::{Flash, load, now};
-use funnel_core::Task;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::service::Key;
-use funnel_store::layout::LAYOUT;
-use funnel_store::record::{Commit, checksum};
-use funnel_store::{Change, Error, MAX_CONFIG, Store};
+use funnelnet_node::Task;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::service::Key;
+use funnelnet_store::layout::LAYOUT;
+use funnelnet_store::record::{Commit, checksum};
+use funnelnet_store::{Change, Error, MAX_CONFIG, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -65,7 +65,7 @@ fn written_with_key(config: &[u8], key: Option<&[u8]>, commit: &[u8]) -> Chip {
     map.destroy().0
 }
 
-fn load_from(flash: Chip) -> Result<Option<funnel_protocol::NodeConfig>, Error<flash::Fault>> {
+fn load_from(flash: Chip) -> Result<Option<funnelnet_protocol::NodeConfig>, Error<flash::Fault>> {
     now(load(&mut now(Store::open(flash, REGION)).unwrap()))
 }
 

@@ -8,10 +8,10 @@ mod flash;
 use configs::{longest, small};
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use flash::{Chip, Fault, Flash, load, now};
-use funnel_protocol::NodeConfig;
-use funnel_protocol::service::Key;
-use funnel_store::split::{Split, SplitError};
-use funnel_store::{Change, Error, Store};
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::service::Key;
+use funnelnet_store::split::{Split, SplitError};
+use funnelnet_store::{Change, Error, Store};
 use proptest::prelude::*;
 
 /// What a store keeps.

@@ -146,7 +146,7 @@ fn the_code_of_the_worked_example_is_what_is_built() {
 fn what_the_evidence_names_is_there() {
     let text = read(&repository(BOOK).join("evidence.md"));
     let mut code = String::new();
-    for folder in ["core/tests", "sim-host/tests", "sim-host/src", "tests/tests"] {
+    for folder in ["law/tests", "node/tests", "sim-host/tests", "sim-host/src", "tests/tests"] {
         files(&repository(folder), "rs").iter().for_each(|path| code += &read(path));
     }
     let names = text.split('`').skip(1).step_by(2).filter(|name| name.matches('_').count() >= 2);

@@ -100,7 +100,7 @@ fn weakly_centralised(scenario: &Scenario, step: f64) -> Vec<f64> {
             let s = nu[i].abs() / psi[i];
             match scenario.nodes[i].gain {
                 GainSpec::Reciprocal { scale } => scale / (1.0 - s),
-                GainSpec::Logarithmic { scale } if s > 0.0 => -scale * funnel_core::math::ln(1.0 - s) / s,
+                GainSpec::Logarithmic { scale } if s > 0.0 => -scale * funnelnet_law::math::ln(1.0 - s) / s,
                 GainSpec::Logarithmic { scale } => scale,
                 _ => f64::NAN,
             }

@@ -4,11 +4,11 @@
 //! and this fails. `./ci.sh parity` runs it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnel_protocol::Refusal;
-use funnel_protocol::config::TickSource;
-use funnel_protocol::report::Report;
-use funnel_protocol::serial::{self, Deframer, Frame};
-use funnel_protocol::service::{Body, Reply, Request};
+use funnelnet_protocol::Refusal;
+use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::report::Report;
+use funnelnet_protocol::serial::{self, Deframer, Frame};
+use funnelnet_protocol::service::{Body, Reply, Request};
 use sim_host::configure::{Drive, node_configs};
 use sim_host::run::Fidelity;
 use sim_host::scenario::Scenario;

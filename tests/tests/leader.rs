@@ -1,8 +1,8 @@
 //! The elected leader (paper, Section "Electing a leader by designing psi"): its deviation from its free motion falls with the factor
 //! K by which its funnel is wider, and stays below `mu(4 / K)`, for a field that contracts by nearly 1/s.
 
-use funnel_core::emergent::runge_kutta;
-use funnel_core::gain::{Gain, Reciprocal};
+use funnelnet_law::emergent::runge_kutta;
+use funnelnet_law::gain::{Gain, Reciprocal};
 use sim_host::run::Fidelity;
 use system_tests::{run, scenario};
 

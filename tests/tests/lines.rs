@@ -2,12 +2,12 @@
 //! `./ci.sh parity` runs it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::TickSource;
-use funnel_protocol::message::{Command, FaultCode, Message, Target, TickStamp};
-use funnel_protocol::report::{Report, Telemetry};
-use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME};
-use funnel_protocol::service::{Reply, Request};
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::message::{Command, FaultCode, Message, Target, TickStamp};
+use funnelnet_protocol::report::{Report, Telemetry};
+use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME};
+use funnelnet_protocol::service::{Reply, Request};
 use sim_host::configure::{Drive, node_configs};
 use sim_host::hub::{Link, Received, SLICE};
 use sim_host::interrupt::Interrupt;

@@ -1,7 +1,7 @@
 //! `safety.lost_neighbours`: a network in which one node falls silent for good.
 
-use funnel_core::Event;
-use funnel_protocol::message::FaultCode;
+use funnelnet_node::Event;
+use funnelnet_protocol::message::FaultCode;
 use sim_host::run::Fidelity;
 use system_tests::{run, scenario};
 

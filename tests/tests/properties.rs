@@ -2,8 +2,8 @@
 //! behind the loopback engine, every state through a CAN frame.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnel_core::emergent::runge_kutta;
-use funnel_core::math::exp10;
+use funnelnet_law::emergent::runge_kutta;
+use funnelnet_law::math::exp10;
 use proptest::prelude::*;
 use sim_host::check::check;
 use sim_host::record::Row;

@@ -13,7 +13,7 @@ fn assert_parity(scenario: &Scenario) {
     let mut net = MemoryNet::start(scenario);
     for (k, row) in loopback.rows.iter().enumerate() {
         let seen = net.advance();
-        let column = |value: fn(&funnel_protocol::report::Telemetry) -> f32| {
+        let column = |value: fn(&funnelnet_protocol::report::Telemetry) -> f32| {
             seen.iter().map(|telemetry| f64::from(value(telemetry))).collect::<Vec<_>>()
         };
         assert_eq!(row.nu, column(|seen| seen.nu), "nu at tick {k}");

@@ -19,8 +19,8 @@ use firmware::link::serial::Serial;
 use firmware::rp::{self, Timer};
 use firmware::storage::Absent;
 use firmware::{panic, reset};
-use funnel_core::Fixed;
-use funnel_plant::{Sampled, Source};
+use funnelnet_node::Fixed;
+use funnelnet_plant::{Sampled, Source};
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {

@@ -23,10 +23,10 @@ use firmware::mps2::{
 };
 use firmware::panic;
 use firmware::storage::Absent;
-use funnel_core::Model;
-use funnel_plant::{Sampled, Source};
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::ConfigError;
+use funnelnet_node::Model;
+use funnelnet_plant::{Sampled, Source};
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::ConfigError;
 use static_cell::StaticCell;
 
 /// What hardware would run at; the emulator doesn't wait for bits.

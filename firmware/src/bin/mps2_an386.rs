@@ -16,8 +16,8 @@ use firmware::mps2::{
 use firmware::reset::{self, Start};
 use firmware::storage::Absent;
 use firmware::{panic, watchdog};
-use funnel_plant::Virtual;
-use funnel_protocol::service::ResetCause;
+use funnelnet_plant::Virtual;
+use funnelnet_protocol::service::ResetCause;
 use static_cell::StaticCell;
 
 /// What hardware would run at; the emulator doesn't wait for bits.

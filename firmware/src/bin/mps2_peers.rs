@@ -14,9 +14,9 @@ use firmware::mps2::uart::{Receiver, Transmitter, UART_0, UART_1, UART_2, UART_3
 use firmware::reset::{self, Start};
 use firmware::storage::Absent;
 use firmware::{panic, watchdog};
-use funnel_link::Junction;
-use funnel_plant::Virtual;
-use funnel_protocol::service::ResetCause;
+use funnelnet_link::Junction;
+use funnelnet_plant::Virtual;
+use funnelnet_protocol::service::ResetCause;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// What hardware would run at; the emulator doesn't wait for bits.

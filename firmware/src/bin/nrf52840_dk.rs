@@ -15,7 +15,7 @@ use firmware::link::serial::Serial;
 use firmware::nrf::{self, Wdt};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
-use funnel_plant::Virtual;
+use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {

@@ -27,8 +27,8 @@ use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::sectors::Sectors;
 use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
-use funnel_plant::Virtual;
-use funnel_store::split::Split;
+use funnelnet_plant::Virtual;
+use funnelnet_store::split::Split;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {

@@ -21,7 +21,7 @@ use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
-use funnel_plant::Virtual;
+use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {

@@ -19,8 +19,8 @@ use firmware::stm32::clocks::clocks;
 use firmware::stm32::line;
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::storage::flash::{Blocking, InFlash, region};
-use funnel_link::Junction;
-use funnel_plant::Virtual;
+use funnelnet_link::Junction;
+use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {

@@ -16,8 +16,8 @@ use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::rp::{self, PicoFlash, Timer};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
-use funnel_link::Junction;
-use funnel_plant::Virtual;
+use funnelnet_link::Junction;
+use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {

@@ -16,7 +16,7 @@ use firmware::mps2::{
 };
 use firmware::storage::flash::{Blocking, InFlash};
 use firmware::{app::Chip, panic, reset, selftest};
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 use static_cell::StaticCell;
 
 /// What hardware would run at; the emulator doesn't wait for bits.

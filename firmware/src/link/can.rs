@@ -3,12 +3,12 @@
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
-use funnel_link::{Bus, BusState, Change, Format, Mailbox, Put, Step};
-use funnel_protocol::can_fd::MAX_DATA;
-use funnel_protocol::message::Message;
-use funnel_protocol::refusal::Refusal;
-use funnel_protocol::serial::Frame;
-use funnel_protocol::service::Reply;
+use funnelnet_link::{Bus, BusState, Change, Format, Mailbox, Put, Step};
+use funnelnet_protocol::can_fd::MAX_DATA;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::serial::Frame;
+use funnelnet_protocol::service::Reply;
 
 use super::serial::Serial;
 use super::{Health, Input, Link};

@@ -6,11 +6,11 @@ pub mod peers;
 mod receiving;
 pub mod serial;
 
-use funnel_link::{BusState, Change};
-use funnel_protocol::message::Message;
-use funnel_protocol::refusal::Refusal;
-use funnel_protocol::serial::Frame;
-use funnel_protocol::service::Reply;
+use funnelnet_link::{BusState, Change};
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::serial::Frame;
+use funnelnet_protocol::service::Reply;
 
 /// Something that came from a link.
 pub enum Input<'a> {

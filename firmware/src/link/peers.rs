@@ -7,11 +7,11 @@ use embassy_futures::poll_once;
 use embassy_futures::select::{select, select_array};
 use embassy_time::Instant;
 use embedded_io_async::{Read, Write};
-use funnel_link::{HOST_LINE, Junction};
-use funnel_protocol::message::Message;
-use funnel_protocol::refusal::Refusal;
-use funnel_protocol::serial::{self, Frame, MAX_FRAME, MAX_REAL_TIME_FRAME};
-use funnel_protocol::service::Reply;
+use funnelnet_link::{HOST_LINE, Junction};
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::serial::{self, Frame, MAX_FRAME, MAX_REAL_TIME_FRAME};
+use funnelnet_protocol::service::Reply;
 use static_cell::StaticCell;
 
 use super::receiving::Receiving;

@@ -4,8 +4,8 @@ use core::ops::Range;
 
 use embassy_time::Timer;
 use embedded_io_async::Read;
-use funnel_protocol::refusal::Refusal;
-use funnel_protocol::serial::{Deframer, Frame};
+use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::serial::{Deframer, Frame};
 
 /// Pause after a failed read: one that fails at once, again and again, must leave time for the ticks.
 const PAUSE_MS: u64 = 1;

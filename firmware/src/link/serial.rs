@@ -1,9 +1,9 @@
 //! Both planes on a serial line.
 
 use embedded_io_async::{Read, Write};
-use funnel_protocol::message::Message;
-use funnel_protocol::serial::{self, MAX_FRAME};
-use funnel_protocol::service::{MAX_REPLY_BODY, Reply};
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::serial::{self, MAX_FRAME};
+use funnelnet_protocol::service::{MAX_REPLY_BODY, Reply};
 
 use super::receiving::Receiving;
 use super::{Health, Input, Link};

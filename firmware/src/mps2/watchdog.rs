@@ -1,7 +1,7 @@
 //! The CMSDK APB watchdog: its first timeout is an NMI, which leaves the cause for the next start; its second one resets.
 
 use cortex_m_rt::exception;
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 
 use super::CLOCK_HZ;
 use super::register::{self, Register};

@@ -3,8 +3,8 @@
 use core::future::pending;
 use core::marker::PhantomData;
 
-use funnel_link::{BusState, Format, Frame};
-use funnel_protocol::can::function;
+use funnelnet_link::{BusState, Format, Frame};
+use funnelnet_protocol::can::function;
 
 use crate::link::can::{Controller, Exchange, Received};
 

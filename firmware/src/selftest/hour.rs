@@ -9,10 +9,10 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
-use funnel_plant::Virtual;
-use funnel_protocol::message::{Command, Message, Target};
-use funnel_protocol::serial::{self, Deframer, Frame};
-use funnel_protocol::service::Request;
+use funnelnet_plant::Virtual;
+use funnelnet_protocol::message::{Command, Message, Target};
+use funnelnet_protocol::serial::{self, Deframer, Frame};
+use funnelnet_protocol::service::Request;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::app::{self, Chip, SessionOf};

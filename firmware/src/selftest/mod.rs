@@ -11,8 +11,8 @@ use core::hint::black_box;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
-use funnel_link::{Classic, Fd, Format};
-use funnel_plant::Virtual;
+use funnelnet_link::{Classic, Fd, Format};
+use funnelnet_plant::Virtual;
 use static_cell::StaticCell;
 
 use crate::app::{self, Chip, SessionOf};

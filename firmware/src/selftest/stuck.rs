@@ -1,10 +1,11 @@
 //! A plant whose sensor does not come back.
 
-use funnel_core::field::State;
-use funnel_core::{AffineSines, Configured, InputRange, Model, PlantSetup};
-use funnel_plant::Failure;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::ConfigError;
+use funnelnet_law::field::State;
+use funnelnet_law::AffineSines;
+use funnelnet_node::{Configured, InputRange, Model, PlantSetup};
+use funnelnet_plant::Failure;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::ConfigError;
 
 /// Samples that it gives before.
 const SAMPLES: u32 = 5;
@@ -30,7 +31,7 @@ pub struct Plant {
     samples: u32,
 }
 
-impl funnel_plant::Plant for Plant {
+impl funnelnet_plant::Plant for Plant {
     type Model = Driven;
 
     fn model(&self) -> Driven {

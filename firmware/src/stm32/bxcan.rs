@@ -9,8 +9,8 @@ use embassy_stm32::can::util::NominalBitTiming;
 use embassy_stm32::can::{BufferedCanRx, Can, CanTx, Fifo, RxBuf};
 use embassy_stm32::pac;
 use embedded_can::StandardId;
-use funnel_link::BusState;
-use funnel_protocol::can::CanFrame;
+use funnelnet_link::BusState;
+use funnelnet_protocol::can::CanFrame;
 
 use super::{received, width};
 use crate::link::can::{Controller, Exchange};
@@ -62,7 +62,7 @@ impl BxCan {
 }
 
 impl Controller for BxCan {
-    type Format = funnel_link::Classic;
+    type Format = funnelnet_link::Classic;
 
     async fn exchange(&mut self, next: Option<&CanFrame>) -> Exchange {
         let Some(frame) = next.and_then(frame) else { return read(&mut self.receive).await };

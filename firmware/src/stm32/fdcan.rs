@@ -16,16 +16,16 @@ use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::typelevel::Interrupt as _;
 use embassy_stm32::pac;
 use embedded_can::StandardId;
-use funnel_link::{BusState, Frame};
+use funnelnet_link::{BusState, Frame};
 
 use super::{received, width};
 use crate::link::can::{Controller, Exchange, FrameOf};
 
 /// What it is built for: all nodes of a bus have the same format.
 #[cfg(feature = "can-fd")]
-type Format = funnel_link::Fd;
+type Format = funnelnet_link::Fd;
 #[cfg(not(feature = "can-fd"))]
-type Format = funnel_link::Classic;
+type Format = funnelnet_link::Classic;
 
 /// Frames that wait for the interrupt handler: one, since newer values follow.
 pub const TRANSMIT_BUFFER: usize = 1;

@@ -4,7 +4,7 @@ use embassy_stm32::Peri;
 use embassy_stm32::pac::RCC;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
-use funnel_protocol::service::ResetCause;
+use funnelnet_protocol::service::ResetCause;
 
 use super::uid;
 use crate::app::Chip;

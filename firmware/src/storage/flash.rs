@@ -5,10 +5,10 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use embedded_storage::nor_flash as blocking;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use funnel_core::Task;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::service::StoreError;
-use funnel_store::{Error, Store};
+use funnelnet_node::Task;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::service::StoreError;
+use funnelnet_store::{Error, Store};
 
 use super::Storage;
 

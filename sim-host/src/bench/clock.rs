@@ -4,7 +4,7 @@ use crate::hub::OnLoss;
 use crate::scenario::Problem;
 use crate::scenario::reader::{Choice, Log, ready};
 use crate::scenario::tree::Item;
-use funnel_core::neighbour::WINDOW_AHEAD;
+use funnelnet_node::neighbour::WINDOW_AHEAD;
 
 /// What the key may say.
 pub(super) const CLOCKS: [Choice<Clock>; 2] = [ready("host", Clock::Host), ready("own", Clock::Own)];

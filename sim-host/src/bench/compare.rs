@@ -3,8 +3,8 @@
 use crate::engine::{Engine, NodeEvent};
 use crate::extremes::larger;
 use crate::presence::Presence;
-use funnel_core::{Event, Observation};
-use funnel_protocol::message::FaultCode;
+use funnelnet_node::{Event, Observation};
+use funnelnet_protocol::message::FaultCode;
 
 /// How a node's run differs from loopback.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -4,7 +4,7 @@ use super::file::{BenchFile, DEFAULT_BAUD, Where};
 use super::port;
 use crate::hub::{Link, identify};
 use crate::interrupt::Interrupt;
-use funnel_protocol::service::Identity;
+use funnelnet_protocol::service::Identity;
 use std::fmt;
 use std::time::Duration;
 

@@ -1,9 +1,9 @@
 //! Either format of CAN frames, chosen as the program runs: what is said on a port becomes frames, and frames what is heard.
 
-use funnel_link::{Classic, Fd, Format, Frame};
-use funnel_protocol::can_fd::MAX_DATA;
-use funnel_protocol::message::Message;
-use funnel_protocol::refusal::Refusal;
+use funnelnet_link::{Classic, Fd, Format, Frame};
+use funnelnet_protocol::can_fd::MAX_DATA;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
 
 /// A frame to send, in the format of its port.
 #[derive(Clone, Debug, PartialEq, Eq)]

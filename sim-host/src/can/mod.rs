@@ -8,8 +8,8 @@ mod socket;
 pub use format::{AnyFormat, PortFrame};
 pub use socket::CanPort;
 
-use funnel_protocol::message::Message;
-use funnel_protocol::refusal::Refusal;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
 use std::fmt;
 use std::time::{Duration, SystemTime};
 

@@ -1,7 +1,7 @@
 //! SocketCAN (Linux).
 
 use super::{CanError, Heard, Own, PortFrame, Traffic};
-use funnel_link::Frame as _;
+use funnelnet_link::Frame as _;
 use socketcan::id::FdFlags;
 use socketcan::{
     CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanSocket, EmbeddedFrame, Id,

@@ -6,7 +6,7 @@ use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, extremes, figure, largest, range};
 use crate::scenario::{FunnelSpec, GainSpec};
-use funnel_core::params;
+use funnelnet_node::params;
 
 /// Share of the largest eigenvalue below which `lambda2` is lost in the rounding of the spectrum.
 const LOST: f64 = 1e-9;

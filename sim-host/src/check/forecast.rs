@@ -8,7 +8,7 @@ use super::widths::Widths;
 use crate::emergent;
 use crate::extremes::{larger, largest};
 use crate::scenario::Scenario;
-use funnel_core::gain::BuiltinGain;
+use funnelnet_law::gain::BuiltinGain;
 use motion::Motion;
 pub(super) use seen::{AtFloor, NodeSeen};
 
@@ -66,7 +66,7 @@ pub(super) struct Forecast {
     pub reach: f64,
     /// Largest `|x|` of the initial states, of `xi`, and of the contracting nodes left to themselves (state units).
     pub largest_state: f64,
-    /// The width at which a node floors its funnel, `funnel_core::floor`, by index (state units).
+    /// The width at which a node floors its funnel, `funnelnet_law::floor`, by index (state units).
     pub resolution: Vec<f64>,
     /// By index.
     pub nodes: Vec<NodeSeen>,

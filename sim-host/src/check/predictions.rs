@@ -9,7 +9,8 @@ use super::{Finding, Status, about, extremes, figure, largest, share};
 use crate::emergent::outgrown;
 use crate::extremes::{beyond, larger};
 use crate::scenario::{GainSpec, Scenario};
-use funnel_core::{math, params};
+use funnelnet_law::math;
+use funnelnet_node::params;
 
 /// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
 /// (LAW.md 4).

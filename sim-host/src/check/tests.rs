@@ -5,8 +5,8 @@ use std::path::Path;
 use super::*;
 use crate::emergent::EmergentTrajectory;
 use crate::scenario::{GainSpec, Override};
-use funnel_core::floor::Floor;
-use funnel_core::math;
+use funnelnet_law::floor::Floor;
+use funnelnet_law::math;
 use serde_json::json;
 
 fn scenario(file: &str, sets: &[&str]) -> Scenario {

@@ -2,8 +2,8 @@
 
 use super::{AFTER_START, gain};
 use crate::scenario::{CouplingKind, NodeSpec, Scenario};
-use funnel_core::emergent::{Agent, field};
-use funnel_core::gain::BuiltinGain;
+use funnelnet_law::emergent::{Agent, field};
+use funnelnet_law::gain::BuiltinGain;
 
 /// Agents whose funnels are scaled so that the widest is one. The funnels enter the emergent dynamics by their ratios only, so a
 /// funnel that tends to zero leaves them as they are (paper, remark on time-invariant emergent dynamics).

@@ -9,7 +9,7 @@ use super::agents::Agents;
 use super::{STEPS_PER_CONSTANT, fastest, follows_the_paper, start};
 use crate::extremes::{larger, smaller};
 use crate::scenario::Scenario;
-use funnel_core::emergent::{contraction, partial_by_time, partials_by_field};
+use funnelnet_law::emergent::{contraction, partial_by_time, partials_by_field};
 
 /// Largest estimated error of a step, relative to `1 + |xi|` and `1 + |chi|`.
 const TOLERANCE: f64 = 1e-11;
@@ -56,7 +56,7 @@ impl<'a> ChiTrajectory<'a> {
                 self.state = next;
             }
             // The error of a step is of fifth order.
-            let factor = 0.9 * funnel_core::math::pow(TOLERANCE / error.max(1e-30), 0.2);
+            let factor = 0.9 * funnelnet_law::math::pow(TOLERANCE / error.max(1e-30), 0.2);
             self.step = (step * factor.clamp(0.2, 2.0)).clamp(SHORTEST_STEP, self.longest.max(SHORTEST_STEP));
         }
         let [xi, chi] = self.state;
@@ -101,7 +101,7 @@ mod tests {
     use super::super::EmergentTrajectory;
     use super::super::tests::five_agents;
     use super::*;
-    use funnel_core::Gain;
+    use funnelnet_law::Gain;
 
     /// Largest distance of both `xi` over 20 s, and of `chi` to the field at the end.
     fn distance(sets: &[&str]) -> (f64, f64) {

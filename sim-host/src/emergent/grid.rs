@@ -30,7 +30,7 @@ const ALLOWED: f64 = 1e-3;
 /// Whether errors that have grown by `e^growth` leave nothing of a motion whose states are up to `size` (state units).
 pub(crate) fn outgrown(growth: f64, size: f64) -> bool {
     // Written so that what is not a number is outgrown.
-    let kept = ERROR * funnel_core::math::exp(growth) <= ALLOWED * larger(1.0, size);
+    let kept = ERROR * funnelnet_law::math::exp(growth) <= ALLOWED * larger(1.0, size);
     !kept
 }
 

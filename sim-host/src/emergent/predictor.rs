@@ -106,7 +106,7 @@ impl Growth {
         let (exponent, t) = self.beyond?;
         Some(format!(
             "the emergent dynamics expand: an error has grown by {} up to {} s",
-            figure(funnel_core::math::exp(exponent), 2),
+            figure(funnelnet_law::math::exp(exponent), 2),
             figure(t, 4)
         ))
     }
@@ -151,7 +151,7 @@ mod tests {
         for k in 0..=200 {
             let t = 0.1 * f64::from(k);
             // From the mean 0.5 of the initial states.
-            let exact = 1.0 - 0.5 * funnel_core::math::exp(-2.0 * t);
+            let exact = 1.0 - 0.5 * funnelnet_law::math::exp(-2.0 * t);
             assert!((predictor.advance(t).blended[0] - exact).abs() < 1e-9);
         }
         let prediction = predictor.finish();

@@ -57,7 +57,7 @@ mod tests {
     use super::*;
     use crate::run::{Fidelity, simulate, testing::options};
     use crate::scenario::Override;
-    use funnel_core::math;
+    use funnelnet_law::math;
     use std::path::Path;
 
     /// Five nodes with one field for all, `2 - 3 sin(t)`, in a ring.

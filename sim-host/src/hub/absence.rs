@@ -6,9 +6,9 @@
 
 use super::{Deadline, Hub, HubError, HubNode, Received, START, STOP, identify};
 use crate::presence::Presence;
-use funnel_protocol::config::NodeConfig;
-use funnel_protocol::message::Message;
-use funnel_protocol::serial;
+use funnelnet_protocol::config::NodeConfig;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::serial;
 use std::fmt;
 use std::time::{Duration, Instant};
 

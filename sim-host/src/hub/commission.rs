@@ -5,10 +5,10 @@
 
 use super::{Attached, HubError, Link, Received, STOP, ask_who, check_identity, identify};
 use super::{Device, Patience};
-use funnel_protocol::NodeConfig;
-use funnel_protocol::message::{Command, FaultCode, Message, Target};
-use funnel_protocol::serial;
-use funnel_protocol::service::{Identity, Reply, Request};
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::message::{Command, FaultCode, Message, Target};
+use funnelnet_protocol::serial;
+use funnelnet_protocol::service::{Identity, Reply, Request};
 use std::fmt;
 
 /// Makes what is staged the configuration of a node, at once where it does not run.

@@ -1,8 +1,8 @@
 //! What can go wrong with nodes behind streams of bytes, and what mends it.
 
-use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_protocol::config::ConfigError;
-use funnel_protocol::service::{StageError, StoreError};
+use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
+use funnelnet_protocol::config::ConfigError;
+use funnelnet_protocol::service::{StageError, StoreError};
 use std::path::PathBuf;
 use std::time::Duration;
 use std::{fmt, io};
@@ -269,7 +269,7 @@ impl fmt::Display for HubError {
             Self::WireVersion { node, found } => write!(
                 f,
                 "node {node} speaks wire version {found}, this program {}. Build the image of this version: ./ci.sh firmware",
-                funnel_protocol::WIRE_VERSION
+                funnelnet_protocol::WIRE_VERSION
             ),
             Self::Refused { node, reason } => write!(f, "node {node} refused its configuration: {reason}"),
             Self::NotStaged { node, reason } => {

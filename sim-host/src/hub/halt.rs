@@ -1,9 +1,9 @@
 //! Stops nodes when a run cannot go on.
 
 use super::{Hub, HubError, STOP, report};
-use funnel_protocol::report::Report;
-use funnel_protocol::serial;
-use funnel_protocol::service::Request;
+use funnelnet_protocol::report::Report;
+use funnelnet_protocol::serial;
+use funnelnet_protocol::service::Request;
 use std::fmt;
 use std::time::{Duration, Instant};
 

@@ -1,7 +1,7 @@
 //! Who has heard whom, as far as this program can know: by what it has handed over, and by what nodes say that they have accepted.
 
 use super::Hub;
-use funnel_protocol::report::Report;
+use funnelnet_protocol::report::Report;
 
 /// CTRL frames that a node accepts in a run: start and stop.
 const COMMANDS: u64 = 2;

@@ -2,10 +2,10 @@
 
 use super::HubError;
 use crate::interrupt::Interrupt;
-use funnel_protocol::Refusal;
-use funnel_protocol::message::Message;
-use funnel_protocol::serial::{self, Deframer, Frame, HOST, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Body, Reply, Request};
+use funnelnet_protocol::Refusal;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::serial::{self, Deframer, Frame, HOST, MAX_FRAME, MAX_RAW};
+use funnelnet_protocol::service::{Body, Reply, Request};
 use serialport::TTYPort;
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};

@@ -1,7 +1,7 @@
 //! Whether telemetry is a measurement: finite values in a funnel that is open, of a component that the state has.
 
 use super::OTHER_COMPONENT;
-use funnel_protocol::report::Telemetry;
+use funnelnet_protocol::report::Telemetry;
 
 /// Why telemetry of a state of so many components is refused, and the value that shows it.
 pub(super) fn refusal(telemetry: &Telemetry, components: usize) -> Option<(&'static str, String)> {

@@ -6,8 +6,8 @@
 
 use super::{Deadline, FrameBytes, Hub, HubError, HubNode, Received, SLICE};
 use crate::can::{AnyFormat, CanPort, Heard, Traffic};
-use funnel_protocol::message::{Message, NodeId};
-use funnel_protocol::serial::{self, Frame};
+use funnelnet_protocol::message::{Message, NodeId};
+use funnelnet_protocol::serial::{self, Frame};
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::Arc;

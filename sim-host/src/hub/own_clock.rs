@@ -6,11 +6,11 @@
 use super::readers::{Readers, Reading, What};
 use super::recording::{Leap, Recording};
 use super::{CanSide, Hub, HubError, OTHER_COMPONENT, OTHER_TICK, Received, SLICE, START, STOP, measure};
-use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_protocol::message::{Component, Message, Severity, TickStamp};
-use funnel_protocol::report::Telemetry;
-use funnel_protocol::serial;
-use funnel_protocol::service::Reply;
+use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
+use funnelnet_protocol::message::{Component, Message, Severity, TickStamp};
+use funnelnet_protocol::report::Telemetry;
+use funnelnet_protocol::serial;
+use funnelnet_protocol::service::Reply;
 use std::time::{Duration, Instant, SystemTime};
 
 /// Ticks for which a node may be silent before its tick is no measure of its clock any more.

@@ -6,8 +6,8 @@
 
 use super::{Stamps, observation};
 use crate::presence::Presence;
-use funnel_core::Observation;
-use funnel_protocol::report::Telemetry;
+use funnelnet_node::Observation;
+use funnelnet_protocol::report::Telemetry;
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -4,7 +4,7 @@ use super::Findings;
 use crate::figure::figure;
 use crate::record::{AbsenceSummary, ReferenceSummary};
 use crate::scenario::{FloorSpec, Scenario, Stoppable};
-use funnel_protocol::report::Counters;
+use funnelnet_protocol::report::Counters;
 use serde::Serialize;
 
 /// One of them, and what the run made of it.

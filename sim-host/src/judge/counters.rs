@@ -1,6 +1,6 @@
 //! What nodes have counted, over all of them.
 
-use funnel_protocol::report::Counters;
+use funnelnet_protocol::report::Counters;
 use serde::Serialize;
 
 /// Sums of what the nodes count, and the largest ratio that one of them reports. Whoever reads a verdict reads these beside it: a guarantee

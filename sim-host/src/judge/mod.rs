@@ -16,7 +16,7 @@ pub use windows::WindowFigures;
 use crate::extremes::{larger, largest, smallest};
 use crate::presence::Presence;
 use crate::scenario::{CouplingKind, FloorSpec, Scenario};
-use funnel_core::floor::Floor;
+use funnelnet_law::floor::Floor;
 use truth::Truth;
 use windows::Windows;
 

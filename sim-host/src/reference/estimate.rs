@@ -137,7 +137,7 @@ mod tests {
     use super::super::examples::{five_agents, narrow_path, path, ring};
     use super::super::{Affine, Funnel, Gain};
     use super::*;
-    use funnel_core::math;
+    use funnelnet_law::math;
 
     fn estimated(problem: &ReferenceProblem, end: f64) -> (ReferenceSolution, ErrorEstimate) {
         let times: Vec<f64> = (0..=3000).map(|k| end * f64::from(k) / 3000.0).collect();

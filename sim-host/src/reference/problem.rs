@@ -2,8 +2,8 @@
 
 use super::error::ReferenceError;
 use crate::scenario::between;
-use funnel_core::gain::{Gain as _, LocallyLinear};
-use funnel_core::math;
+use funnelnet_law::gain::{Gain as _, LocallyLinear};
+use funnelnet_law::math;
 
 /// The closed loop `x_i' = f_i(t, x_i) + mu_i(nu_i / psi_i(t))` with
 /// `nu_i = sum_j alpha_ij (x_j - x_i)` (the paper's node-wise funnel coupling), from `t = 0`.

@@ -2,7 +2,7 @@
 
 use super::examples::{complete, five_agents, narrow_path, path, ring, star};
 use super::*;
-use funnel_core::math;
+use funnelnet_law::math;
 
 fn times(end: f64, rows: usize) -> Vec<f64> {
     (0..=rows).map(|k| end * k as f64 / rows as f64).collect()

@@ -1,6 +1,6 @@
 //! Ranges and tick labels.
 
-use funnel_core::math;
+use funnelnet_law::math;
 use std::ops::Range;
 
 /// The range of `values` with a margin of 5 %, never empty.

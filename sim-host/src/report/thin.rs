@@ -1,6 +1,6 @@
 //! Thinning a curve without losing its peaks, nor its gaps.
 
-use funnel_core::math;
+use funnelnet_law::math;
 
 /// At most this many points a curve without gaps.
 pub(super) const POINTS: usize = 2000;

@@ -13,8 +13,8 @@ use crate::hub::{Absence, CanCounts, Hub, Link};
 use crate::noise::Noise;
 use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, PerInterface, WiresSummary};
 use crate::scenario::Scenario;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::service::Identity;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::service::Identity;
 use std::fmt::Display;
 use std::io::Write;
 

@@ -8,7 +8,7 @@ use crate::presence::Presence;
 use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
 use crate::scenario::{FloorSpec, FunnelSpec, Scenario};
-use funnel_core::Observation;
+use funnelnet_node::Observation;
 
 /// A funnel may differ by this share from the scenario's for the rounding of f32.
 const FUNNEL_SHARE: f64 = 1e-3;

@@ -6,7 +6,7 @@ use crate::bench::{BenchFile, Clock, attach};
 use crate::configure::{Drive, node_configs};
 use crate::hub::{Commissioned, Commissioning, Failed, Known};
 use crate::scenario::Scenario;
-use funnel_protocol::config::TickSource;
+use funnelnet_protocol::config::TickSource;
 
 /// Stores the configurations of `scenario` in the nodes of `options.bench`, all or none of them.
 ///

@@ -3,7 +3,7 @@
 use crate::exit::Exit;
 use crate::hub::HubError;
 use crate::record::RecordError;
-use funnel_protocol::service::StageError;
+use funnelnet_protocol::service::StageError;
 use std::fmt;
 
 /// Why a run did not come to an end.

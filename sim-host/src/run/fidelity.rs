@@ -16,10 +16,10 @@ use crate::noise::Noise;
 use crate::progress::Progress;
 use crate::record::BusSummary;
 use crate::scenario::{CouplingKind, Scenario};
-use funnel_core::{Node, Params};
-use funnel_protocol::config::TickSource;
-use funnel_protocol::report::Report;
-use funnel_protocol::{NodeConfig, Refusal};
+use funnelnet_node::{Node, Params};
+use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::report::Report;
+use funnelnet_protocol::{NodeConfig, Refusal};
 use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.

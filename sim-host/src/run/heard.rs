@@ -2,9 +2,9 @@
 
 use crate::engine::Engine;
 use crate::scenario::Scenario;
-use funnel_core::neighbour::Presence;
-use funnel_core::{Node, Phase};
-use funnel_protocol::NodeId;
+use funnelnet_node::neighbour::Presence;
+use funnelnet_node::{Node, Phase};
+use funnelnet_protocol::NodeId;
 
 /// Ids of nodes that no neighbour has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes
 /// that have stopped say nothing, as they should, and have a check of their own.

@@ -33,7 +33,7 @@ use crate::emergent::EmergentTrajectory;
 use crate::printable::{printable, printable_lines};
 use crate::record::{Summary, junit};
 use crate::scenario::{LARGEST_RUN, Scenario};
-use funnel_core::Event;
+use funnelnet_node::Event;
 use output::Outputs;
 use std::io::Write;
 use std::time::Instant;

@@ -12,8 +12,8 @@ use crate::record::{
     ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{Scenario, Window};
-use funnel_core::Event;
-use funnel_protocol::report::{Counters, Report};
+use funnelnet_node::Event;
+use funnelnet_protocol::report::{Counters, Report};
 use std::collections::BTreeSet;
 
 /// What nodes believe of their funnels, for who compares it with what is true.

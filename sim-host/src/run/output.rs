@@ -170,7 +170,7 @@ fn seconds(ns: u64) -> String {
 mod tests {
     use super::*;
     use crate::record::{AbsenceSummary, BenchSummary};
-    use funnel_core::Event;
+    use funnelnet_node::Event;
 
     #[test]
     fn events_have_the_time_of_the_trajectory_and_read_as_sentences() {

@@ -5,9 +5,9 @@ use crate::configure::Drive;
 use crate::hub::Hub;
 use crate::record::{OwnClockNodeSummary, OwnClockSummary};
 use crate::scenario::Scenario;
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::TickSource;
-use funnel_protocol::report::Counters;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::report::Counters;
 
 /// Drive of nodes behind streams of bytes that tick by themselves, and tell all they see.
 pub(super) const DRIVE: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 1 };

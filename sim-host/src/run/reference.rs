@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
 use crate::scenario::{CouplingKind, FunnelSpec, GainSpec, Scenario};
-use funnel_core::gain::median;
+use funnelnet_law::gain::median;
 use std::ops::ControlFlow;
 
 /// States that a run of the reference is judged at, nodes times instants, at most: 512 MiB of them.

@@ -1,6 +1,6 @@
 //! A node's own vector field, affine in the state and driven by sines.
 
-use funnel_core::math;
+use funnelnet_law::math;
 
 /// `f(t, x) = slope x + offset + sum amplitude sin(frequency t + phase)`, in state units per second, for a state of n
 /// components.

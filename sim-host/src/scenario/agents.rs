@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use funnel_core::params;
-use funnel_protocol::config::MAX_SINES;
+use funnelnet_node::params;
+use funnelnet_protocol::config::MAX_SINES;
 
 use super::affine::{Affine, Sine};
 use super::components::Components;

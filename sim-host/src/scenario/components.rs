@@ -2,7 +2,7 @@
 //!
 //! The longest array of the file says how many; a number stands for all components.
 
-use funnel_protocol::config::MAX_COMPONENTS;
+use funnelnet_protocol::config::MAX_COMPONENTS;
 
 use super::diagnostic::{Diagnostic, Problem};
 use super::reader::{Range, number};

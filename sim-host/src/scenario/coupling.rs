@@ -5,7 +5,7 @@ use super::diagnostic::Problem;
 use super::model::{BreachSpec, CouplingKind, FloorSpec, FunnelSpec, GainSpec, NormalisedSpec};
 use super::reader::{Choice, Log, Range, Section, number, ready};
 use super::tree::{Item, Table, Value};
-use funnel_core::params;
+use funnelnet_node::params;
 
 const COUPLINGS: [Choice<CouplingKind>; 8] = [
     ready("node-wise", CouplingKind::NodeWise),

@@ -177,7 +177,7 @@ mod tests {
 
     use super::super::topology::Topology;
     use super::*;
-    use funnel_core::math;
+    use funnelnet_law::math;
 
     fn graph(topology: Topology, nodes: usize) -> Graph {
         let links = topology.links(nodes, 1).unwrap();

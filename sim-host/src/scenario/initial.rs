@@ -6,7 +6,7 @@ use super::model::{CouplingKind, FunnelSpec, NodeSpec, Scenario};
 use super::tree::Place;
 use crate::extremes::{larger, largest};
 use crate::figure::figure;
-use funnel_core::math;
+use funnelnet_law::math;
 
 /// `|nu| / psi` at t = 0, by index and then by component; with edge-wise coupling that of each node's worst edge. The
 /// guarantee needs every one below 1 (the paper's Theorem 1).

@@ -22,8 +22,8 @@ pub(crate) mod tree;
 mod written;
 
 use crate::printable::printable;
-use funnel_core::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnel_core::params;
+use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
+use funnelnet_node::params;
 use std::io::Read;
 use std::path::Path;
 
@@ -46,7 +46,7 @@ use reader::{Log, Range, Section, later, ready, unsupported};
 use tree::{Item, Place};
 
 /// The most nodes of a run: ids are 7 bits on the wire, and 0 means all (protocol/README.md). A larger scenario can be checked.
-pub const LARGEST_RUN: usize = funnel_protocol::NodeId::MAX as usize;
+pub const LARGEST_RUN: usize = funnelnet_protocol::NodeId::MAX as usize;
 
 /// Node-ticks that a run may have: about two weeks at a million per second.
 const MAX_NODE_TICKS: u64 = 1 << 40;

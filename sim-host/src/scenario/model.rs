@@ -1,6 +1,6 @@
 //! A scenario, fully resolved: every node with its own dynamics, gain and funnel, in SI units and f64.
 
-use funnel_core::{Real, math};
+use funnelnet_law::{Real, math};
 use std::path::PathBuf;
 
 use super::affine::Affine;

@@ -7,8 +7,8 @@ use super::graph::{Edge, Graph};
 use super::reader::{Choice, Log, Range, Section, integer, number, ready};
 use super::topology::Topology;
 use super::tree::{Item, Place, Value};
-use funnel_core::params;
-use funnel_protocol::config::MAX_NEIGHBOURS;
+use funnelnet_node::params;
+use funnelnet_protocol::config::MAX_NEIGHBOURS;
 
 /// The largest network that can be read, and checked. A run takes fewer: see [`super::LARGEST_RUN`].
 pub(super) const MAX_NODES: u64 = 2_000;

@@ -6,7 +6,7 @@
 use std::cell::RefCell;
 
 use crate::printable::is_unprintable;
-use funnel_core::params;
+use funnelnet_node::params;
 
 use super::diagnostic::{Diagnostic, Diagnostics, Problem};
 use super::duration::{self, parse_duration};

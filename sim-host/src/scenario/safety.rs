@@ -2,7 +2,7 @@
 
 use super::model::SafetySpec;
 use super::reader::Section;
-use funnel_protocol::config::MAX_NEIGHBOURS;
+use funnelnet_protocol::config::MAX_NEIGHBOURS;
 
 /// The longest holdover, ns: an hour.
 const LONGEST_HOLDOVER_NS: u64 = 3_600_000_000_000;

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::configure::{Drive, node_configs};
-use funnel_core::Params;
-use funnel_protocol::config::TickSource;
+use funnelnet_node::Params;
+use funnelnet_protocol::config::TickSource;
 
 const FILE: &str = r#"version = 1
 seed = 7
@@ -197,7 +197,7 @@ fn vector_states_take_a_number_or_an_array_everywhere() {
     let second = Affine { slope: vec![-1.0, 4.0, -4.0, -2.0], offset: vec![0.5, 0.0], sines };
     assert_eq!(scenario.nodes[1].dynamics, second);
     assert_eq!(second.component(0, 0.0, &[1.0, 10.0]), -1.0 + 40.0 + 0.5);
-    let wave = 3.0 * funnel_core::math::sin(2.0 * 0.25 + 1.0) + funnel_core::math::sin(3.0 * 0.25);
+    let wave = 3.0 * funnelnet_law::math::sin(2.0 * 0.25 + 1.0) + funnelnet_law::math::sin(3.0 * 0.25);
     assert!((second.component(1, 0.25, &[1.0, 10.0]) - (-4.0 - 20.0 + wave)).abs() < 1e-15);
     assert_eq!((first.lipschitz(), second.lipschitz()), (1.0, 6.0));
     // |nu| is 4 and 5, of node 2 twice that; its funnel has the factor 3.
@@ -378,7 +378,7 @@ fn a_schedule_joins_two_funnels() {
     let schedule = "coupling.funnel={kind='schedule',start=40,at='2s',eps=0.01,factor=2,\
                     then={kind='exponential',start=4,end=2,rate=0.5}}";
     let funnel = read(FILE, &[schedule]).unwrap().nodes[0].funnel;
-    let joined = 0.01 * (2.0 * funnel_core::math::exp(-1.0) + 2.0);
+    let joined = 0.01 * (2.0 * funnelnet_law::math::exp(-1.0) + 2.0);
     for (t, width) in [(0.0, 40.0), (1.0, (40.0 * joined).sqrt()), (2.0, joined), (1e9, 0.02)] {
         assert!((funnel.width(t) / (2.0 * width) - 1.0).abs() < 1e-12, "{t}: {}", funnel.width(t));
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use rand_pcg::Pcg64;
 
 use super::graph::{Edge, Graph};
-use funnel_core::math;
+use funnelnet_law::math;
 
 use crate::random::{Purpose, below, stream, uniform};
 

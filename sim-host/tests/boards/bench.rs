@@ -1,8 +1,8 @@
 //! `sim-host bench` as a process, with its files in a folder of their own.
 
 use super::Board;
-use funnel_protocol::message::{FaultCode, Message};
-use funnel_protocol::serial::{Deframer, Frame, MAX_RAW};
+use funnelnet_protocol::message::{FaultCode, Message};
+use funnelnet_protocol::serial::{Deframer, Frame, MAX_RAW};
 use rustix::fs::OFlags;
 use std::fs;
 use std::io::Read;

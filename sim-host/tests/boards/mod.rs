@@ -6,11 +6,11 @@ mod bench;
 
 pub use bench::*;
 
-use funnel_core::{Output, Phase, Session};
-use funnel_protocol::WIRE_VERSION;
-use funnel_protocol::message::Message;
-use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Identity, Reply};
+use funnelnet_node::{Output, Phase, Session};
+use funnelnet_protocol::WIRE_VERSION;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
+use funnelnet_protocol::service::{Identity, Reply};
 use rustix::fs::OFlags;
 use rustix::pty::{self, OpenptFlags};
 use std::fs::File;

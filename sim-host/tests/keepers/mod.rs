@@ -1,14 +1,14 @@
 //! Played nodes that keep their configuration: the firmware's session in a thread, behind a pair of sockets, with what goes wrong as it is
 //! commissioned.
 
-use funnel_core::{Output, Session, Task};
-use funnel_protocol::config::{
+use funnelnet_node::{Output, Session, Task};
+use funnelnet_protocol::config::{
     BreachPolicy, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
 };
-use funnel_protocol::message::{Command, Message, Target};
-use funnel_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
-use funnel_protocol::service::{Identity, Reply, StoreError};
-use funnel_protocol::{Refusal, WIRE_VERSION};
+use funnelnet_protocol::message::{Command, Message, Target};
+use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
+use funnelnet_protocol::service::{Identity, Reply, StoreError};
+use funnelnet_protocol::{Refusal, WIRE_VERSION};
 use sim_host::hub::{Attached, Device, Link, Stream};
 use sim_host::interrupt::Interrupt;
 use std::io::{self, Read, Write};

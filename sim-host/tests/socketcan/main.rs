@@ -10,9 +10,9 @@
 mod own_clock;
 mod several;
 
-use funnel_protocol::can;
-use funnel_protocol::can_fd::{self, Content};
-use funnel_protocol::message::{Command as Order, Message};
+use funnelnet_protocol::can;
+use funnelnet_protocol::can_fd::{self, Content};
+use funnelnet_protocol::message::{Command as Order, Message};
 use sim_host::record::TraceHash;
 use std::collections::BTreeMap;
 use std::fs;

@@ -4,8 +4,8 @@
 //! after it, as it happens. So the bits of loopback are demanded only where every frame passes this program, which delays it by half a tick.
 
 use super::{NODES, assert_same, decoded, fd_frame, frames, summary, text};
-use funnel_protocol::can_fd::{self, Content};
-use funnel_protocol::message::{Command as Order, Message};
+use funnelnet_protocol::can_fd::{self, Content};
+use funnelnet_protocol::message::{Command as Order, Message};
 use serde_json::Value;
 use sim_host::record::TraceHash;
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! Several buses in one bench, with the host between them.
 
 use super::{assert_same, decoded, frames, summary, text};
-use funnel_protocol::message::{Command as Order, Message};
+use funnelnet_protocol::message::{Command as Order, Message};
 use std::fs;
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! Configurations to store.
 #![allow(dead_code)] // each test uses a part
 
-use funnel_protocol::NodeConfig;
-use funnel_protocol::config::{
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::{
     BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig,
     MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NormalisedShape, SineConfig, TickSource, scalar,
 };

@@ -8,9 +8,9 @@ use std::pin::pin;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
-use funnel_protocol::NodeConfig;
-use funnel_store::split::{Split, SplitError};
-use funnel_store::{Error, Store};
+use funnelnet_protocol::NodeConfig;
+use funnelnet_store::split::{Split, SplitError};
+use funnelnet_store::{Error, Store};
 
 /// Moments of an erase at which the power can fail, per page; each leaves another mixture.
 pub const ERASE_STEPS: u64 = 8;

@@ -2,12 +2,12 @@
 
 use core::hint::black_box;
 
-use funnel_core::field::midpoint_step;
-use funnel_core::funnel::Funnel;
-use funnel_core::gain::{Gain, LocallyLinear, Logarithmic, Reciprocal, Solution};
-use funnel_core::law::node_wise::{Memory, NodeWise, THETA};
-use funnel_core::{AffineSines, Real, VectorField};
-use funnel_protocol::config::{FieldConfig, FunnelConfig, FunnelShape, SineConfig};
+use funnelnet_law::field::midpoint_step;
+use funnelnet_law::funnel::Funnel;
+use funnelnet_law::gain::{Gain, LocallyLinear, Logarithmic, Reciprocal, Solution};
+use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
+use funnelnet_law::{AffineSines, Real, VectorField};
+use funnelnet_protocol::config::{FieldConfig, FunnelConfig, FunnelShape, SineConfig};
 
 use crate::meter::{INPUTS, Table, spread};
 

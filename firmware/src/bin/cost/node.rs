@@ -2,15 +2,15 @@
 
 use core::hint::black_box;
 
-use funnel_core::{Action, Node, Params};
-use funnel_link::{Fd, Format};
-use funnel_protocol::can::{self, CanFrame};
-use funnel_protocol::can_fd::{self, FdFrame};
-use funnel_protocol::config::{
+use funnelnet_node::{Action, Node, Params};
+use funnelnet_link::{Fd, Format};
+use funnelnet_protocol::can::{self, CanFrame};
+use funnelnet_protocol::can_fd::{self, FdFrame};
+use funnelnet_protocol::config::{
     BreachPolicy, CouplingConfig, EdgeConfig, GainConfig, NodeConfig, TickSource, scalar,
 };
-use funnel_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
-use funnel_protocol::serial::{self, Deframer, Frame};
+use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
+use funnelnet_protocol::serial::{self, Deframer, Frame};
 use heapless::Vec;
 
 use crate::law::{self, field};

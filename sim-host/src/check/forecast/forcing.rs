@@ -1,7 +1,7 @@
 //! The parts of all fields that do not depend on the state, at equally spaced times: sines by rotation, not one by one.
 
 use crate::scenario::{Scenario, Sine};
-use funnel_core::math;
+use funnelnet_law::math;
 
 /// One sine on its way round.
 struct Phasor {

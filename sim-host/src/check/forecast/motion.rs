@@ -6,9 +6,9 @@ use crate::check::widths::Widths;
 use crate::emergent;
 use crate::extremes::{larger, largest, smallest};
 use crate::scenario::{Affine, Scenario};
-use funnel_core::emergent::{Agent, field};
-use funnel_core::gain::BuiltinGain;
-use funnel_core::math;
+use funnelnet_law::emergent::{Agent, field};
+use funnelnet_law::gain::BuiltinGain;
+use funnelnet_law::math;
 
 /// A motion beyond this is not followed any further (state units).
 const FAR: f64 = 1e12;

@@ -6,11 +6,11 @@ use super::relative_widths;
 use crate::check::widths::Widths;
 use crate::extremes::{beyond, larger};
 use crate::scenario::{Graph, Scenario};
-use funnel_core::emergent::{Agent, contraction};
-use funnel_core::floor::Floor;
-use funnel_core::gain::{BuiltinGain, Gain};
+use funnelnet_law::emergent::{Agent, contraction};
+use funnelnet_law::floor::Floor;
+use funnelnet_law::gain::{BuiltinGain, Gain};
 
-/// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnel_core::floor` (5 ulp at degree 2).
+/// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnelnet_law::floor` (5 ulp at degree 2).
 const ROUNDING: f64 = 2.5;
 /// Edge-steps up to which neighbours are compared one by one.
 const EDGE_STEPS: usize = 50_000_000;
@@ -199,7 +199,7 @@ impl<'g> Compare<'g> {
 mod tests {
     use super::*;
     use crate::scenario::Edge;
-    use funnel_core::gain::Reciprocal;
+    use funnelnet_law::gain::Reciprocal;
 
     #[test]
     fn a_margin_that_is_not_a_number_is_the_tightest_of_all() {

@@ -1,0 +1,112 @@
+//! The node's own dynamics `f(t, x)`.
+
+use crate::collect::collect;
+use crate::config::{FieldConfig, MAX_COMPONENTS, MAX_MATRIX, MAX_SINES};
+use crate::math::{Real, turns_from_radians};
+use heapless::Vec;
+
+/// One value per component of a state.
+pub type State<F> = Vec<F, MAX_COMPONENTS>;
+
+/// A node's own vector field (paper, eq. (eachdyn)). Users implement it for their plant model.
+pub trait VectorField<F: Real> {
+    /// `f(t, x)` of a state with one component, state units / s, at `t = half_ticks * T / 2`: integer time does not lose bits
+    /// in long runs.
+    fn at(&self, half_ticks: u64, x: F) -> F;
+
+    /// Component `index` of `f(t, x)` for a vector state. Unless it is overridden, every component has [`Self::at`] to itself.
+    #[inline]
+    fn component(&self, half_ticks: u64, x: &[F], index: usize) -> F {
+        x.get(index).map_or(F::ZERO, |&x| self.at(half_ticks, x))
+    }
+}
+
+/// One sinusoid with an integer phase in 2^-64 turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Phasor<F> {
+    component: u8,
+    amplitude: F,
+    start: u64,
+    per_half_tick: u64,
+}
+
+impl<F: Real> Phasor<F> {
+    #[inline]
+    fn at(&self, half_ticks: u64) -> F {
+        let turns = self.start.wrapping_add(self.per_half_tick.wrapping_mul(half_ticks));
+        self.amplitude * F::sin_turns(turns)
+    }
+}
+
+/// `f(t, x) = slope x + offset + sum amplitude sin(frequency t + phase)`, where the slope may be a matrix.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AffineSines<F> {
+    /// The one number for all components; zero where there is a matrix.
+    slope: F,
+    /// Row by row, or empty.
+    matrix: Vec<F, MAX_MATRIX>,
+    offset: [F; MAX_COMPONENTS],
+    phasors: Vec<Phasor<F>, MAX_SINES>,
+}
+
+impl<F: Real> AffineSines<F> {
+    /// Prepares a validated configuration (see [`crate::params`]) for tick period `tick` (s).
+    pub fn new(config: &FieldConfig, tick: f64) -> Self {
+        let phasors = config.sines.iter().map(|sine| Phasor {
+            component: sine.component,
+            amplitude: F::from_f32(sine.amplitude),
+            start: turns_from_radians(sine.phase),
+            per_half_tick: turns_from_radians(sine.frequency * tick * 0.5),
+        });
+        let mut offset = [F::ZERO; MAX_COMPONENTS];
+        offset.iter_mut().zip(&config.offset).for_each(|(slot, &value)| *slot = F::from_f32(value));
+        let (slope, matrix) = match config.slope.as_slice() {
+            [slope] => (F::from_f32(*slope), Vec::new()),
+            entries => (F::ZERO, collect(entries.iter().map(|&entry| F::from_f32(entry)))),
+        };
+        Self { slope, matrix, offset, phasors: collect(phasors) }
+    }
+}
+
+impl<F: Real> VectorField<F> for AffineSines<F> {
+    #[inline]
+    fn at(&self, half_ticks: u64, x: F) -> F {
+        let [offset, ..] = self.offset;
+        let mut sum = self.slope * x + offset;
+        for phasor in &self.phasors {
+            sum += phasor.at(half_ticks);
+        }
+        sum
+    }
+
+    fn component(&self, half_ticks: u64, x: &[F], index: usize) -> F {
+        let own = x.get(index).copied().unwrap_or(F::ZERO);
+        let mut sum = self.slope * own + self.offset.get(index).copied().unwrap_or(F::ZERO);
+        if !self.matrix.is_empty() {
+            let row = self.matrix.chunks(x.len().max(1)).nth(index).unwrap_or(&[]);
+            row.iter().zip(x).for_each(|(&entry, &x)| sum += entry * x);
+        }
+        for phasor in self.phasors.iter().filter(|phasor| usize::from(phasor.component) == index) {
+            sum += phasor.at(half_ticks);
+        }
+        sum
+    }
+}
+
+/// Advances `x` by one tick with `u` held and a midpoint step for `f` (LAW.md 4); compensated, since `T xdot` is small
+/// beside `x`. `carry` is what rounding has left behind so far.
+#[inline]
+pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u32, x: &mut F, carry: &mut F, u: F) {
+    let half_ticks = u64::from(k) << 1;
+    let middle = *x + tick * F::HALF * (field.at(half_ticks, *x) + u);
+    compensated_add(x, carry, tick * (field.at(half_ticks | 1, middle) + u));
+}
+
+/// `x += change`, with what rounding leaves behind kept in `carry` (Kahan).
+#[inline]
+pub fn compensated_add<F: Real>(x: &mut F, carry: &mut F, change: F) {
+    let change = change - *carry;
+    let next = *x + change;
+    *carry = (next - *x) - change;
+    *x = next;
+}

@@ -1,0 +1,64 @@
+//! Edge-wise funnel coupling: every edge has a funnel of its own, `u_i = sum_j u_ij`, `u_ij = mu(nu_ij / psi)` with
+//! `nu_ij = alpha_ij (x_j - x_i)`.
+//!
+//! `u_ij = -u_ji`, so the inputs of a network add up to zero and the emergent dynamics are the plain average (paper, eq. (blend)).
+//! In sampled form (*) holds for every edge, with
+//!
+//! ```text
+//! b_ij = theta (c / 2) T alpha_ij (n_i + n_j)
+//! ```
+//!
+//! where `n` counts the edges at either end: `T alpha_ij (n_i + n_j)` bounds the change of `nu_ij` that inputs cause, as
+//! `2 T d_i` does for `nu_i` (docs/notes/2026-11-23-whole-paper.md). Both ends compute it from the same numbers, and (*) is odd in `r`: the
+//! two inputs cancel bit for bit while no frame is lost.
+
+use super::node_wise::C;
+use crate::floor::Floor;
+use crate::funnel::Widths;
+use crate::gain::Gain;
+use crate::math::Real;
+
+/// What the law needs to know beside the gain, fixed for a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeWise<F> {
+    /// `theta`.
+    theta: F,
+    /// `theta (c / 2) T`, s.
+    share: F,
+    /// What rounding leaves of the funnel of an edge of stiffness 1.
+    pub floor: Floor<F>,
+}
+
+/// One edge at one tick, as one end sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeTerm<F> {
+    /// `alpha_ij (x_j - x_i)`, state units.
+    pub nu: F,
+    /// Its change over the last tick, state units.
+    pub dnu: F,
+    /// `alpha_ij (n_i + n_j)`.
+    pub stiffness: F,
+    /// The last input of this edge, state units / s, once there is one.
+    pub last: Option<F>,
+}
+
+impl<F: Real> EdgeWise<F> {
+    /// The law for tick period `tick` (s), with `theta` in [1/2, 1].
+    pub fn new(tick: f64, theta: f64) -> Self {
+        // Half its stiffness is to an edge what its degree is to a node: it stands in `b` alike.
+        let floor = Floor::new(0.5, tick);
+        Self { theta: F::from_f64(theta), share: F::from_f64(theta * C / 2.0 * tick), floor }
+    }
+
+    /// One tick: the input of one edge, state units / s.
+    #[inline]
+    pub fn step<G: Gain<F>>(&self, gain: &G, edge: &EdgeTerm<F>, psi: Widths<F>) -> F {
+        let b = self.share * edge.stiffness;
+        let last = match edge.last {
+            Some(u) => u,
+            // As the first input of `node_wise`.
+            None => gain.solve(psi.ahead, b, edge.nu).u,
+        };
+        gain.solve(psi.ahead, b, edge.nu + self.theta * edge.dnu + b * last).u
+    }
+}

@@ -1,0 +1,408 @@
+//! What a node knows of its neighbours: value, increment, age, of every component of their states by itself, since each comes, is
+//! lost and expires by itself.
+//!
+//! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of ticks, and then
+//! its edge is dropped until it is heard again (LAW.md 4: holding instead costs up to thirty times the error).
+
+use funnelnet_law::floor::Floor;
+use funnelnet_law::funnel::Widths;
+use funnelnet_law::gain::Gain;
+use funnelnet_law::law::edge_wise::{EdgeTerm, EdgeWise};
+use funnelnet_law::math::{Real, larger};
+use funnelnet_protocol::config::{EdgeConfig, MAX_NEIGHBOURS};
+use funnelnet_protocol::message::{Component, NodeId};
+use funnelnet_protocol::{Refusal, TickStamp};
+use heapless::Vec;
+
+/// How far back a received tick may lie.
+pub const WINDOW_BACK: u32 = 8;
+/// How far ahead a received tick may lie.
+pub const WINDOW_AHEAD: u32 = 2;
+
+/// One component of one edge, as one end sees it.
+#[derive(Clone, Copy, Debug)]
+struct Edge<F> {
+    id: u8,
+    component: u8,
+    weight: F,
+    /// `alpha_ij (n_i + n_j)`, for edge-wise coupling.
+    stiffness: F,
+    /// Value at `tick`, state units.
+    value: F,
+    /// Change of the value per tick, state units.
+    increment: F,
+    /// Of `value`; of one that was never heard, the tick before the first at which it should have been.
+    tick: u32,
+    hearing: Hearing,
+    /// The last input of this edge (edge-wise coupling), state units / s.
+    last: Option<F>,
+}
+
+/// What a node knows of a neighbour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// Not heard yet, and not waited for too long.
+    Unheard,
+    /// Heard, and not expired since.
+    Known,
+    /// Silent for too long: since it was heard last, or since it should have been heard first.
+    Lost,
+}
+
+/// What a component of an edge has heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Hearing {
+    /// Nothing: there was no tick yet.
+    New,
+    /// Nothing since the first tick.
+    Waiting,
+    /// Its value means something.
+    Known,
+    /// Nothing for too long.
+    Lost,
+    /// Nothing ever, and for too long.
+    Missed,
+}
+
+impl<F: Real> Edge<F> {
+    fn presence(&self) -> Presence {
+        match self.hearing {
+            Hearing::New | Hearing::Waiting => Presence::Unheard,
+            Hearing::Known => Presence::Known,
+            Hearing::Lost | Hearing::Missed => Presence::Lost,
+        }
+    }
+
+    #[inline]
+    fn is_known(&self) -> bool {
+        self.hearing == Hearing::Known
+    }
+
+    /// At tick `k`, where there is no value, or one that is too old: whether the edge is given up now. Time counts from the first tick, since
+    /// a node may join a network that runs, and get a neighbour while it does.
+    #[cold]
+    fn gives_up(&mut self, k: u32, extrapolate_ticks: i32) -> bool {
+        if self.hearing == Hearing::New {
+            (self.hearing, self.tick) = (Hearing::Waiting, k.wrapping_sub(1));
+        }
+        let given_up = match self.hearing {
+            Hearing::Known => Hearing::Lost,
+            Hearing::Waiting => Hearing::Missed,
+            Hearing::New | Hearing::Lost | Hearing::Missed => return false,
+        };
+        let gives_up = self.age(k) > extrapolate_ticks;
+        if gives_up {
+            (self.hearing, self.last) = (given_up, None);
+        }
+        gives_up
+    }
+
+    /// Ticks since `value`; below zero where it came early.
+    #[inline]
+    fn age(&self, k: u32) -> i32 {
+        k.wrapping_sub(self.tick) as i32
+    }
+
+    /// The value at tick `k`, extrapolated by the last increment.
+    #[inline]
+    fn value_at(&self, k: u32) -> F {
+        match self.age(k) {
+            0 => self.value,
+            age => self.value + F::from_i32(age) * self.increment,
+        }
+    }
+}
+
+/// What edge-wise coupling makes of one component at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EdgeInputs<F> {
+    /// The diffusive term of the edge where it is largest, state units.
+    pub nu: F,
+    /// Sum of the inputs of all edges, state units / s.
+    pub u: F,
+}
+
+/// The funnel of every edge at one tick. Each is floored by the states at its two ends, by its own input and stiffness, and by nothing
+/// else: both ends know these, and their inputs have to cancel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeFunnel<F> {
+    /// Before flooring.
+    pub widths: Widths<F>,
+    /// That of an edge of stiffness 1.
+    pub floor: Floor<F>,
+}
+
+impl<F: Real> EdgeFunnel<F> {
+    #[inline]
+    fn of(&self, edge: &EdgeTerm<F>, x: F, other: F) -> Widths<F> {
+        let input = edge.last.map_or(F::ZERO, F::abs);
+        self.widths.floored(self.floor.times(edge.stiffness).width(larger(x.abs(), other.abs()), input))
+    }
+}
+
+/// What enters the sums of the node itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Own<F> {
+    /// State as it was sent, state units. The node knows it better than an f32 does, but must not use that here: neighbours do not,
+    /// and the diffusive terms of a network have to add up to zero (docs/notes/2026-11-23-whole-paper.md).
+    pub x: F,
+    /// Change of `x` over the last tick, state units.
+    pub dx: F,
+}
+
+/// Sums over all known neighbours at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sums<F> {
+    /// `nu = sum_j alpha_j (x_j - x)`, state units.
+    pub nu: F,
+    /// Its change over the last tick, from the increments, state units.
+    pub dnu: F,
+    /// Largest `|x|` among the neighbours and the node itself, state units.
+    pub largest: F,
+    /// Neighbours that had to be extrapolated, since no value of this tick has come.
+    pub extrapolated: u32,
+    /// A neighbour that was lost at this tick (the last one, where there were several).
+    pub lost: Option<NodeId>,
+    /// How many edges were dropped at this tick.
+    pub lost_count: u32,
+}
+
+/// What a received state was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heard {
+    /// A newer value of a known neighbour.
+    Newer,
+    /// The first value, or the first after its edge was dropped.
+    First,
+}
+
+/// Table of neighbours with a fixed capacity.
+#[derive(Clone, Debug)]
+pub struct Neighbours<F> {
+    /// Neighbour by neighbour, and the components of each in order.
+    edges: Vec<Edge<F>, MAX_NEIGHBOURS>,
+    /// Index of the first component by node id; `NONE` for strangers.
+    slot: [u8; 128],
+    components: u8,
+    extrapolate_ticks: u32,
+}
+
+const NONE: u8 = u8::MAX;
+
+impl<F: Real> Neighbours<F> {
+    /// No neighbours yet. States have `components` (1 to 8).
+    pub fn new(components: u8) -> Self {
+        Self { edges: Vec::new(), slot: [NONE; 128], components, extrapolate_ticks: 0 }
+    }
+
+    /// Makes it the table of `edges`, of which no two are of one neighbour. What has been heard of neighbours that stay, and the last inputs
+    /// of their edges, stay with them. Silent ones will be extrapolated for `extrapolate_ticks` ticks.
+    // In place, by swaps: a second table beside this one would be 4.5 KiB of stack.
+    pub fn set(&mut self, edges: &[EdgeConfig], extrapolate_ticks: u32) {
+        self.extrapolate_ticks = extrapolate_ticks;
+        let slot = self.slots(edges);
+        let before = core::mem::replace(&mut self.slot, slot);
+        self.edges.retain(|edge| slot.get(usize::from(edge.id)).is_some_and(|&slot| slot != NONE));
+        for edge in edges {
+            if before.get(usize::from(edge.id)) == Some(&NONE) {
+                self.push(edge.id);
+            }
+        }
+        (0..self.edges.len()).for_each(|index| self.fill(index));
+        for (edge, of_edge) in edges.iter().zip(self.edges.chunks_mut(usize::from(self.components.max(1)))) {
+            let stiffness = f64::from(edge.weight) * (edges.len() + usize::from(edge.edges)) as f64;
+            for part in of_edge {
+                (part.weight, part.stiffness) = (F::from_f32(edge.weight), F::from_f64(stiffness));
+            }
+        }
+    }
+
+    /// Where the first component of each edge belongs, by node id.
+    fn slots(&self, edges: &[EdgeConfig]) -> [u8; 128] {
+        let mut slots = [NONE; 128];
+        for (edge, first) in edges.iter().zip((0..NONE).step_by(usize::from(self.components.max(1)))) {
+            if let Some(slot) = slots.get_mut(usize::from(edge.id)) {
+                *slot = first;
+            }
+        }
+        slots
+    }
+
+    /// Appends the components of an edge to `id`, nothing heard yet.
+    fn push(&mut self, id: u8) {
+        for component in 0..self.components {
+            let _ = self.edges.push(Edge {
+                id,
+                component,
+                weight: F::ZERO,
+                stiffness: F::ZERO,
+                value: F::ZERO,
+                increment: F::ZERO,
+                tick: 0,
+                hearing: Hearing::New,
+                last: None,
+            });
+        }
+    }
+
+    /// Brings what belongs to `index` there; what is before it is in its place. Each swap brings one edge to its own.
+    fn fill(&mut self, index: usize) {
+        for _ in index..self.edges.len() {
+            let Some(edge) = self.edges.get(index) else { return };
+            let first = self.slot.get(usize::from(edge.id)).copied().unwrap_or(NONE);
+            let target = usize::from(first) + usize::from(edge.component);
+            match self.edges.get_mut(index..=target) {
+                Some([edge, .., other]) => core::mem::swap(edge, other),
+                _ => return,
+            }
+        }
+    }
+
+    /// Number of neighbours.
+    pub fn count(&self) -> usize {
+        self.edges.len() / usize::from(self.components.max(1))
+    }
+
+    /// Number of neighbours that have been silent for too long.
+    pub fn lost(&self) -> usize {
+        let lost = |edge: &&Edge<F>| edge.component == 0 && edge.presence() == Presence::Lost;
+        self.edges.iter().filter(lost).count()
+    }
+
+    /// What is known of neighbour `id`, by the first component of its state; `None` for a stranger.
+    pub fn presence(&self, id: NodeId) -> Option<Presence> {
+        self.of(id).first().map(Edge::presence)
+    }
+
+    /// Whether any component of neighbour `id` was ever heard, or has been since it became a neighbour; `None` for a stranger.
+    pub fn was_heard(&self, id: NodeId) -> Option<bool> {
+        let of_id = self.of(id);
+        let heard = |edge: &Edge<F>| matches!(edge.hearing, Hearing::Known | Hearing::Lost);
+        (!of_id.is_empty()).then(|| of_id.iter().any(heard))
+    }
+
+    /// The components of the edge to `id`; none where there is no such edge.
+    fn of(&self, id: NodeId) -> &[Edge<F>] {
+        let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
+        self.edges.get(first..first + usize::from(self.components)).unwrap_or(&[])
+    }
+
+    /// The edge to the `index`-th neighbour: its id and weight.
+    pub fn edge(&self, index: usize) -> Option<(NodeId, F)> {
+        let edge = self.edges.get(index * usize::from(self.components))?;
+        NodeId::new(edge.id).map(|id| (id, edge.weight))
+    }
+
+    /// The weight of the edge to `id`, if there is one.
+    pub fn weight(&self, id: NodeId) -> Option<F> {
+        let slot = self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE);
+        self.edges.get(usize::from(slot)).map(|edge| edge.weight)
+    }
+
+    /// Takes a component `x` of a neighbour's state (state units) stamped `tick`; `own` is the tick that the node computes next. Gives, too, by how
+    /// many ticks it came late: those that it is for have run.
+    ///
+    /// # Errors
+    /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale` or `Duplicate`; then nothing has
+    /// changed.
+    #[inline]
+    pub fn hear(
+        &mut self,
+        id: NodeId,
+        component: Component,
+        tick: TickStamp,
+        own: u32,
+        x: F,
+    ) -> Result<(Heard, i32), Refusal> {
+        let slot = self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE);
+        if component.get() >= self.components {
+            return Err(Refusal::Value);
+        }
+        let index = usize::from(slot) + usize::from(component.get());
+        let edge = self.edges.get_mut(index).ok_or(Refusal::UnknownSource)?;
+        let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
+        let age = own.wrapping_sub(tick) as i32;
+        if !edge.is_known() {
+            // Older than what is extrapolated, it would be dropped again at the next tick.
+            if age > self.extrapolate_ticks as i32 {
+                return Err(Refusal::Stale);
+            }
+            (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
+            return Ok((Heard::First, age));
+        }
+        let gap = tick.wrapping_sub(edge.tick) as i32;
+        match gap {
+            1 => edge.increment = x - edge.value,
+            2.. => edge.increment = (x - edge.value) / F::from_i32(gap),
+            0 => return Err(Refusal::Duplicate),
+            _ => return Err(Refusal::Stale),
+        }
+        (edge.value, edge.tick) = (x, tick);
+        Ok((Heard::Newer, age))
+    }
+
+    /// Sums of one component at tick `k`, for the node's own state.
+    #[inline]
+    pub fn sums(&mut self, k: u32, component: u8, own: Own<F>) -> Sums<F> {
+        let Own { x, dx } = own;
+        let extrapolate_ticks = self.extrapolate_ticks as i32;
+        let mut sums = Sums { largest: x.abs(), ..Sums::default() };
+        for edge in &mut self.edges {
+            if edge.component != component {
+                continue;
+            }
+            let age = edge.age(k);
+            if !edge.is_known() || age > extrapolate_ticks {
+                if edge.gives_up(k, extrapolate_ticks) {
+                    sums.lost = NodeId::new(edge.id);
+                    sums.lost_count += 1;
+                }
+                continue;
+            }
+            let value = edge.value_at(k);
+            // A value that came early is taken back to `k`, which is not for want of a fresh one.
+            sums.extrapolated += u32::from(age > 0);
+            sums.nu += edge.weight * (value - x);
+            sums.dnu += edge.weight * (edge.increment - dx);
+            // `max` would look for NaN as well, at each edge; there is none.
+            let size = value.abs();
+            if size > sums.largest {
+                sums.largest = size;
+            }
+        }
+        sums
+    }
+
+    /// The actuator has done only `share` (0 to 1) of the inputs that the edges have asked for in one component. Each edge goes on from
+    /// its part of that.
+    pub fn feed_back(&mut self, component: u8, share: F) {
+        for edge in self.edges.iter_mut().filter(|edge| edge.component == component) {
+            edge.last = edge.last.map(|u| u * share);
+        }
+    }
+
+    /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones.
+    pub fn edge_inputs<G: Gain<F>>(
+        &mut self,
+        k: u32,
+        component: u8,
+        own: Own<F>,
+        (law, gain): (&EdgeWise<F>, &G),
+        psi: EdgeFunnel<F>,
+    ) -> EdgeInputs<F> {
+        let mut inputs: EdgeInputs<F> = EdgeInputs::default();
+        for edge in self.edges.iter_mut().filter(|edge| edge.is_known() && edge.component == component) {
+            let value = edge.value_at(k);
+            let nu = edge.weight * (value - own.x);
+            let dnu = edge.weight * (edge.increment - own.dx);
+            let term = EdgeTerm { nu, dnu, stiffness: edge.stiffness, last: edge.last };
+            let u = law.step(gain, &term, psi.of(&term, own.x, value));
+            edge.last = Some(u);
+            inputs.u += u;
+            if nu.abs() > inputs.nu.abs() {
+                inputs.nu = nu;
+            }
+        }
+        inputs
+    }
+}
