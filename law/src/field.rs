@@ -50,7 +50,7 @@ pub struct AffineSines<F> {
 }
 
 impl<F: Real> AffineSines<F> {
-    /// Prepares a validated configuration (see [`crate::params`]) for tick period `tick` (s).
+    /// Prepares a validated configuration for tick period `tick` (s).
     pub fn new(config: &FieldConfig, tick: f64) -> Self {
         let phasors = config.sines.iter().map(|sine| Phasor {
             component: sine.component,

@@ -117,7 +117,7 @@ impl<F: Real> Widths<F> {
 }
 
 impl<F: Real> Funnel<F> {
-    /// Prepares a validated configuration (see [`crate::params`]) for tick period `tick` (s) and the law's `theta`.
+    /// Prepares a validated configuration for tick period `tick` (s) and the law's `theta`.
     pub fn new(config: &FunnelConfig, tick: f64, theta: f64) -> Self {
         let factor = f64::from(config.factor);
         match config.shape {
