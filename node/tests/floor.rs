@@ -4,8 +4,7 @@
 use funnelnet_law::floor::{Floor, ROUNDING};
 use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
-    TickSource, scalar,
+    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
 };
 use funnelnet_protocol::message::{Command, Message, Target};
 
@@ -46,12 +45,12 @@ impl Draw {
             tick_source: TickSource::Timer,
             initial_state: scalar(self.offsets.iter().sum::<f32>() / n as f32),
             state_limit: 1e9,
-            field: FieldConfig::scalar(-1.0, self.offsets[a], []),
-            coupling: CouplingConfig::NodeWise,
-            gain: GainConfig::Reciprocal { scale: self.scale },
+            field: Field::scalar(-1.0, self.offsets[a], []),
+            coupling: Coupling::NodeWise,
+            gain: Gain::Reciprocal { scale: self.scale },
             // As good as closed.
-            funnel: FunnelConfig { factor: self.factor, shape: FunnelShape::Constant { width: 1e-9 } },
-            on_breach: BreachPolicy::Ride,
+            funnel: Funnel { factor: self.factor, shape: Shape::Constant { width: 1e-9 } },
+            on_breach: Breach::Ride,
             neighbours: (0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).map(edge).collect(),
             extrapolate_ticks: 3,
             telemetry_every: 0,

@@ -3,8 +3,7 @@
 
 use funnelnet_node::{Event, Output, Phase, Session, Task};
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, NodeConfig, TickSource, scalar,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
 };
 use funnelnet_protocol::message::{Command, Message, Severity, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
@@ -31,11 +30,11 @@ fn config() -> NodeConfig {
         tick_source: TickSource::Sync,
         initial_state: scalar(1.0),
         state_limit: 1e6,
-        field: FieldConfig::scalar(-1.0, 0.0, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        on_breach: BreachPolicy::Ride,
+        field: Field::scalar(-1.0, 0.0, []),
+        coupling: Coupling::NodeWise,
+        gain: Gain::Reciprocal { scale: 1.0 },
+        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width: 10.0 } },
+        on_breach: Breach::Ride,
         neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
         extrapolate_ticks: 3,
         telemetry_every: 2,

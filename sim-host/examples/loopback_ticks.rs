@@ -5,8 +5,7 @@
 
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
-    SineConfig, TickSource, scalar,
+    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, Sine, TickSource, scalar,
 };
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::engine::Engine;
@@ -18,21 +17,18 @@ const STEPS: [usize; 4] = [1, 2, NODES - 2, NODES - 1];
 fn config(index: usize) -> NodeConfig {
     let neighbours =
         STEPS.map(|step| EdgeConfig { id: ((index + step) % NODES + 1) as u8, weight: 1.0, edges: 4 });
-    let sine = SineConfig { component: 0, amplitude: 10.0, frequency: 1.0, phase: index as f64 };
+    let sine = Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: index as f64 };
     NodeConfig {
         id: index as u8 + 1,
         tick_ns: 1_000_000,
         tick_source: TickSource::Timer,
         initial_state: scalar(index as f32 * 0.01),
         state_limit: 1e6,
-        field: FieldConfig::scalar(-1.0, 0.0, [sine]),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig {
-            factor: 1.0,
-            shape: FunnelShape::Exponential { start: 40.0, end: 2.0, rate: 1.0 },
-        },
-        on_breach: BreachPolicy::Ride,
+        field: Field::scalar(-1.0, 0.0, [sine]),
+        coupling: Coupling::NodeWise,
+        gain: Gain::Reciprocal { scale: 1.0 },
+        funnel: Funnel { factor: 1.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
+        on_breach: Breach::Ride,
         neighbours: neighbours.into_iter().collect(),
         extrapolate_ticks: 10,
         telemetry_every: 0,

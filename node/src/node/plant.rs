@@ -3,12 +3,12 @@
 use super::{Action, Node, Schedule};
 use crate::plant::{Plant, Purpose, Step};
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::report::count;
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// What the actuator was told last, state units / s, component by component; empty on a virtual node.
     pub fn inputs(&self) -> &[F] {
         self.plant.as_ref().map_or(&[], Plant::inputs)

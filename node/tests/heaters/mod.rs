@@ -3,8 +3,7 @@
 use funnelnet_law::VectorField;
 use funnelnet_node::{InputRange, Model, Output, PlantSetup, Session};
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, NodeConfig, TickSource, scalar,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
 };
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
@@ -105,14 +104,11 @@ pub fn config(own: u8, others: &[u8]) -> NodeConfig {
         tick_source: TickSource::Sync,
         initial_state: scalar(15.0),
         state_limit: 200.0,
-        field: FieldConfig::scalar(0.0, 0.0, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 0.3 },
-        funnel: FunnelConfig {
-            factor: 1.0,
-            shape: FunnelShape::Exponential { start: 60.0, end: 0.5, rate: 0.1 },
-        },
-        on_breach: BreachPolicy::Ride,
+        field: Field::scalar(0.0, 0.0, []),
+        coupling: Coupling::NodeWise,
+        gain: Gain::Reciprocal { scale: 0.3 },
+        funnel: Funnel { factor: 1.0, shape: Shape::Exponential { start: 60.0, end: 0.5, rate: 0.1 } },
+        on_breach: Breach::Ride,
         neighbours: others.iter().map(edge).collect(),
         extrapolate_ticks: 3,
         telemetry_every: 0,
@@ -121,8 +117,8 @@ pub fn config(own: u8, others: &[u8]) -> NodeConfig {
     }
 }
 
-pub fn constant(width: f32) -> FunnelConfig {
-    FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width } }
+pub fn constant(width: f32) -> Funnel<f32> {
+    Funnel { factor: 1.0, shape: Shape::Constant { width } }
 }
 
 /// A configured session whose program has started.

@@ -134,9 +134,11 @@ fn distance<'a>(rows: impl Iterator<Item = (f64, &'a [f64], &'a [f64])>, smalles
 
 #[cfg(test)]
 mod tests {
+    use super::super::Affine;
     use super::super::examples::{five_agents, narrow_path, path, ring};
-    use super::super::{Affine, Funnel, Gain};
     use super::*;
+    use funnelnet_law::Gain;
+    use funnelnet_law::funnel::{Funnel, Shape};
     use funnelnet_law::math;
 
     fn estimated(problem: &ReferenceProblem, end: f64) -> (ReferenceSolution, ErrorEstimate) {
@@ -156,7 +158,13 @@ mod tests {
             edges: path(3),
             fields: vec![field; 3],
             gains: vec![Gain::Reciprocal { scale: 1.0 }; 3],
-            funnels: vec![Funnel::Exponential { start: 40.0, end: 2.0, rate: 1.0, factor: 1.0 }; 3],
+            funnels: vec![
+                Funnel {
+                    factor: 1.0,
+                    shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 }
+                };
+                3
+            ],
         }
     }
 

@@ -1,6 +1,8 @@
 //! Problems that the tests share.
 
-use super::{Affine, Funnel, Gain, ReferenceProblem, Sine};
+use super::{Affine, ReferenceProblem, Sine};
+use funnelnet_law::Gain;
+use funnelnet_law::funnel::{Funnel, Shape};
 
 pub(crate) type Edges = Vec<(usize, usize, f64)>;
 
@@ -40,7 +42,10 @@ pub(crate) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
         edges,
         fields: (0..5).map(field).collect(),
         gains: vec![Gain::Reciprocal { scale: 1.0 }; 5],
-        funnels: vec![Funnel::Exponential { start: 38.0 + end, end, rate: 1.0, factor: 1.0 }; 5],
+        funnels: vec![
+            Funnel { factor: 1.0, shape: Shape::Exponential { start: 38.0 + end, end, rate: 1.0 } };
+            5
+        ],
     }
 }
 
@@ -53,6 +58,9 @@ pub(crate) fn narrow_path() -> ReferenceProblem {
         edges: path(11),
         fields: targets.iter().map(field).collect(),
         gains: vec![Gain::Reciprocal { scale: 1.0 }; 11],
-        funnels: vec![Funnel::Exponential { start: 1200.0, end: 0.0, rate: 1.0, factor: 1.0 }; 11],
+        funnels: vec![
+            Funnel { factor: 1.0, shape: Shape::Exponential { start: 1200.0, end: 0.0, rate: 1.0 } };
+            11
+        ],
     }
 }

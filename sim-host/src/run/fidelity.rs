@@ -15,7 +15,7 @@ use crate::hub::{Hub, HubError};
 use crate::noise::Noise;
 use crate::progress::Progress;
 use crate::record::BusSummary;
-use crate::scenario::{CouplingKind, Scenario};
+use crate::scenario::{Coupling, Scenario};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::report::Report;
@@ -29,7 +29,7 @@ pub(super) const LOCKSTEP: Drive = Drive { tick_source: TickSource::Sync, teleme
 
 /// Fidelity `loopback`.
 pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
-    if scenario.coupling == CouplingKind::WeaklyCentralised {
+    if scenario.coupling == Coupling::WeaklyCentralised {
         return central(scenario, options);
     }
     let mut engine = engine(scenario)?;

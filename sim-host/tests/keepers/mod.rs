@@ -2,9 +2,7 @@
 //! commissioned.
 
 use funnelnet_node::{Output, Session, Task};
-use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
-};
+use funnelnet_protocol::config::{Breach, Coupling, Field, Funnel, Gain, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Message, Target};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Identity, Reply, StoreError};
@@ -105,15 +103,15 @@ pub fn config(id: u8, width: f32) -> NodeConfig {
         tick_source: TickSource::Sync,
         initial_state: [1.0].into_iter().collect(),
         state_limit: 1e6,
-        field: FieldConfig {
+        field: Field {
             slope: [-0.7].into_iter().collect(),
             offset: [1.0].into_iter().collect(),
             sines: [].into_iter().collect(),
         },
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width } },
-        on_breach: BreachPolicy::Ride,
+        coupling: Coupling::NodeWise,
+        gain: Gain::Reciprocal { scale: 1.0 },
+        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width } },
+        on_breach: Breach::Ride,
         neighbours: [].into_iter().collect(),
         extrapolate_ticks: 3,
         telemetry_every: 0,

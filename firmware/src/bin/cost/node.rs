@@ -7,7 +7,7 @@ use funnelnet_link::{Fd, Format};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::can_fd::{self, FdFrame};
 use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, GainConfig, NodeConfig, TickSource, scalar,
+    Breach, Coupling, EdgeConfig, Gain, NodeConfig, TickSource, scalar,
 };
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, Deframer, Frame};
@@ -158,10 +158,10 @@ fn config(sines: usize) -> NodeConfig {
         initial_state: scalar(1.0),
         state_limit: 1e6,
         field: field(sines),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
+        coupling: Coupling::NodeWise,
+        gain: Gain::Reciprocal { scale: 1.0 },
         funnel: law::FUNNEL,
-        on_breach: BreachPolicy::Ride,
+        on_breach: Breach::Ride,
         neighbours: NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }).collect(),
         extrapolate_ticks: 10,
         telemetry_every: 0,
