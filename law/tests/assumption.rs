@@ -19,7 +19,11 @@ fn every_scale_holds<F: Real>() {
         assert!((holds(Logarithmic { scale }).lowest - scale).abs() <= F::EPSILON * scale);
         let lowest = F::from_u32(4) * scale;
         assert!((holds(LocallyLinear { bound: scale }).lowest - lowest).abs() <= F::EPSILON * lowest);
-        holds(Gain::Logarithmic { scale });
+        for kind in Gain::KINDS.iter().filter(|kind| kind.keeps_funnels && kind.parameters.len() == 1) {
+            let gain = (kind.build)([scale, F::ZERO]);
+            let found = holds(gain);
+            assert!((found.lowest - gain.slope_at_zero()).abs() <= F::EPSILON * found.lowest, "{gain:?}");
+        }
     }
     for eta in [SMALLEST, 0.01, LARGEST] {
         for eps in [1e-6, 0.05, 0.9999] {

@@ -7,6 +7,7 @@
 use crate::math::Real;
 use crate::root;
 
+mod algebraic;
 mod assumption;
 mod linear;
 mod locally_linear;
@@ -15,6 +16,7 @@ mod median;
 mod named;
 mod reciprocal;
 
+pub use algebraic::Algebraic;
 pub use assumption::{Constants, Violation, check};
 pub use linear::Linear;
 pub use locally_linear::LocallyLinear;

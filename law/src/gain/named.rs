@@ -2,8 +2,8 @@
 //!
 //! A new gain is a file beside this one, and a row at the end of this list.
 
+use super::{Algebraic, Linear, LocallyLinear, Logarithmic, Median, Reciprocal};
 use super::{GainFunction, Solution};
-use super::{Linear, LocallyLinear, Logarithmic, Median, Reciprocal};
 use crate::math::Real;
 use crate::range::Parameter;
 use core::fmt;
@@ -103,6 +103,8 @@ gains! {
     Median { eta, eps },
     /// `u = slope * nu` whatever the funnel is, see [`Linear`].
     Linear { slope },
+    /// `scale * s / sqrt(1 - s^2)`, see [`Algebraic`].
+    Algebraic { scale },
 }
 
 /// A kind of gain.

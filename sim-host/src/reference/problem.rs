@@ -212,6 +212,7 @@ mod tests {
             Gain::Logarithmic { scale: 3.0 },
             Gain::LocallyLinear { bound: 2.0 },
             Gain::Linear { slope: 2.0 },
+            Gain::Algebraic { scale: 1.5 },
         ] {
             for u in [-7.0, -0.4, 0.9, 6.5] {
                 let h = 1e-5;

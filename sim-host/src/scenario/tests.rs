@@ -289,7 +289,7 @@ fn a_gain_that_does_not_suit_the_coupling_is_refused() {
         let error = set(&[&linear[..], &[&format!("coupling.kind={kind}")]].concat());
         assert!(
             error.contains(&format!(
-                "must be a funnel's gain (reciprocal, logarithmic, locally-linear, median) with {kind}"
+                "must be a funnel's gain (reciprocal, logarithmic, locally-linear, median, algebraic) with {kind}"
             )),
             "{error}"
         );

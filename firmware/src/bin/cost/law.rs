@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use funnelnet_law::field::midpoint_step;
 use funnelnet_law::funnel::SampledFunnel;
-use funnelnet_law::gain::{GainFunction, LocallyLinear, Logarithmic, Reciprocal, Solution};
+use funnelnet_law::gain::{Algebraic, GainFunction, LocallyLinear, Logarithmic, Reciprocal, Solution};
 use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
 use funnelnet_law::{AffineSines, Real, VectorField};
 use funnelnet_protocol::config::{Field, Funnel, Shape, Sine};
@@ -32,7 +32,7 @@ fn inputs() -> [Input; INPUTS] {
 
 /// The law alone, as `Node` calls it.
 struct Law<G> {
-    funnel: Funnel<f32>,
+    funnel: SampledFunnel<f32>,
     law: NodeWise<f32, G>,
     memory: Memory<f32>,
 }
@@ -96,6 +96,9 @@ pub fn laws(table: &Table) {
     let mut law = Law::new(LocallyLinear { bound: 1.0 });
     let what = "the same with the locally linear gain";
     table.limited("law alone, locally linear", 500, what, &inputs, |(k, _, nu)| law.tick(k, nu));
+    let mut law = Law::new(Algebraic { scale: 1.0 });
+    let what = "the same with the algebraic gain, by Newton";
+    table.limited("law alone, algebraic", 1200, what, &inputs, |(k, _, nu)| law.tick(k, nu));
     explicit_laws(table, &inputs);
 }
 
