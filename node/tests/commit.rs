@@ -25,27 +25,21 @@ fn config(id: u8, components: usize) -> NodeConfig {
     let edges = |id| if id == 2 { 2 } else { 1 };
     let edge = |&id: &u8| EdgeConfig { id, weight: 1.0, edges: edges(id) };
     let state = |component: usize| f32::from(id) * 0.75 - component as f32 * 0.5;
-    NodeConfig {
-        id,
-        tick_ns: MS as u32,
-        tick_source: TickSource::Sync,
-        initial_state: (0..components).map(state).collect(),
-        state_limit: 1e6,
-        field: Field {
+    NodeConfig::builder(id, MS as u32)
+        .tick_source(TickSource::Sync)
+        .state((0..components).map(state))
+        .state_limit(1e6)
+        .field(Field {
             slope: [-0.7].into_iter().collect(),
             offset: (0..components).map(|_| f32::from(id)).collect(),
             sines: [].into_iter().collect(),
-        },
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width: 10.0 } },
-        on_breach: Breach::Ride,
-        neighbours: neighbours.iter().map(edge).collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 1,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+        })
+        .funnel(Shape::Constant { width: 10.0 })
+        .edges(neighbours.iter().map(edge))
+        .extrapolate_ticks(3)
+        .telemetry_every(1)
+        .build()
+        .unwrap()
 }
 
 fn with_width(config: &NodeConfig, width: f32) -> NodeConfig {

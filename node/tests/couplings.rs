@@ -7,7 +7,7 @@ use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::node_wise::NodeWise;
 use funnelnet_node::{Action, Event, Node, Params, Phase};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, NodeConfig, Shape, Sine,
+    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, NodeConfig, Shape, Sine,
     TickSource, scalar,
 };
 use funnelnet_protocol::message::{Command, FaultCode, Message, NodeId, Target, TickStamp};
@@ -23,27 +23,15 @@ fn config(id: usize, n: usize, state: &[f32]) -> NodeConfig {
         let other = j % n;
         EdgeConfig { id: other as u8 + 1, weight: 0.5 + ((id + other) % 3) as f32, edges: around.len() as u8 }
     });
-    NodeConfig {
-        id: id as u8 + 1,
-        tick_ns: TICK_NS,
-        tick_source: TickSource::Sync,
-        initial_state: state.iter().copied().collect(),
-        state_limit: 1e6,
-        field: Field {
-            slope: [0.0].into_iter().collect(),
-            offset: state.iter().map(|_| 0.0).collect(),
-            sines: heapless::Vec::new(),
-        },
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width: 20.0 } },
-        on_breach: Breach::Ride,
-        neighbours: neighbours.collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(id as u8 + 1, TICK_NS)
+        .tick_source(TickSource::Sync)
+        .state(state.iter().copied())
+        .state_limit(1e6)
+        .funnel(Shape::Constant { width: 20.0 })
+        .edges(neighbours)
+        .extrapolate_ticks(3)
+        .build()
+        .unwrap()
 }
 
 /// Nodes that hear all of each other's frames at once.

@@ -4,7 +4,7 @@
 use funnelnet_law::floor::{Floor, ROUNDING};
 use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::config::{
-    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
+    EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape,
 };
 use funnelnet_protocol::message::{Command, Message, Target};
 
@@ -39,24 +39,17 @@ impl Draw {
         let edges = |a: usize| (0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).count() as u8;
         let edge =
             |b: usize| EdgeConfig { id: b as u8 + 1, weight: self.weight(a, b), edges: edges(b).max(1) };
-        NodeConfig {
-            id: a as u8 + 1,
-            tick_ns: self.tick_ns,
-            tick_source: TickSource::Timer,
-            initial_state: scalar(self.offsets.iter().sum::<f32>() / n as f32),
-            state_limit: 1e9,
-            field: Field::scalar(-1.0, self.offsets[a], []),
-            coupling: Coupling::NodeWise,
-            gain: Gain::Reciprocal { scale: self.scale },
+        NodeConfig::builder(a as u8 + 1, self.tick_ns)
+            .state([self.offsets.iter().sum::<f32>() / n as f32])
+            .state_limit(1e9)
+            .field(Field::scalar(-1.0, self.offsets[a], []))
+            .gain(Gain::Reciprocal { scale: self.scale })
             // As good as closed.
-            funnel: Funnel { factor: self.factor, shape: Shape::Constant { width: 1e-9 } },
-            on_breach: Breach::Ride,
-            neighbours: (0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).map(edge).collect(),
-            extrapolate_ticks: 3,
-            telemetry_every: 0,
-            lost_neighbours: 0,
-            holdover_ns: 0,
-        }
+            .funnel(Funnel { factor: self.factor, shape: Shape::Constant { width: 1e-9 } })
+            .edges((0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).map(edge))
+            .extrapolate_ticks(3)
+            .build()
+            .unwrap()
     }
 }
 

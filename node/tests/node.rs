@@ -4,7 +4,7 @@
 use funnelnet_node::neighbour::Presence;
 use funnelnet_node::{Action, Event, Node, Observation, Params, Phase};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape,
+    Breach, ConfigError, ConfigField, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape,
     TickSource, scalar,
 };
 use funnelnet_protocol::message::{
@@ -15,23 +15,14 @@ use funnelnet_protocol::refusal::Refusal;
 const MS: u64 = 1_000_000;
 
 fn config() -> NodeConfig {
-    NodeConfig {
-        id: 1,
-        tick_ns: MS as u32,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(1.0),
-        state_limit: 1e6,
-        field: Field::scalar(0.0, 0.0, []),
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width: 10.0 } },
-        on_breach: Breach::Ride,
-        neighbours: [edge(2)].into_iter().collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(1, MS as u32)
+        .state([1.0])
+        .state_limit(1e6)
+        .funnel(Shape::Constant { width: 10.0 })
+        .edges([edge(2)])
+        .extrapolate_ticks(3)
+        .build()
+        .unwrap()
 }
 
 fn edge(id: u8) -> EdgeConfig {

@@ -3,7 +3,7 @@
 
 use funnelnet_node::{Event, Output, Phase, Session, Task};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
+    ConfigError, Field, NodeConfig, Shape, TickSource,
 };
 use funnelnet_protocol::message::{Command, Message, Severity, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
@@ -24,23 +24,17 @@ const IDENTITY: Identity = Identity {
 };
 
 fn config() -> NodeConfig {
-    NodeConfig {
-        id: 3,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Sync,
-        initial_state: scalar(1.0),
-        state_limit: 1e6,
-        field: Field::scalar(-1.0, 0.0, []),
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width: 10.0 } },
-        on_breach: Breach::Ride,
-        neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 2,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(3, 1_000_000)
+        .tick_source(TickSource::Sync)
+        .state([1.0])
+        .state_limit(1e6)
+        .field(Field::scalar(-1.0, 0.0, []))
+        .funnel(Shape::Constant { width: 10.0 })
+        .edge(2, 1.0)
+        .extrapolate_ticks(3)
+        .telemetry_every(2)
+        .build()
+        .unwrap()
 }
 
 /// A session whose program has just started.

@@ -5,7 +5,7 @@
 
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::{
-    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, Sine, TickSource, scalar,
+    EdgeConfig, Field, NodeConfig, Shape, Sine,
 };
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::engine::Engine;
@@ -18,23 +18,14 @@ fn config(index: usize) -> NodeConfig {
     let neighbours =
         STEPS.map(|step| EdgeConfig { id: ((index + step) % NODES + 1) as u8, weight: 1.0, edges: 4 });
     let sine = Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: index as f64 };
-    NodeConfig {
-        id: index as u8 + 1,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(index as f32 * 0.01),
-        state_limit: 1e6,
-        field: Field::scalar(-1.0, 0.0, [sine]),
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: Funnel { factor: 1.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
-        on_breach: Breach::Ride,
-        neighbours: neighbours.into_iter().collect(),
-        extrapolate_ticks: 10,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(index as u8 + 1, 1_000_000)
+        .state([index as f32 * 0.01])
+        .state_limit(1e6)
+        .field(Field::scalar(-1.0, 0.0, [sine]))
+        .funnel(Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 })
+        .edges(neighbours)
+        .build()
+        .unwrap()
 }
 
 fn main() {

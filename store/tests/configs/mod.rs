@@ -4,28 +4,21 @@
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
     Breach, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES,
-    Normalised, Shape, Sine, TickSource, scalar,
+    Normalised, Shape, Sine, TickSource,
 };
 
 /// The configuration of node `id`, with a few numbers that depend on it.
 pub fn small(id: u8) -> NodeConfig {
-    NodeConfig {
-        id,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(f32::from(id)),
-        state_limit: 1e6,
-        field: Field::scalar(-1.0, 0.5, []),
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: Funnel { factor: 1.0, shape: Shape::Constant { width: 10.0 } },
-        on_breach: Breach::Ride,
-        neighbours: (1..=2).map(|i| EdgeConfig { id: id + i, weight: 1.0, edges: 2 }).collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 2,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(id, 1_000_000)
+        .state([f32::from(id)])
+        .state_limit(1e6)
+        .field(Field::scalar(-1.0, 0.5, []))
+        .funnel(Shape::Constant { width: 10.0 })
+        .edges((1..=2).map(|i| EdgeConfig { id: id + i, weight: 1.0, edges: 2 }))
+        .extrapolate_ticks(3)
+        .telemetry_every(2)
+        .build()
+        .unwrap()
 }
 
 /// The longest that a CONFIGURE can carry.

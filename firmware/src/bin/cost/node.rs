@@ -151,23 +151,13 @@ const fn node_id(id: u8) -> NodeId {
 }
 
 fn config(sines: usize) -> NodeConfig {
-    NodeConfig {
-        id: 1,
-        tick_ns: TICK_NS,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(1.0),
-        state_limit: 1e6,
-        field: field(sines),
-        coupling: Coupling::NodeWise,
-        gain: Gain::Reciprocal { scale: 1.0 },
-        funnel: law::FUNNEL,
-        on_breach: Breach::Ride,
-        neighbours: NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }).collect(),
-        extrapolate_ticks: 10,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(1, TICK_NS)
+        .state([1.0])
+        .state_limit(1e6)
+        .field(field(sines))
+        .funnel(law::FUNNEL)
+        .edges(NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }))
+        .build().unwrap()
 }
 
 /// Whole ticks over CAN and over the serial link.
