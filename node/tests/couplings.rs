@@ -7,8 +7,8 @@ use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::node_wise::NodeWise;
 use funnelnet_node::{Action, Event, Node, Params, Phase};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, NodeConfig, Shape, Sine,
-    TickSource, scalar,
+    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, NodeConfig, Shape, Sine, TickSource,
+    scalar,
 };
 use funnelnet_protocol::message::{Command, FaultCode, Message, NodeId, Target, TickStamp};
 use proptest::prelude::*;

@@ -3,9 +3,7 @@
 
 use funnelnet_law::floor::{Floor, ROUNDING};
 use funnelnet_node::{Action, Node, Params};
-use funnelnet_protocol::config::{
-    EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape,
-};
+use funnelnet_protocol::config::{EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape};
 use funnelnet_protocol::message::{Command, Message, Target};
 
 /// A network of nodes with fields `offset - x`, in lockstep, every state heard in time.

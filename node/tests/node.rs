@@ -4,8 +4,7 @@
 use funnelnet_node::neighbour::Presence;
 use funnelnet_node::{Action, Event, Node, Observation, Params, Phase};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, ConfigField, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape,
-    TickSource, scalar,
+    Breach, ConfigError, ConfigField, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
 };
 use funnelnet_protocol::message::{
     Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,

@@ -2,9 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_node::{Event, Output, Phase, Session, Task};
-use funnelnet_protocol::config::{
-    ConfigError, Field, NodeConfig, Shape, TickSource,
-};
+use funnelnet_protocol::config::{ConfigError, Field, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Message, Severity, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::{

@@ -4,9 +4,7 @@
 #![allow(clippy::expect_used)]
 
 use funnelnet_node::{Node, Params};
-use funnelnet_protocol::config::{
-    EdgeConfig, Field, NodeConfig, Shape, Sine,
-};
+use funnelnet_protocol::config::{EdgeConfig, Field, NodeConfig, Shape, Sine};
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::engine::Engine;
 

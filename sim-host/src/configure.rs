@@ -145,7 +145,7 @@ fn collect<T, const N: usize>(items: impl Iterator<Item = T>) -> Option<heapless
 /// The vector field as it travels; `None` where there is no room for it.
 fn field(field: &Affine) -> Option<Field<f32>> {
     let sines = field.sines.iter().map(|sine| Sine {
-        component: sine.component as u8,
+        component: sine.component,
         amplitude: sine.amplitude as f32,
         frequency: sine.frequency,
         phase: sine.phase,

@@ -2,9 +2,7 @@
 
 use funnelnet_law::VectorField;
 use funnelnet_node::{InputRange, Model, Output, PlantSetup, Session};
-use funnelnet_protocol::config::{
-    ConfigError, EdgeConfig, Funnel, Gain, NodeConfig, Shape, TickSource,
-};
+use funnelnet_protocol::config::{ConfigError, EdgeConfig, Funnel, Gain, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::Identity;

@@ -134,9 +134,9 @@ fn distance<'a>(rows: impl Iterator<Item = (f64, &'a [f64], &'a [f64])>, smalles
 
 #[cfg(test)]
 mod tests {
-    use super::super::Affine;
     use super::super::examples::{five_agents, narrow_path, path, ring};
     use super::*;
+    use crate::scenario::Affine;
     use funnelnet_law::Gain;
     use funnelnet_law::funnel::{Funnel, Shape};
     use funnelnet_law::math;
@@ -152,7 +152,7 @@ mod tests {
 
     /// Three nodes of one unstable field with a sine, all at one state: they stay together, and that state is known in closed form.
     fn unstable(slope: f64, offset: f64, x0: f64) -> ReferenceProblem {
-        let field = Affine { slope, offset, sines: Vec::new() };
+        let field = Affine::scalar(slope, offset, Vec::new());
         ReferenceProblem {
             x0: vec![x0; 3],
             edges: path(3),
@@ -174,7 +174,7 @@ mod tests {
         let size = slope * slope + frequency * frequency;
         let (a, b) = (-slope / size, -frequency / size);
         let mut problem = unstable(slope, 0.0, b);
-        let sine = super::super::Sine { amplitude: 1.0, frequency, phase: 0.0 };
+        let sine = crate::scenario::Sine { component: 0, amplitude: 1.0, frequency, phase: 0.0 };
         problem.fields.iter_mut().for_each(|field| field.sines.push(sine));
         (problem, move |t: f64| a * math::sin(frequency * t) + b * math::cos(frequency * t))
     }

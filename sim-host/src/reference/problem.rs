@@ -1,9 +1,9 @@
 //! What the reference solves: the closed loop in SI units and `f64`, free of any file format.
 
 use super::error::ReferenceError;
+use crate::scenario::Affine;
 use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::gain::{Gain, GainFunction};
-use funnelnet_law::math;
 
 /// The closed loop `x_i' = f_i(t, x_i) + mu_i(nu_i / psi_i(t))` with
 /// `nu_i = sum_j alpha_ij (x_j - x_i)` (the paper's node-wise funnel coupling), from `t = 0`.
@@ -21,37 +21,6 @@ pub struct ReferenceProblem {
     pub gains: Vec<Gain<f64>>,
     /// The performance funnels `psi_i`.
     pub funnels: Vec<Funnel<f64>>,
-}
-
-/// The vector field `slope * x + offset + sum amplitude * sin(frequency * t + phase)`, state units per
-/// second.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Affine {
-    /// `df/dx`, in 1/s.
-    pub slope: f64,
-    /// Constant part, in state units per second.
-    pub offset: f64,
-    /// Periodic parts.
-    pub sines: Vec<Sine>,
-}
-
-/// One periodic part of an [`Affine`] field.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sine {
-    /// In state units per second.
-    pub amplitude: f64,
-    /// In rad/s.
-    pub frequency: f64,
-    /// In rad.
-    pub phase: f64,
-}
-
-impl Affine {
-    /// `f(t, x)` in state units per second, `t` in seconds.
-    pub fn value(&self, t: f64, x: f64) -> f64 {
-        let wave = |s: &Sine| s.amplitude * math::sin(s.frequency * t + s.phase);
-        self.slope * x + self.offset + self.sines.iter().map(wave).sum::<f64>()
-    }
 }
 
 /// The largest ratio `|nu| / psi` that `f64` tells from 1.
@@ -117,7 +86,7 @@ impl ReferenceProblem {
             require("x0", node, value, value.is_finite())?;
         }
         for (node, field) in self.fields.iter().enumerate() {
-            for value in field.numbers() {
+            for value in numbers_of(field) {
                 require("field", node, value, value.is_finite())?;
             }
         }
@@ -143,11 +112,10 @@ impl ReferenceProblem {
     }
 }
 
-impl Affine {
-    fn numbers(&self) -> impl Iterator<Item = f64> + '_ {
-        let waves = self.sines.iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);
-        [self.slope, self.offset].into_iter().chain(waves)
-    }
+/// The numbers of a field.
+fn numbers_of(field: &Affine) -> impl Iterator<Item = f64> + '_ {
+    let waves = field.sines.iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);
+    field.slope.iter().chain(&field.offset).copied().chain(waves)
 }
 
 fn require(what: &'static str, node: usize, value: f64, holds: bool) -> Result<(), ReferenceError> {
@@ -177,6 +145,7 @@ fn unreached(nodes: usize, edges: &[(usize, usize, f64)]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use funnelnet_law::math;
 
     /// `mu^-1` and its slope once more, as the paper writes them.
     fn by_the_paper(gain: &Gain<f64>, u: f64) -> (f64, f64) {

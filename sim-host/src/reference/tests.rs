@@ -2,6 +2,7 @@
 
 use super::examples::{complete, five_agents, narrow_path, path, ring, star};
 use super::*;
+use crate::scenario::Affine;
 use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::math;
 use funnelnet_law::{Gain, GainFunction};
@@ -120,7 +121,7 @@ fn an_asymptotic_funnel_is_resolved_to_its_end() {
     assert!(distance(&solution.x, &at_tolerance(&problem, 30.0, 3000, 1e-11).x) < 2e-8 * 300.0);
     // The emergent dynamics' equilibrium: equal funnels, so sum_i (xi - f_i*) / (1 + |xi - f_i*|) = 0.
     let sum = |xi: f64| -> f64 {
-        problem.fields.iter().map(|f| Gain::Reciprocal { scale: 1.0 }.inverse(xi - f.offset)).sum()
+        problem.fields.iter().map(|f| Gain::Reciprocal { scale: 1.0 }.inverse(xi - f.offset())).sum()
     };
     let (mut low, mut high) = (-560.0, 560.0);
     for _ in 0..80 {
@@ -176,7 +177,7 @@ fn a_lone_node_follows_its_own_field() {
     let problem = ReferenceProblem {
         x0: vec![1.0],
         edges: Vec::new(),
-        fields: vec![Affine { slope: -1.0, offset: 3.0, sines: Vec::new() }],
+        fields: vec![Affine::scalar(-1.0, 3.0, Vec::new())],
         gains: vec![Gain::Reciprocal { scale: 1.0 }],
         funnels: vec![Funnel { factor: 1.0, shape: Shape::Constant { width: 1.0 } }],
     };

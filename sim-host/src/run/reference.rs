@@ -133,20 +133,10 @@ fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
     if !scenario.nodes.iter().all(|node| reference::has_reference(&node.gain, &node.funnel)) {
         return Err(RunError::bad_input("there is no reference for this kind of gain or funnel yet"));
     }
-    let sine = |s: &crate::scenario::Sine| reference::Sine {
-        amplitude: s.amplitude,
-        frequency: s.frequency,
-        phase: s.phase,
-    };
-    let field = |dynamics: &crate::scenario::Affine| reference::Affine {
-        slope: dynamics.slope(),
-        offset: dynamics.offset(),
-        sines: dynamics.sines.iter().map(sine).collect(),
-    };
     Ok(ReferenceProblem {
         x0: scenario.initial_states(),
         edges: scenario.graph.edges.iter().map(|edge| (edge.a, edge.b, edge.weight)).collect(),
-        fields: scenario.nodes.iter().map(|node| field(&node.dynamics)).collect(),
+        fields: scenario.nodes.iter().map(|node| node.dynamics.clone()).collect(),
         gains: scenario.nodes.iter().map(|node| node.gain.prepared()).collect(),
         funnels: scenario.nodes.iter().map(|node| node.funnel).collect(),
     })

@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use funnelnet_node::params;
 use funnelnet_protocol::config::MAX_SINES;
 
-use super::affine::{Affine, Sine};
+use super::Sine;
+use super::affine::Affine;
 use super::components::Components;
 use super::coupling::{Defaults, read_funnel, read_gain};
 use super::diagnostic::{Diagnostic, Problem};
@@ -238,6 +239,12 @@ fn read_sine(item: &Item, components: &Components, log: &Log) -> Option<Vec<Sine
     let phases = section.value("phase", nothing, |item| components.numbers(item, phase));
     section.finish();
     let sines = amplitudes.into_iter().zip(phases).enumerate();
-    let sines = sines.map(|(component, (amplitude, phase))| Sine { component, amplitude, frequency, phase });
+    let sines = sines.map(|(component, (amplitude, phase))| Sine {
+        // A state has eight components at most.
+        component: component as u8,
+        amplitude,
+        frequency,
+        phase,
+    });
     Some(sines.filter(|sine| components.count == 1 || sine.amplitude != 0.0).collect())
 }

@@ -27,9 +27,11 @@ use funnelnet_node::params;
 use std::io::Read;
 use std::path::Path;
 
-pub use affine::{Affine, Sine};
+pub use affine::Affine;
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
+/// One sinusoid of a field.
+pub type Sine = funnelnet_law::field::Sine<f64>;
 pub use funnelnet_law::funnel::{Normalised, Shape};
 pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
