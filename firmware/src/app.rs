@@ -2,9 +2,9 @@
 
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
+use funnelnet_link::Change;
 use funnelnet_node::feeding::FEED_EVERY_NS;
 use funnelnet_node::{Model, Output, Session};
-use funnelnet_link::Change;
 use funnelnet_plant::Plant;
 use funnelnet_protocol::WIRE_VERSION;
 use funnelnet_protocol::message::FaultCode;

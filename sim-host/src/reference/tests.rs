@@ -168,7 +168,7 @@ fn a_start_at_the_very_edge_is_followed() {
         let solution = at_tolerance(&problem, 1.0, 100, 1e-9);
         assert!(solution.max_ratio < 1.0 && solution.max_ratio > 1.0 - 2.0 * margin, "{margin}");
         let finer = at_tolerance(&problem, 1.0, 100, 1e-11);
-        assert!(distance(&solution.x, &finer.x) < 1.5e-8, "{margin}: {}", distance(&solution.x, &finer.x));
+        assert!(distance(&solution.x, &finer.x) < 1e-8, "{margin}: {}", distance(&solution.x, &finer.x));
     }
 }
 

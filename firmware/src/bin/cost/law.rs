@@ -114,12 +114,8 @@ fn explicit_laws(table: &Table, inputs: &[Input; INPUTS]) {
 
 /// `f = -x + 1` and three sines, as an agent of the paper's Example 3 has.
 pub fn field(sines: usize) -> Field<f32> {
-    let sine = |i: usize| Sine {
-        component: 0,
-        amplitude: 10.0,
-        frequency: 1.0 + i as f64,
-        phase: 0.3 * i as f64,
-    };
+    let sine =
+        |i: usize| Sine { component: 0, amplitude: 10.0, frequency: 1.0 + i as f64, phase: 0.3 * i as f64 };
     Field::scalar(-1.0, 1.0, (0..sines).map(sine))
 }
 

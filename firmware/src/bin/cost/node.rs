@@ -2,13 +2,11 @@
 
 use core::hint::black_box;
 
-use funnelnet_node::{Action, Node, Params};
 use funnelnet_link::{Fd, Format};
+use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::can_fd::{self, FdFrame};
-use funnelnet_protocol::config::{
-    Breach, Coupling, EdgeConfig, Gain, NodeConfig, TickSource, scalar,
-};
+use funnelnet_protocol::config::{EdgeConfig, NodeConfig};
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, Deframer, Frame};
 use heapless::Vec;
@@ -157,7 +155,8 @@ fn config(sines: usize) -> NodeConfig {
         .field(field(sines))
         .funnel(law::FUNNEL)
         .edges(NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }))
-        .build().unwrap()
+        .build()
+        .unwrap()
 }
 
 /// Whole ticks over CAN and over the serial link.
