@@ -156,7 +156,7 @@ fn config(sines: usize) -> NodeConfig {
         .funnel(law::FUNNEL)
         .edges(NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }))
         .build()
-        .unwrap()
+        .expect("room for four edges")
 }
 
 /// Whole ticks over CAN and over the serial link.
