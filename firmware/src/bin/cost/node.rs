@@ -148,6 +148,7 @@ const fn node_id(id: u8) -> NodeId {
     NodeId::new(id).expect("an id is 1 to 127")
 }
 
+#[allow(clippy::expect_used)] // a harness, which has nothing to go on with
 fn config(sines: usize) -> NodeConfig {
     NodeConfig::builder(1, TICK_NS)
         .state([1.0])
