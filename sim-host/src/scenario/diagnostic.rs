@@ -6,7 +6,7 @@ use crate::printable::printable;
 use serde::Serialize;
 
 /// The sort of mistake, which decides how the message is worded.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Problem {
     /// A value of the wrong type or outside its range.
@@ -28,7 +28,7 @@ pub enum Problem {
 }
 
 /// One mistake in a scenario. `Display` gives one line that a person can act on.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct Diagnostic {
     /// The file as the user named it, or the command-line option that brought the value in.
     pub file: String,

@@ -82,6 +82,8 @@ impl Scenario {
     }
 }
 
+/// Most bytes of a file: 2,000 nodes with all that they can have take less than a MiB.
+const LARGEST_FILE: u64 = 8 << 20;
 /// How messages name a scenario that comes through standard input.
 const STANDARD_INPUT: &str = "standard input";
 
@@ -92,9 +94,7 @@ pub fn is_standard_input(path: &Path) -> bool {
 }
 
 fn read_standard_input() -> Result<String, Diagnostics> {
-    let mut bytes = Vec::new();
-    let read = std::io::stdin().lock().read_to_end(&mut bytes);
-    read_bytes(read.map(|_| bytes), STANDARD_INPUT)
+    read_all(std::io::stdin().lock(), STANDARD_INPUT)
 }
 
 /// The text of a file.
@@ -102,13 +102,25 @@ fn read_standard_input() -> Result<String, Diagnostics> {
 /// # Errors
 /// It cannot be read, or is no UTF-8.
 pub(crate) fn read_text(path: &Path) -> Result<String, Diagnostics> {
-    read_bytes(std::fs::read(path), &path.display().to_string())
+    let name = path.display().to_string();
+    match std::fs::File::open(path) {
+        Ok(file) => read_all(file, &name),
+        Err(error) => Err(unreadable(&error, &name)),
+    }
 }
 
-fn read_bytes(bytes: std::io::Result<Vec<u8>>, name: &str) -> Result<String, Diagnostics> {
-    let whole = Place::whole(name);
-    let refuse = |why: String| Diagnostics::from(whole.diagnostic(Problem::Whole, "", why));
-    let bytes = bytes.map_err(|error| refuse(format!("cannot be read: {error}")))?;
+fn unreadable(error: &std::io::Error, name: &str) -> Diagnostics {
+    Place::whole(name).diagnostic(Problem::Whole, "", format!("cannot be read: {error}")).into()
+}
+
+/// The text of what may be anything: a device or a pipe can go on for ever.
+fn read_all(source: impl Read, name: &str) -> Result<String, Diagnostics> {
+    let refuse = |why: String| Diagnostics::from(Place::whole(name).diagnostic(Problem::Whole, "", why));
+    let mut bytes = Vec::new();
+    source.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(|error| unreadable(&error, name))?;
+    if bytes.len() as u64 > LARGEST_FILE {
+        return Err(refuse(format!("is no scenario: it has more than {} MiB", LARGEST_FILE >> 20)));
+    }
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         refuse(format!("must be UTF-8 text, and is not at byte {at}"))

@@ -4,6 +4,7 @@
 //! The caller throws the result away when the log is not empty.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 
 use crate::printable::is_unprintable;
 use funnelnet_node::params;
@@ -14,20 +15,23 @@ use super::tree::{Item, Place, Table, Value};
 
 /// The mistakes found so far, each once.
 #[derive(Default)]
-pub(crate) struct Log(RefCell<Vec<Diagnostic>>);
+pub(crate) struct Log {
+    all: RefCell<Vec<Diagnostic>>,
+    /// The same, to look one up in: a scenario can have tens of thousands.
+    seen: RefCell<BTreeSet<Diagnostic>>,
+}
 
 impl Log {
     /// Notes a mistake; one that is already there (a shared default) is not repeated.
     pub fn report(&self, diagnostic: Box<Diagnostic>) {
-        let mut all = self.0.borrow_mut();
-        if !all.contains(&diagnostic) {
-            all.push(*diagnostic);
+        if self.seen.borrow_mut().insert((*diagnostic).clone()) {
+            self.all.borrow_mut().push(*diagnostic);
         }
     }
 
     /// `Err` with everything noted so far, in the order of the file, if there is anything.
     pub fn checkpoint(&self) -> Result<(), Diagnostics> {
-        let mut all = self.0.borrow().clone();
+        let mut all = self.all.borrow().clone();
         all.sort_by_key(|diagnostic| (diagnostic.line, diagnostic.column));
         if all.is_empty() { Ok(()) } else { Err(Diagnostics(all)) }
     }

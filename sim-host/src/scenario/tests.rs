@@ -782,3 +782,18 @@ fn the_unit_of_the_states_is_read_and_fits_on_an_axis() {
         );
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn what_goes_on_for_ever_is_no_scenario() {
+    let found = Scenario::load(Path::new("/dev/zero"), &[]).unwrap_err().to_string();
+    assert_eq!(found, "/dev/zero: is no scenario: it has more than 8 MiB");
+}
+
+#[test]
+fn thirty_thousand_mistakes_are_counted_and_twenty_spelt_out() {
+    let keys: String = (0..30_000).map(|i| format!("key{i} = 1\n")).collect();
+    let found = Scenario::parse(&keys, Path::new("many.toml"), &[]).unwrap_err();
+    assert!(found.0.len() >= 30_000);
+    assert_eq!(found.to_string().lines().count(), 21);
+}
