@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# Fuzzes every target, or those that are named: ./fuzz/run.sh [--runs N | --seconds S] [TARGET...]
+#
+# libFuzzer on the stable toolchain: the coverage passes of the compiler need RUSTC_BOOTSTRAP, and nothing else that is not stable.
+# The corpus is fuzz/corpus/TARGET; what made a target fail is left in fuzz/artifacts/TARGET.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")"
+
+limit=-max_total_time=30
+targets=()
+while (( $# > 0 )); do
+    case $1 in
+        --runs) limit=-runs=$2; shift 2 ;;
+        --seconds) limit=-max_total_time=$2; shift 2 ;;
+        *) targets+=("$1"); shift ;;
+    esac
+done
+(( ${#targets[@]} > 0 )) || mapfile -t targets < <(cd targets && ls | sed 's/\.rs$//')
+
+host=$(rustc -vV | sed -n 's/^host: //p')
+coverage="-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4"
+coverage+=" -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table"
+coverage+=" -Cllvm-args=-sanitizer-coverage-trace-compares -Ccodegen-units=1 --cfg fuzzing"
+# With a target named, build scripts are compiled without coverage.
+RUSTC_BOOTSTRAP=1 RUSTFLAGS=$coverage CARGO_TARGET_DIR=../target/fuzz cargo build --quiet --locked --release --target "$host"
+
+failed=0
+for target in "${targets[@]}"; do
+    mkdir -p "corpus/$target" "artifacts/$target" "../target/fuzz/corpus/$target"
+    log=../target/fuzz/$target.log
+    # New inputs go to the first folder, which is not the repository's.
+    if "../target/fuzz/$host/release/$target" "../target/fuzz/corpus/$target" "corpus/$target" $limit -print_final_stats=1 \
+        -artifact_prefix="artifacts/$target/" -rss_limit_mb=2048 > "$log" 2>&1; then
+        runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+        cover=$(grep -o 'cov: [0-9]*' "$log" | tail -1)
+        echo "fuzz: $target: $runs runs, ${cover:-cov: 0}, no failure"
+    else
+        tail -30 "$log" >&2
+        echo "fuzz: $target FAILED; the input is in fuzz/artifacts/$target" >&2
+        failed=1
+    fi
+done
+exit "$failed"
