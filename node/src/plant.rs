@@ -82,32 +82,6 @@ impl PlantSetup {
     }
 }
 
-/// What a sample is for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Purpose {
-    /// The announcement of the initial state.
-    Announce,
-    /// A tick, which waits for it.
-    Tick,
-}
-
-/// What the app has to do for the node before the next tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Step {
-    /// Nothing.
-    Idle,
-    /// It is to be asked for a sample.
-    Ask(Purpose),
-    /// It has been asked for one.
-    Await(Purpose),
-    /// It is to be told that there are inputs.
-    Tell,
-    /// It is to be told that the node has stopped.
-    Stop,
-    /// It has been asked for another configuration.
-    Commit,
-}
-
 /// The plant of a node.
 #[derive(Clone, Debug)]
 pub(crate) struct Plant<F> {

@@ -2,9 +2,9 @@
 //! jump; the funnel is a function of the tick number and needs nothing.
 
 use super::Node;
+use super::step::Step;
 use crate::observe::{Event, Phase};
 use crate::params::Params;
-use crate::plant::Step;
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::Gain;
 use funnelnet_law::law::Coupling;
@@ -59,7 +59,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     /// Counted, and nothing has changed: `Phase` unless it runs and knows its tick, `Value` where `lasting` is not its own, `TickWindow`.
     pub fn commit_at(&mut self, at: TickStamp, lasting: Lasting) -> Result<(), Refusal> {
         let tick = self.may_commit(at, lasting).inspect_err(|&reason| self.counters.refuse(reason))?;
-        self.commit = Some(tick);
+        self.clock.commit = Some(tick);
         count(&mut self.counters.accepted);
         Ok(())
     }
@@ -74,7 +74,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             return Err(Refusal::Value);
         }
         // A tick that waits for its sample has begun.
-        let next = self.tick.wrapping_add(u32::from(self.tick_waits_for_sample()));
+        let next = self.clock.tick.wrapping_add(u32::from(self.tick_waits_for_sample()));
         at.rebuild(next, 0, COMMIT_AHEAD).ok_or(Refusal::TickWindow)
     }
 
@@ -93,7 +93,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
         self.params = params;
         self.meet(edges);
-        self.report_event(Event::Adopted { tick: self.tick });
+        self.outbox.report(Event::Adopted { tick: self.clock.tick });
         Ok(())
     }
 
@@ -130,20 +130,14 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
-    /// The next tick is that of the commit, or later: SYNC may have skipped it.
-    #[inline]
-    pub(super) fn commit_is_due(&self) -> bool {
-        self.commit.is_some_and(|at| self.tick.wrapping_sub(at) as i32 >= 0)
-    }
-
     /// Whether the tick of [`Node::commit_at`] comes next: it waits then for [`Node::adopt`] or [`Node::keep_on`]. Told once. To be
     /// asked when [`Node::poll`] has given `None`: what the tick before had to say is said then, and the time that an answer takes is
     /// that of the rest of its period.
     #[inline]
     pub fn take_commit(&mut self) -> bool {
-        let due = self.step == Step::Idle && self.commit_is_due();
+        let due = self.step == Step::Idle && self.clock.commit_is_due();
         if due {
-            (self.commit, self.step) = (None, Step::Commit);
+            (self.clock.commit, self.step) = (None, Step::Commit);
         }
         due
     }

@@ -1,7 +1,8 @@
 //! What a node does with its plant: samples, inputs, and what it asks the app for.
 
-use super::{Action, Node, Schedule};
-use crate::plant::{Plant, Purpose, Step};
+use super::step::{Purpose, Step};
+use super::{Node, Schedule};
+use crate::plant::Plant;
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::Gain;
 use funnelnet_law::math::Real;
@@ -41,10 +42,6 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
-    pub(super) fn tick_waits_for_sample(&self) -> bool {
-        matches!(self.step, Step::Ask(Purpose::Tick) | Step::Await(Purpose::Tick))
-    }
-
     /// Takes up what has waited for a sample, with it or without.
     fn resume(&mut self, purpose: Purpose) {
         self.step = Step::Idle;
@@ -52,10 +49,10 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
             Purpose::Announce => {
                 // Before the first tick nothing has changed.
                 self.parts.iter_mut().for_each(|part| part.dx = F::ZERO);
-                self.outgoing.states = self.all_components();
+                self.outbox.send_state(self.parts.len());
             }
             // SYNC has moved it over the tick of a commit, which comes first.
-            Purpose::Tick if self.commit_is_due() => self.schedule = Schedule::Now,
+            Purpose::Tick if self.clock.commit_is_due() => self.clock.schedule = Schedule::Now,
             Purpose::Tick => self.run_tick(),
         }
     }
@@ -64,7 +61,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     pub(super) fn announce(&mut self) {
         match self.plant {
             Some(_) => self.step = Step::Ask(Purpose::Announce),
-            None => self.outgoing.states = self.all_components(),
+            None => self.outbox.send_state(self.parts.len()),
         }
     }
 
@@ -86,26 +83,5 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         if saturated {
             count(&mut self.counters.saturated);
         }
-    }
-
-    /// Whether the app is to be told that the node has stopped; told once.
-    pub(crate) fn take_stop(&mut self) -> bool {
-        let stopped = self.step == Step::Stop;
-        if stopped {
-            self.step = Step::Idle;
-        }
-        stopped
-    }
-
-    /// What to ask of the app now, each once.
-    pub(super) fn demand(&mut self) -> Option<Action> {
-        let (action, next) = match self.step {
-            Step::Idle | Step::Await(_) | Step::Commit => return None,
-            Step::Ask(purpose) => (Action::Sample, Step::Await(purpose)),
-            Step::Tell => (Action::Actuate, Step::Idle),
-            Step::Stop => (Action::Safe, Step::Idle),
-        };
-        self.step = next;
-        Some(action)
     }
 }
