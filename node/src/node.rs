@@ -100,7 +100,6 @@ pub enum Action {
 #[derive(Clone, Debug)]
 pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     params: Params<F, V, G>,
-    neighbours: Neighbours<F>,
     phase: Phase,
     step: Step,
     clock: Clock,
@@ -112,6 +111,7 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     plant: Option<Plant<F>>,
     outbox: Outbox,
     counters: Counters,
+    neighbours: Neighbours<F>,
 }
 
 impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
@@ -226,9 +226,6 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     pub fn poll(&mut self, now: u64) -> Option<Action> {
         self.run_due_ticks(now);
         self.check_holdover(now);
-        match self.demand() {
-            Some(action) => Some(action),
-            None => self.next_outgoing(),
-        }
+        self.demand().or_else(|| self.next_outgoing())
     }
 }

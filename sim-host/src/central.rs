@@ -124,6 +124,11 @@ impl Central {
         &self.observations
     }
 
+    /// What the nodes saw at the last tick, by index and then by component.
+    pub fn observations(&self) -> &[Observation<f32>] {
+        &self.observations
+    }
+
     /// What is known of each node at the last tick, by index.
     pub fn presence(&self) -> Vec<Presence> {
         let presence = if self.stood_still { Presence::Stopped } else { Presence::Ran };

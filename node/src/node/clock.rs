@@ -105,6 +105,7 @@ impl Clock {
     }
 
     /// When a node with this `holdover` (ns) stops unless another SYNC comes, ns.
+    #[inline]
     fn held_until(&self, holdover: u64) -> u64 {
         self.synced.saturating_add(holdover)
     }

@@ -31,6 +31,7 @@ impl Outbox {
     }
 
     /// Whether nothing waits.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.states == 0 && !self.announce && self.fault.is_none() && self.events.is_empty()
     }
@@ -41,11 +42,13 @@ impl Outbox {
     }
 
     /// Has the state sent, all of its components.
+    #[inline]
     pub fn send_state(&mut self, components: usize) {
         self.states = (0..components).fold(0, |bits, component| bits | 1 << component);
     }
 
     /// Has the next edge announced, where one is left.
+    #[inline]
     pub fn send_edge(&mut self) {
         self.announce = self.edges_left != 0;
     }
@@ -72,6 +75,7 @@ impl Outbox {
     }
 
     /// The next component of the state that is to be sent.
+    #[inline]
     fn take_component(&mut self) -> Option<u8> {
         if self.states == 0 {
             return None;
@@ -82,6 +86,7 @@ impl Outbox {
     }
 
     /// Index of the next edge that is to be announced, last one first.
+    #[inline]
     fn take_edge(&mut self) -> Option<u8> {
         if !core::mem::take(&mut self.announce) {
             return None;

@@ -159,6 +159,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     }
 
     #[cold]
+    #[inline(never)]
     fn note_neighbours(
         &mut self,
         component: usize,
