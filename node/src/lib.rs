@@ -8,7 +8,6 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-pub mod feeding;
 pub mod model;
 pub mod neighbour;
 pub mod node;
@@ -16,6 +15,7 @@ pub mod observe;
 pub mod params;
 pub mod plant;
 pub mod session;
+pub mod watchdog;
 
 pub use model::{Configured, Fixed, Model};
 pub use node::{Action, Node};

@@ -2,8 +2,8 @@
 
 use super::Node;
 use super::step::{Purpose, Step};
-use crate::feeding::Progress;
 use crate::observe::{Event, Phase};
+use crate::watchdog::Progress;
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::Gain;
 use funnelnet_law::math::Real;

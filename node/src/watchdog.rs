@@ -19,11 +19,11 @@ pub struct Progress {
 
 /// Decides when to feed.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Feeding {
+pub struct Policy {
     completed: u32,
 }
 
-impl Feeding {
+impl Policy {
     /// Whether the watchdog is to be fed at `now` (ns).
     pub fn may_feed(&mut self, progress: Progress, now: u64) -> bool {
         let has_ticked = progress.completed != self.completed;
@@ -49,33 +49,33 @@ mod tests {
 
     #[test]
     fn a_node_that_waits_for_others_is_fed_by_its_loop() {
-        let mut feeding = Feeding::default();
-        assert!((0..5).all(|n| feeding.may_feed(progress(0, false, None), n * MS)));
+        let mut policy = Policy::default();
+        assert!((0..5).all(|n| policy.may_feed(progress(0, false, None), n * MS)));
     }
 
     #[test]
     fn a_tick_that_is_due_is_not_fed_over() {
-        let mut feeding = Feeding::default();
-        assert!((0..5).all(|n| !feeding.may_feed(progress(0, true, None), n * MS)));
-        assert!(feeding.may_feed(progress(1, true, None), 5 * MS), "the one before has run");
-        assert!(!feeding.may_feed(progress(1, true, None), 6 * MS));
+        let mut policy = Policy::default();
+        assert!((0..5).all(|n| !policy.may_feed(progress(0, true, None), n * MS)));
+        assert!(policy.may_feed(progress(1, true, None), 5 * MS), "the one before has run");
+        assert!(!policy.may_feed(progress(1, true, None), 6 * MS));
     }
 
     #[test]
     fn with_its_own_timer_only_a_completed_tick_counts() {
-        let mut feeding = Feeding::default();
-        assert!(!feeding.may_feed(progress(0, false, Some(MS)), 0));
-        assert!(feeding.may_feed(progress(1, false, Some(2 * MS)), MS));
+        let mut policy = Policy::default();
+        assert!(!policy.may_feed(progress(0, false, Some(MS)), 0));
+        assert!(policy.may_feed(progress(1, false, Some(2 * MS)), MS));
         // A loop that comes round on frames while its clock stands still.
-        assert!((0..5).all(|_| !feeding.may_feed(progress(1, false, Some(2 * MS)), MS)));
-        assert!(feeding.may_feed(progress(2, false, Some(3 * MS)), 2 * MS));
+        assert!((0..5).all(|_| !policy.may_feed(progress(1, false, Some(2 * MS)), MS)));
+        assert!(policy.may_feed(progress(2, false, Some(3 * MS)), 2 * MS));
     }
 
     #[test]
     fn a_start_or_a_tick_that_is_far_away_is_waited_for() {
-        let mut feeding = Feeding::default();
+        let mut policy = Policy::default();
         let far = progress(0, false, Some(3_000 * MS));
-        assert!(feeding.may_feed(far, 0) && feeding.may_feed(far, 2_499 * MS));
-        assert!(!feeding.may_feed(far, 2_500 * MS));
+        assert!(policy.may_feed(far, 0) && policy.may_feed(far, 2_499 * MS));
+        assert!(!policy.may_feed(far, 2_500 * MS));
     }
 }
