@@ -42,7 +42,7 @@ fn title(summary: &Summary) -> String {
     )
 }
 
-/// How the states behaved.
+/// Lines on how the states behaved.
 fn behaviour(summary: &Summary) -> Vec<Line> {
     let mut lines = Vec::new();
     lines.extend(summary.funnel.as_ref().map(|funnel| ("funnel", funnels(funnel))));
@@ -54,7 +54,7 @@ fn behaviour(summary: &Summary) -> Vec<Line> {
     lines
 }
 
-/// What carried the states, and how that differs from loopback.
+/// Lines on what carried the states, and how that differs from loopback.
 fn carriage(summary: &Summary) -> Vec<Line> {
     let mut lines = Vec::new();
     lines.extend(summary.bus.as_ref().map(|bus| ("bus", frames(bus))));
@@ -65,14 +65,14 @@ fn carriage(summary: &Summary) -> Vec<Line> {
     lines
 }
 
-/// What the nodes counted, and the hash of their states.
+/// Lines on what the nodes counted, and the hash of their states.
 fn record(summary: &Summary) -> Vec<Line> {
     let counted = summary.counters.as_ref().map(|counters| ("counted", counters.told()));
     let trace = summary.trace_hash.as_ref().map(|hash| ("trace", hash.clone()));
     counted.into_iter().chain(trace).collect()
 }
 
-/// Whether what was expected came true, and which checks have failed.
+/// Lines on what was expected, and which checks have failed.
 fn verdict(summary: &Summary) -> Vec<Line> {
     let expectation = |Expectation { name, limit, value, pass }: &Expectation| {
         let value = value.map_or("not measured".to_owned(), |value| figure(value, 4));
@@ -88,7 +88,7 @@ fn verdict(summary: &Summary) -> Vec<Line> {
     lines
 }
 
-/// How the funnels held, and what nodes believe of them where that is something else.
+/// Says how the funnels held, and what nodes believe of them where that is something else.
 fn funnels(funnel: &FunnelSummary) -> String {
     let mut text = format!("largest |nu|/psi {}, breaches {}", figure(funnel.max_ratio, 4), funnel.breaches);
     if let Some(believed) = funnel.believed {
@@ -108,7 +108,7 @@ fn agreement(sync: &SyncSummary) -> String {
     format!("final spread {last}, bound {bound}; largest spread {most}")
 }
 
-/// How far from the predictions the states ended, where these are known.
+/// Lines on how far from the predictions the states ended, where these are known.
 fn predictions(emergent: &EmergentSummary) -> impl Iterator<Item = Line> {
     let distance = |name, error: Option<f64>, symbol: &str, end: &Option<PerComponent>| {
         let (error, end) = (error?, end.as_ref()?);
@@ -127,7 +127,7 @@ fn frames(bus: &BusSummary) -> String {
     format!("{} frames sent, {} deliveries lost{refused}", bus.sent, bus.lost)
 }
 
-/// How a bench's nodes differ from loopback.
+/// Says how a bench's nodes differ from loopback.
 fn beside_loopback(bench: &BenchSummary) -> String {
     let differs = |node: &BenchNodeSummary| {
         let first = node.first_difference?;
@@ -152,7 +152,7 @@ fn beside_loopback(bench: &BenchSummary) -> String {
     }
 }
 
-/// What nodes did with clocks of their own.
+/// Says what nodes did with clocks of their own.
 fn own_clocks(clocks: &OwnClockSummary) -> String {
     let late: u64 = clocks.nodes.iter().map(|node| u64::from(node.extrapolated)).sum();
     format!(
@@ -166,7 +166,7 @@ fn between_nodes(WiresSummary { count, extrapolated, .. }: &WiresSummary) -> Str
     format!("{count} from node to node, {extrapolated} values came too late for their tick")
 }
 
-/// A number, or the numbers of a vector in brackets.
+/// Number, or the numbers of a vector in brackets.
 fn each(values: &[f64]) -> String {
     let figures: Vec<_> = values.iter().map(|&value| figure(value, 6)).collect();
     if let [one] = figures.as_slice() { one.clone() } else { format!("[{}]", figures.join(", ")) }

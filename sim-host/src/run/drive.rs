@@ -11,7 +11,7 @@ use crate::scenario::Scenario;
 
 /// Record of a run.
 pub(super) struct Record {
-    /// What was seen, tick by tick.
+    /// All that was seen, tick by tick.
     pub outcome: Outcome,
     /// Where it ended before its last tick.
     pub cut: Option<Cut>,
@@ -21,12 +21,12 @@ pub(super) struct Record {
 pub(super) struct Cut {
     /// Ticks that were recorded.
     pub after: u64,
-    /// Why there are no more.
+    /// Reason why there are no more.
     pub error: RunError,
 }
 
 impl Cut {
-    /// The same for people.
+    /// The end in words.
     pub fn told(self, scenario: &Scenario) -> EarlyEnd {
         EarlyEnd::after(self.after, scenario, self.error)
     }

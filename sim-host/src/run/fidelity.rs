@@ -50,7 +50,7 @@ pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
     Ok(Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario)))
 }
 
-/// What the nodes make of their configurations.
+/// Parameters that the nodes make of their configurations.
 fn accepted(configs: &[NodeConfig]) -> Result<Vec<Params<f32>>, RunError> {
     let params = |config: &NodeConfig| {
         Params::new(config).map_err(|error| {
@@ -68,7 +68,7 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     Ok(with_reports(central.reports(), scenario, &central, record))
 }
 
-/// What a network in this program came to, with what its nodes report.
+/// Adds what a network in this program says at the end to what was recorded of it.
 fn with_reports(
     reports: Vec<Report>,
     scenario: &Scenario,

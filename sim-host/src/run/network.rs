@@ -16,13 +16,13 @@ pub(super) trait Network {
     /// Runs the next tick of all nodes. Those that have stopped by themselves stay as they are.
     fn advance(&mut self) -> Result<(), RunError>;
 
-    /// What the nodes saw at their last tick, by index and then by component.
+    /// Observations of the nodes at their last tick, by index and then by component.
     fn observations(&self) -> &[Observation<f32>];
 
-    /// What is known of each node at tick `k`, which was the last to run, by index.
+    /// Presence of each node at tick `k`, which was the last to run, by index.
     fn presence(&self, k: u64) -> Vec<Presence>;
 
-    /// What the nodes reported so far.
+    /// Events that the nodes reported so far.
     fn events(&self) -> &[NodeEvent];
 
     /// Frame counts so far.
