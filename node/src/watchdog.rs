@@ -1,12 +1,12 @@
-//! When a node has earned that its watchdog is fed: a function of what it has done, and of nothing else.
+//! Policy for the watchdog of a node, which earns that it is fed: a function of what it has done, and of nothing else.
 //!
 //! A node that runs by its own timer earns it by a completed tick; one that has nothing to do, by waiting for it. A tick that is due and
 //! has not run is never fed over, so that a loop that comes round without doing its work is reset.
 
-/// How often a waiting loop must come round to feed, ns. A watchdog's period has to be a few times as long.
+/// Period at which a waiting loop must come round to feed, ns. A watchdog's period has to be a few times as long.
 pub const FEED_EVERY_NS: u64 = 500_000_000;
 
-/// What a node has done, and what it waits for.
+/// Progress of a node: what it has done, and what it waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
     /// Ticks that it has completed, modulo 2^32: not the tick number, which SYNC moves on over ticks that never ran.
@@ -17,7 +17,7 @@ pub struct Progress {
     pub next: Option<u64>,
 }
 
-/// Decides when to feed.
+/// Policy that decides when to feed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Policy {
     completed: u32,

@@ -16,10 +16,10 @@ use funnelnet_protocol::message::TickStamp;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::count;
 
-/// How far ahead the tick of a commit may lie: what its 16 bits can tell from one that is past.
+/// Ticks that a commit may lie ahead: what its 16 bits can tell from one that is past.
 pub const COMMIT_AHEAD: u32 = (1 << 15) - 1;
 
-/// What cannot change while a node runs.
+/// Part of a configuration that cannot change while a node runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lasting {
     id: u8,
@@ -29,7 +29,7 @@ pub struct Lasting {
 }
 
 impl Lasting {
-    /// That of a configuration.
+    /// Takes it from a configuration.
     pub fn of(config: &NodeConfig) -> Self {
         Self {
             id: config.id,
@@ -114,7 +114,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
-    /// Whatever the law was, it goes on from the last input. A tracker starts from the slope of its linear gain, as at a start.
+    /// Has the new law go on from the last input, whatever the old one was. A tracker starts from the slope of its linear gain, as at a start.
     fn change_coupling(&mut self, params: &Params<F, V, G>) {
         let k = params.law.gain.apply(F::ONE);
         let has_input = self.counters.ticks != 0;

@@ -1,4 +1,4 @@
-//! What a node does with its plant: samples, inputs, and what it asks the app for.
+//! Samples and inputs of a node with a plant.
 
 use super::step::{Purpose, Step};
 use super::{Node, Schedule};
@@ -10,7 +10,7 @@ use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::report::count;
 
 impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
-    /// What the actuator was told last, state units / s, component by component; empty on a virtual node.
+    /// Inputs that the actuator was told last, state units / s, component by component; empty on a virtual node.
     pub fn inputs(&self) -> &[F] {
         self.plant.as_ref().map_or(&[], Plant::inputs)
     }
@@ -57,7 +57,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
-    /// The initial state goes out; that of a plant has to be measured first.
+    /// Has the initial state go out; that of a plant has to be measured first.
     pub(super) fn announce(&mut self) {
         match self.plant {
             Some(_) => self.step = Step::Ask(Purpose::Announce),
@@ -65,7 +65,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         }
     }
 
-    /// Inputs as the actuator can do them. The law goes on from these and not from what it had asked for: otherwise `b u[k-1]` in (*)
+    /// Limits the inputs to what the actuator can do. The law goes on from these and not from what it had asked for: otherwise `b u[k-1]` in (*)
     /// would wind up (LAW.md 6).
     pub(super) fn saturate(&mut self) {
         let Some(plant) = &mut self.plant else { return };
