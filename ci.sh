@@ -199,12 +199,12 @@ cmd_unit() { #: unit, property and golden tests on the host
 }
 
 cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of processor time, on all cores, not part of `test`
-    cargo test --locked --release --package funnelnet-node --test sweep -- --include-ignored --nocapture
+    cargo test --locked --release --package funnelnet-law --test sweep -- --include-ignored --nocapture
 }
 
 cmd_thumb() { #: the crates of a node alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store; do
+    for package in funnelnet-law funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done

@@ -1,6 +1,6 @@
 //! Emergent dynamics: what the network does as one (paper, Section "Emergent behavior under funnel coupling").
 
-use crate::gain::Gain;
+use crate::gain::GainFunction;
 use crate::math::Real;
 use crate::root;
 
@@ -19,7 +19,7 @@ pub struct Agent<F, G> {
 ///
 /// Safeguarded Newton between `min f_i` and `max f_i` (paper, eq. (hminmax)), starting at `guess` where that lies between.
 /// O(N) per evaluation, within some roundings of the larger of `|h|` and the spread of the fields. Zero for no agents.
-pub fn field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], guess: F) -> F {
+pub fn field<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], guess: F) -> F {
     let Some(first) = agents.first() else { return F::ZERO };
     let (low, high) = agents.iter().fold((first.f, first.f), |(low, high), a| (low.min(a.f), high.max(a.f)));
     let start = if guess >= low && guess <= high { guess } else { (low + high) * F::HALF };
@@ -28,7 +28,10 @@ pub fn field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], guess: F) -> F {
 
 /// `dh/df_i = psi_i (mu_i^-1)'(h - f_i) / sum_j psi_j (mu_j^-1)'(h - f_j)` at the root `h`, by index (paper, Section "Numerical
 /// integration"). Not negative, and their sum is 1.
-pub fn partials_by_field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> impl Iterator<Item = F> {
+pub fn partials_by_field<F: Real, G: GainFunction<F>>(
+    agents: &[Agent<F, G>],
+    h: F,
+) -> impl Iterator<Item = F> {
     let lift = lift(agents, h);
     let total = total_steepness(agents, h, lift);
     agents.iter().map(move |agent| steepness(agent, h, lift) / total)
@@ -38,7 +41,7 @@ pub fn partials_by_field<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> i
 /// Section "Numerical integration").
 ///
 /// `psi_rates` are the `psi_j'` by index, state units / s. Zero, but for rounding, where all `psi_j' / psi_j` are equal.
-pub fn partial_by_time<F: Real, G: Gain<F>>(
+pub fn partial_by_time<F: Real, G: GainFunction<F>>(
     agents: &[Agent<F, G>],
     h: F,
     psi_rates: impl IntoIterator<Item = F>,
@@ -55,7 +58,7 @@ pub fn partial_by_time<F: Real, G: Gain<F>>(
 
 /// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is negative (paper, eq.
 /// (contractive_emer)). `slopes` are the `df_i/dx` by index, 1/s; it lies between the smallest and the largest of them.
-pub fn contraction<F: Real, G: Gain<F>>(
+pub fn contraction<F: Real, G: GainFunction<F>>(
     agents: &[Agent<F, G>],
     h: F,
     slopes: impl IntoIterator<Item = F>,
@@ -67,7 +70,7 @@ pub fn contraction<F: Real, G: Gain<F>>(
 ///
 /// Far from its field an agent adds nearly `psi_i` or `-psi_i`. Where these cancel, as with equal funnels on both sides, the
 /// root depends on what is missing to 1; so the whole `psi_i` are summed exactly, apart from the gaps.
-fn h_and_slope<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> (F, F) {
+fn h_and_slope<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], h: F) -> (F, F) {
     let lift = lift(agents, h);
     let (mut whole, mut rest, mut slope) = (ExactSum::default(), F::ZERO, F::ZERO);
     for agent in agents {
@@ -92,17 +95,17 @@ fn h_and_slope<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> (F, F) {
 }
 
 /// `psi_i (mu_i^-1)'(h - f_i) e^lift`.
-fn steepness<F: Real, G: Gain<F>>(agent: &Agent<F, G>, h: F, lift: F) -> F {
+fn steepness<F: Real, G: GainFunction<F>>(agent: &Agent<F, G>, h: F, lift: F) -> F {
     agent.psi * agent.gain.gap_with_slope(h - agent.f, lift).1
 }
 
-fn total_steepness<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F, lift: F) -> F {
+fn total_steepness<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], h: F, lift: F) -> F {
     agents.iter().fold(F::ZERO, |total, agent| total + steepness(agent, h, lift))
 }
 
 /// The smallest decay of all agents at `h`: without it, the gaps of logarithmic gains would all underflow between two groups.
 /// Zero where an agent is near its field.
-fn lift<F: Real, G: Gain<F>>(agents: &[Agent<F, G>], h: F) -> F {
+fn lift<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], h: F) -> F {
     let decays = agents.iter().map(|agent| agent.gain.decay(h - agent.f));
     let smallest = decays.reduce(F::min).unwrap_or(F::ZERO);
     if smallest > F::ONE { smallest } else { F::ZERO }

@@ -1,12 +1,57 @@
 //! The node's own dynamics `f(t, x)`.
 
 use crate::collect::collect;
-use crate::config::{FieldConfig, MAX_COMPONENTS, MAX_MATRIX, MAX_SINES};
 use crate::math::{Real, turns_from_radians};
 use heapless::Vec;
 
+/// Most sinusoids in a node's own vector field, over all components.
+pub const MAX_SINES: usize = 8;
+/// Most components of a state.
+pub const MAX_COMPONENTS: usize = 8;
+/// Most entries of the matrix of a field.
+pub const MAX_MATRIX: usize = MAX_COMPONENTS * MAX_COMPONENTS;
+
 /// One value per component of a state.
 pub type State<F> = Vec<F, MAX_COMPONENTS>;
+
+/// The state of a node with one component, state units.
+pub fn scalar<F>(x: F) -> State<F> {
+    [x].into_iter().collect()
+}
+
+/// One sinusoid of a vector field: `amplitude * sin(frequency * t + phase)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Sine<F> {
+    /// The component that it drives, from 0.
+    pub component: u8,
+    /// State units / s.
+    pub amplitude: F,
+    /// rad/s. f64, since its error grows with the length of the run.
+    pub frequency: f64,
+    /// rad.
+    pub phase: f64,
+}
+
+/// The numbers of a vector field `f(t, x) = slope * x + offset + sum of sines`, for a state of n components.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Field<F> {
+    /// 1/s: one number for all components, or n times n, row by row.
+    pub slope: Vec<F, MAX_MATRIX>,
+    /// State units / s, n numbers.
+    pub offset: State<F>,
+    /// Sinusoids.
+    pub sines: Vec<Sine<F>, MAX_SINES>,
+}
+
+impl<F> Field<F> {
+    /// The field of a state with one component: 1/s, state units / s.
+    pub fn scalar(slope: F, offset: F, sines: impl IntoIterator<Item = Sine<F>>) -> Self {
+        let slope = [slope].into_iter().collect();
+        Self { slope, offset: scalar(offset), sines: sines.into_iter().take(MAX_SINES).collect() }
+    }
+}
 
 /// A node's own vector field (paper, eq. (eachdyn)). Users implement it for their plant model.
 pub trait VectorField<F: Real> {
@@ -50,17 +95,17 @@ pub struct AffineSines<F> {
 }
 
 impl<F: Real> AffineSines<F> {
-    /// Prepares a validated configuration for tick period `tick` (s).
-    pub fn new(config: &FieldConfig, tick: f64) -> Self {
-        let phasors = config.sines.iter().map(|sine| Phasor {
+    /// Prepares a validated field for tick period `tick` (s).
+    pub fn new(field: &Field<f32>, tick: f64) -> Self {
+        let phasors = field.sines.iter().map(|sine| Phasor {
             component: sine.component,
             amplitude: F::from_f32(sine.amplitude),
             start: turns_from_radians(sine.phase),
             per_half_tick: turns_from_radians(sine.frequency * tick * 0.5),
         });
         let mut offset = [F::ZERO; MAX_COMPONENTS];
-        offset.iter_mut().zip(&config.offset).for_each(|(slot, &value)| *slot = F::from_f32(value));
-        let (slope, matrix) = match config.slope.as_slice() {
+        offset.iter_mut().zip(&field.offset).for_each(|(slot, &value)| *slot = F::from_f32(value));
+        let (slope, matrix) = match field.slope.as_slice() {
             [slope] => (F::from_f32(*slope), Vec::new()),
             entries => (F::ZERO, collect(entries.iter().map(|&entry| F::from_f32(entry)))),
         };

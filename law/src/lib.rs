@@ -6,9 +6,10 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod breach;
 #[doc(hidden)]
 pub mod collect;
-pub mod config;
+pub mod coupling;
 pub mod emergent;
 pub mod field;
 pub mod floor;
@@ -16,8 +17,12 @@ pub mod funnel;
 pub mod gain;
 pub mod law;
 pub mod math;
+pub mod range;
 pub mod root;
 
-pub use field::{AffineSines, VectorField};
-pub use gain::{BuiltinGain, Gain};
+pub use breach::Breach;
+pub use coupling::Coupling;
+pub use field::{AffineSines, Field, VectorField};
+pub use funnel::Funnel;
+pub use gain::{Gain, GainFunction};
 pub use math::Real;

@@ -2,20 +2,20 @@
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_law::emergent::{Agent, contraction, field, partial_by_time, partials_by_field, runge_kutta};
-use funnelnet_law::gain::{BuiltinGain, Gain, Linear, LocallyLinear, Logarithmic, Reciprocal};
+use funnelnet_law::gain::{Gain, GainFunction, Logarithmic, Reciprocal};
 use proptest::prelude::*;
 
-type AnyAgent = Agent<f64, BuiltinGain<f64>>;
+type AnyAgent = Agent<f64, Gain<f64>>;
 
 fn agent() -> impl Strategy<Value = AnyAgent> {
     (0.001f64..1000.0, -100.0f64..100.0, 0.01f64..100.0, 0u8..4).prop_map(|(psi, f, scale, kind)| Agent {
         psi,
         f,
         gain: match kind {
-            0 => BuiltinGain::Reciprocal(Reciprocal { scale }),
-            1 => BuiltinGain::Logarithmic(Logarithmic { scale }),
-            2 => BuiltinGain::LocallyLinear(LocallyLinear { bound: scale }),
-            _ => BuiltinGain::Linear(Linear { slope: scale }),
+            0 => Gain::Reciprocal { scale },
+            1 => Gain::Logarithmic { scale },
+            2 => Gain::LocallyLinear { bound: scale },
+            _ => Gain::Linear { slope: scale },
         },
     })
 }
@@ -24,12 +24,7 @@ fn agent() -> impl Strategy<Value = AnyAgent> {
 fn smooth_agents() -> impl Strategy<Value = Vec<AnyAgent>> {
     let smooth = agent().prop_map(|agent| {
         let scale = 0.5 + agent.psi.min(5.0);
-        let gain = match agent.gain {
-            BuiltinGain::Reciprocal(_) => BuiltinGain::Reciprocal(Reciprocal { scale }),
-            BuiltinGain::Logarithmic(_) => BuiltinGain::Logarithmic(Logarithmic { scale }),
-            BuiltinGain::LocallyLinear(_) => BuiltinGain::LocallyLinear(LocallyLinear { bound: scale }),
-            BuiltinGain::Linear(_) => BuiltinGain::Linear(Linear { slope: scale }),
-        };
+        let gain = agent.gain.map(|_| scale);
         Agent { psi: 0.1 + agent.psi / 100.0, f: agent.f / 10.0, gain }
     });
     proptest::collection::vec(smooth, 1..50)

@@ -6,7 +6,7 @@
 
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::Widths;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::edge_wise::{EdgeTerm, EdgeWise};
 use funnelnet_law::math::{Real, larger};
 use funnelnet_protocol::config::{EdgeConfig, MAX_NEIGHBOURS};
@@ -382,7 +382,7 @@ impl<F: Real> Neighbours<F> {
     }
 
     /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones.
-    pub fn edge_inputs<G: Gain<F>>(
+    pub fn edge_inputs<G: GainFunction<F>>(
         &mut self,
         k: u32,
         component: u8,

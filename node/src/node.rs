@@ -71,7 +71,7 @@ use clock::{Clock, Schedule};
 use funnel::FunnelRecord;
 use funnelnet_law::collect::collect;
 use funnelnet_law::field::{AffineSines, VectorField};
-use funnelnet_law::gain::{BuiltinGain, Gain};
+use funnelnet_law::gain::{Gain, GainFunction};
 use funnelnet_law::math::Real;
 use funnelnet_protocol::config::{EdgeConfig, MAX_COMPONENTS};
 use funnelnet_protocol::message::{Message, NodeId};
@@ -98,7 +98,7 @@ pub enum Action {
 
 /// A node of the network.
 #[derive(Clone, Debug)]
-pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
+pub struct Node<F = f32, V = AffineSines<F>, G = Gain<F>> {
     params: Params<F, V, G>,
     phase: Phase,
     step: Step,
@@ -114,7 +114,7 @@ pub struct Node<F = f32, V = AffineSines<F>, G = BuiltinGain<F>> {
     neighbours: Neighbours<F>,
 }
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// A node in phase `Ready`; `edges` are those that `params` were validated with.
     pub fn new(params: Params<F, V, G>, edges: &[EdgeConfig]) -> Self {
         let mut node = Self::alone(params);

@@ -7,36 +7,27 @@ use crate::plant::PlantSetup;
 use funnelnet_law::collect::collect;
 use funnelnet_law::field::{AffineSines, State};
 use funnelnet_law::floor::Floor;
-use funnelnet_law::funnel::Funnel;
-use funnelnet_law::gain::{self, BuiltinGain, Linear, LocallyLinear, Logarithmic, Reciprocal};
+use funnelnet_law::funnel::SampledFunnel;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::node_wise::{NodeWise, THETA};
-use funnelnet_law::law::{Coupling, EdgeWise, LambdaTracker};
+use funnelnet_law::law::{EdgeWise, LambdaTracker, Law};
 use funnelnet_law::math::Real;
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, ConfigField, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, MAX_COMPONENTS, MAX_NEIGHBOURS, NodeConfig, NormalisedShape, TickSource,
+    Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, MAX_COMPONENTS, MAX_NEIGHBOURS,
+    NodeConfig, Normalised, Shape, TickSource,
 };
 use funnelnet_protocol::message::NodeId;
 
-/// Largest state, input and funnel scale, state units.
-pub const LARGEST: f64 = 1e9;
-/// Smallest positive scale.
-pub const SMALLEST: f64 = 1e-9;
-/// Largest edge weight and weighted degree.
-pub const LARGEST_WEIGHT: f64 = 1e6;
-/// Largest slope of a field (1/s), frequency (rad/s) and rate of a funnel (1/s).
-pub const LARGEST_RATE: f64 = 1e6;
-/// Largest phase of a sinusoid, rad.
-pub const LARGEST_PHASE: f64 = 1e6;
-/// Shortest tick period, ns.
-pub const SHORTEST_TICK_NS: u32 = 10_000;
+pub use funnelnet_law::range::{
+    LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST,
+};
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
 ///
 /// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
 /// stack.
 #[derive(Clone, Debug)]
-pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
+pub struct Params<F, V = AffineSines<F>, G = Gain<F>> {
     /// Own id.
     pub id: NodeId,
     /// Tick period, ns.
@@ -52,11 +43,11 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
     /// Own vector field.
     pub field: V,
     /// Which law makes inputs.
-    pub coupling: Coupling<F>,
+    pub coupling: Law<F>,
     /// Gain and step (*) of the node.
     pub law: NodeWise<F, G>,
     /// Funnel.
-    pub funnel: Funnel<F>,
+    pub funnel: SampledFunnel<F>,
     /// What rounding leaves of the funnel.
     pub floor: Floor<F>,
     /// What to do outside the funnel.
@@ -74,9 +65,9 @@ pub struct Params<F, V = AffineSines<F>, G = BuiltinGain<F>> {
 /// A breach policy, prepared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OnBreach<F> {
-    /// See [`BreachPolicy::Ride`].
+    /// See [`Breach::Ride`].
     Ride,
-    /// See [`BreachPolicy::Reopen`].
+    /// See [`Breach::Reopen`].
     Reopen {
         /// Width over `|nu|` right after.
         margin: F,
@@ -85,7 +76,7 @@ pub enum OnBreach<F> {
         /// `exp(-rate theta T)`.
         partial_decay: F,
     },
-    /// See [`BreachPolicy::Stop`].
+    /// See [`Breach::Stop`].
     Stop,
 }
 
@@ -123,7 +114,7 @@ impl<F: Real, V> Params<F, V> {
     }
 }
 
-impl<F: Real, V, G: funnelnet_law::Gain<F>> Params<F, V, G> {
+impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
     /// Validates `config`, with a vector field (built from `T` in s) and a gain of the user's own in place of its. The node is
     /// virtual until it is given a plant.
     ///
@@ -156,7 +147,7 @@ impl<F: Real, V, G: funnelnet_law::Gain<F>> Params<F, V, G> {
             field: field(tick)?,
             coupling: check_coupling(&config.coupling, tick)?,
             law: NodeWise::new(gain, tick, degree),
-            funnel: Funnel::new(&config.funnel, tick, THETA),
+            funnel: SampledFunnel::new(&config.funnel, tick, THETA),
             floor: Floor::new(degree, tick),
             on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
             extrapolate_ticks: config.extrapolate_ticks.into(),
@@ -229,7 +220,7 @@ fn check_components(config: &NodeConfig) -> Result<(), ConfigError> {
     Ok(())
 }
 
-fn check_field(field: &FieldConfig) -> Result<&FieldConfig, ConfigError> {
+fn check_field(field: &Field<f32>) -> Result<&Field<f32>, ConfigError> {
     for (index, &slope) in field.slope.iter().enumerate() {
         check(ConfigField::Slope, index, f64::from(slope), -LARGEST_RATE, LARGEST_RATE)?;
     }
@@ -244,106 +235,102 @@ fn check_field(field: &FieldConfig) -> Result<&FieldConfig, ConfigError> {
     Ok(field)
 }
 
-fn check_gain<F: Real>(gain: &GainConfig) -> Result<BuiltinGain<F>, ConfigError> {
-    let positive =
-        |field, value: f32| check(field, 0, f64::from(value), SMALLEST, LARGEST).map(|()| F::from_f32(value));
-    Ok(match *gain {
-        GainConfig::Reciprocal { scale } => {
-            BuiltinGain::Reciprocal(Reciprocal { scale: positive(ConfigField::GainScale, scale)? })
-        }
-        GainConfig::Logarithmic { scale } => {
-            BuiltinGain::Logarithmic(Logarithmic { scale: positive(ConfigField::GainScale, scale)? })
-        }
-        GainConfig::LocallyLinear { bound } => {
-            BuiltinGain::LocallyLinear(LocallyLinear { bound: positive(ConfigField::GainBound, bound)? })
-        }
-        GainConfig::Median { eta, eps } => {
-            let eta = positive(ConfigField::GainEta, eta)?;
-            check(ConfigField::GainEps, 0, f64::from(eps), SMALLEST, 0.9999)?;
-            let gain = gain::median(eta, F::from_f32(eps));
-            // The scale that the two come to; beyond, a square in the closed form overflows an f32.
-            check(ConfigField::GainScale, 0, gain.scale.to_f64(), 0.0, LARGEST)?;
-            BuiltinGain::Reciprocal(gain)
-        }
-        GainConfig::Linear { slope } => {
-            BuiltinGain::Linear(Linear { slope: positive(ConfigField::GainSlope, slope)? })
-        }
-    })
+fn check_gain<F: Real>(gain: &Gain<f32>) -> Result<Gain<F>, ConfigError> {
+    for (parameter, value) in gain.parameters() {
+        let (low, high) = parameter.allowed.on_node();
+        check(gain_field(parameter.name), 0, f64::from(value), low, high)?;
+    }
+    let prepared = gain.map(F::from_f32).prepared();
+    // What the parameters come to together; beyond, a square in the closed form overflows an f32.
+    for (parameter, value) in prepared.parameters() {
+        check(gain_field(parameter.name), 0, value.to_f64(), 0.0, parameter.allowed.on_node().1)?;
+    }
+    Ok(prepared)
+}
+
+/// The field that an error about a gain's parameter names.
+fn gain_field(parameter: &str) -> ConfigField {
+    match parameter {
+        "bound" => ConfigField::GainBound,
+        "eta" => ConfigField::GainEta,
+        "eps" => ConfigField::GainEps,
+        "slope" => ConfigField::GainSlope,
+        _ => ConfigField::GainScale,
+    }
 }
 
 /// A tracker starts from a linear gain, and funnels that are not node-wise need a gain that grows without bound.
-fn check_gain_of_coupling(gain: &GainConfig, coupling: &CouplingConfig) -> Result<(), ConfigError> {
-    let linear = matches!(gain, GainConfig::Linear { .. });
+fn check_gain_of_coupling(gain: &Gain<f32>, coupling: &Coupling<f32>) -> Result<(), ConfigError> {
+    let linear = !gain.keeps_funnels();
     let fits = match coupling {
-        CouplingConfig::NodeWise | CouplingConfig::None => true,
-        CouplingConfig::MaxGain | CouplingConfig::EdgeWise => !linear,
-        CouplingConfig::LambdaTracker { .. } => linear,
+        Coupling::NodeWise | Coupling::ElementWise | Coupling::None | Coupling::WeaklyCentralised => true,
+        Coupling::MaxGain | Coupling::EdgeWise => !linear,
+        Coupling::Linear | Coupling::LambdaTracker { .. } => linear,
     };
     if fits { Ok(()) } else { Err(ConfigError::GainOfCoupling) }
 }
 
-fn check_coupling<F: Real>(coupling: &CouplingConfig, tick: f64) -> Result<Coupling<F>, ConfigError> {
+fn check_coupling<F: Real>(coupling: &Coupling<f32>, tick: f64) -> Result<Law<F>, ConfigError> {
     Ok(match *coupling {
-        CouplingConfig::NodeWise => Coupling::NodeWise,
-        CouplingConfig::MaxGain => Coupling::MaxGain,
-        CouplingConfig::EdgeWise => Coupling::EdgeWise(EdgeWise::new(tick, THETA)),
-        CouplingConfig::LambdaTracker { eta } => {
+        Coupling::NodeWise | Coupling::ElementWise | Coupling::Linear => Law::NodeWise,
+        Coupling::MaxGain => Law::MaxGain,
+        Coupling::EdgeWise => Law::EdgeWise(EdgeWise::new(tick, THETA)),
+        Coupling::LambdaTracker { eta } => {
             check(ConfigField::Eta, 0, f64::from(eta), 0.0, LARGEST)?;
-            Coupling::LambdaTracker(LambdaTracker::new(F::from_f32(eta), tick))
+            Law::LambdaTracker(LambdaTracker::new(F::from_f32(eta), tick))
         }
-        CouplingConfig::None => Coupling::None,
+        Coupling::None => Law::None,
+        Coupling::WeaklyCentralised => return Err(ConfigError::NotLocal),
     })
 }
 
 fn check_policy<F: Real>(
-    policy: &BreachPolicy,
-    coupling: &CouplingConfig,
+    policy: &Breach<f32>,
+    coupling: &Coupling<f32>,
     tick: f64,
 ) -> Result<OnBreach<F>, ConfigError> {
     Ok(match *policy {
-        BreachPolicy::Ride => OnBreach::Ride,
+        Breach::Ride => OnBreach::Ride,
         // The other end of an edge would not know of it.
-        BreachPolicy::Reopen { .. } if *coupling == CouplingConfig::EdgeWise => {
+        Breach::Reopen { .. } if *coupling == Coupling::EdgeWise => {
             return Err(ConfigError::PolicyOfCoupling);
         }
-        BreachPolicy::Reopen { margin, rate } => {
+        Breach::Reopen { margin, rate } => {
             check(ConfigField::BreachMargin, 0, f64::from(margin), 1.001, LARGEST)?;
             check(ConfigField::BreachRate, 0, f64::from(rate), 0.0, LARGEST_RATE)?;
             let decay = |share: f64| F::from_f64(Real::exp(-f64::from(rate) * share * tick));
             OnBreach::Reopen { margin: F::from_f32(margin), decay: decay(1.0), partial_decay: decay(THETA) }
         }
-        BreachPolicy::Stop => OnBreach::Stop,
+        Breach::Stop => OnBreach::Stop,
     })
 }
 
-fn check_funnel(funnel: &FunnelConfig) -> Result<(), ConfigError> {
+fn check_funnel(funnel: &Funnel<f32>) -> Result<(), ConfigError> {
     check(ConfigField::FunnelFactor, 0, f64::from(funnel.factor), SMALLEST, LARGEST)?;
     match funnel.shape {
-        FunnelShape::Exponential { start, end, rate } => {
+        Shape::Exponential { start, end, rate } => {
             check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
             check(ConfigField::FunnelEnd, 0, f64::from(end), 0.0, LARGEST)?;
             check(ConfigField::FunnelRate, 0, f64::from(rate), 0.0, LARGEST_RATE)
         }
-        FunnelShape::Constant { width } => {
-            check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST)
-        }
-        FunnelShape::ReciprocalTime { scale } => {
+        Shape::Constant { width } => check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST),
+        Shape::ReciprocalTime { scale } => {
             check(ConfigField::FunnelScale, 0, f64::from(scale), SMALLEST, LARGEST)
         }
-        FunnelShape::FiniteTime { start, at_ns, power } => {
+        Shape::FiniteTime { start, at_ns, power } => {
             check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
             check(ConfigField::FunnelAt, 0, at_ns as f64, 1.0, 1e18)?;
             check(ConfigField::FunnelPower, 0, f64::from(power), 0.09, 10.1)
         }
-        FunnelShape::Schedule { start, at_ns, eps, then } => {
+        Shape::Schedule { start, at_ns, eps, then } => {
             check(ConfigField::FunnelStart, 0, f64::from(start), SMALLEST, LARGEST)?;
             check(ConfigField::FunnelAt, 0, at_ns as f64, 1.0, 1e18)?;
             check(ConfigField::FunnelEps, 0, f64::from(eps), SMALLEST, 1.0)?;
             match then {
-                NormalisedShape::Constant { width } => {
+                Normalised::Constant { width } => {
                     check(ConfigField::FunnelWidth, 0, f64::from(width), SMALLEST, LARGEST)
                 }
-                NormalisedShape::Exponential { start, end, rate } => {
+                Normalised::Exponential { start, end, rate } => {
                     check(ConfigField::FunnelStart, 1, f64::from(start), SMALLEST, LARGEST)?;
                     check(ConfigField::FunnelEnd, 1, f64::from(end), 0.0, LARGEST)?;
                     check(ConfigField::FunnelRate, 1, f64::from(rate), 0.0, LARGEST_RATE)
@@ -364,7 +351,7 @@ fn check_neighbours(config: &NodeConfig, own: NodeId) -> Result<f64, ConfigError
         }
         let weight = f64::from(edge.weight);
         check(ConfigField::Weight, index, weight, SMALLEST, LARGEST_WEIGHT)?;
-        if config.coupling == CouplingConfig::EdgeWise {
+        if config.coupling == Coupling::EdgeWise {
             check(ConfigField::NeighbourEdges, index, f64::from(edge.edges), 1.0, MAX_NEIGHBOURS as f64)?;
         }
         let listed = listed.get_mut(usize::from(edge.id));

@@ -4,8 +4,7 @@
 use funnelnet_law::AffineSines;
 use funnelnet_node::{Configured, Event, InputRange, Model, Output, Phase, PlantSetup, Session, Task};
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, NodeConfig, TickSource,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource,
 };
 use funnelnet_protocol::message::{Command, Message, NodeId, Severity, Target, TickStamp};
 use funnelnet_protocol::report::{Counters, Telemetry};
@@ -26,31 +25,25 @@ fn config(id: u8, components: usize) -> NodeConfig {
     let edges = |id| if id == 2 { 2 } else { 1 };
     let edge = |&id: &u8| EdgeConfig { id, weight: 1.0, edges: edges(id) };
     let state = |component: usize| f32::from(id) * 0.75 - component as f32 * 0.5;
-    NodeConfig {
-        id,
-        tick_ns: MS as u32,
-        tick_source: TickSource::Sync,
-        initial_state: (0..components).map(state).collect(),
-        state_limit: 1e6,
-        field: FieldConfig {
+    NodeConfig::builder(id, MS as u32)
+        .tick_source(TickSource::Sync)
+        .state((0..components).map(state))
+        .state_limit(1e6)
+        .field(Field {
             slope: [-0.7].into_iter().collect(),
             offset: (0..components).map(|_| f32::from(id)).collect(),
             sines: [].into_iter().collect(),
-        },
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        on_breach: BreachPolicy::Ride,
-        neighbours: neighbours.iter().map(edge).collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 1,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+        })
+        .funnel(Shape::Constant { width: 10.0 })
+        .edges(neighbours.iter().map(edge))
+        .extrapolate_ticks(3)
+        .telemetry_every(1)
+        .build()
+        .unwrap()
 }
 
 fn with_width(config: &NodeConfig, width: f32) -> NodeConfig {
-    let funnel = FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width } };
+    let funnel = Funnel { factor: 1.0, shape: Shape::Constant { width } };
     NodeConfig { funnel, ..config.clone() }
 }
 
@@ -225,16 +218,16 @@ impl Network {
 fn the_same_configuration_again_changes_no_bit() {
     // Near the edge of its funnels, where what it remembers shows.
     let edge_wise =
-        |config: NodeConfig| NodeConfig { coupling: CouplingConfig::EdgeWise, ..with_width(&config, 1.0) };
+        |config: NodeConfig| NodeConfig { coupling: Coupling::EdgeWise, ..with_width(&config, 1.0) };
     let tracker = |config: NodeConfig| NodeConfig {
-        coupling: CouplingConfig::LambdaTracker { eta: 0.01 },
-        gain: GainConfig::Linear { slope: 2.0 },
+        coupling: Coupling::LambdaTracker { eta: 0.01 },
+        gain: Gain::Linear { slope: 2.0 },
         ..config
     };
-    let max_gain = |config: NodeConfig| NodeConfig { coupling: CouplingConfig::MaxGain, ..config };
+    let max_gain = |config: NodeConfig| NodeConfig { coupling: Coupling::MaxGain, ..config };
     // Narrow from the start, so that the width that a breach adds is decaying at the commit.
     let reopen = |config: NodeConfig| NodeConfig {
-        on_breach: BreachPolicy::Reopen { margin: 1.1, rate: 5.0 },
+        on_breach: Breach::Reopen { margin: 1.1, rate: 5.0 },
         ..with_width(&config, 0.3)
     };
     let kinds: [(usize, &dyn Fn(NodeConfig) -> NodeConfig); 5] =
@@ -719,7 +712,7 @@ fn a_node_with_a_plant_that_sync_moves_over_the_commit_while_it_waits_for_its_sa
 /// With a field of its own that changes little, the input of a tick is near the one before, and far from what the law gives without memory.
 #[test]
 fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
-    let max_gain = NodeConfig { coupling: CouplingConfig::MaxGain, ..with_width(&config(2, 1), 3.0) };
+    let max_gain = NodeConfig { coupling: Coupling::MaxGain, ..with_width(&config(2, 1), 3.0) };
     let node_wise = with_width(&config(2, 1), 3.0);
     for (now, next) in [(&max_gain, &node_wise), (&node_wise, &max_gain), (&node_wise, &node_wise)] {
         let mut board = Board::ready(now.clone());
@@ -750,18 +743,18 @@ fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
 #[test]
 fn a_coupling_that_comes_new_goes_on_from_the_last_input_or_from_none() {
     let tracker = NodeConfig {
-        coupling: CouplingConfig::LambdaTracker { eta: 0.01 },
-        gain: GainConfig::Linear { slope: 2.0 },
+        coupling: Coupling::LambdaTracker { eta: 0.01 },
+        gain: Gain::Linear { slope: 2.0 },
         ..config(2, 1)
     };
-    let alone = NodeConfig { coupling: CouplingConfig::None, ..config(2, 1) };
+    let alone = NodeConfig { coupling: Coupling::None, ..config(2, 1) };
     for next in [tracker, alone.clone()] {
         let mut board = running(&next);
         board.tell(commit(5));
         let told = telemetry(&board.tell(sync(5)))[0];
         let u = told.u;
         match next.coupling {
-            CouplingConfig::None => assert_eq!(u, 0.0),
+            Coupling::None => assert_eq!(u, 0.0),
             // Its k has grown for a tick from the slope of the gain.
             _ => assert!((u / told.nu - 2.0).abs() < 0.05, "{told:?}"),
         }

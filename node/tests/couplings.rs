@@ -2,13 +2,13 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::VectorField;
-use funnelnet_law::gain::{BuiltinGain, Gain, Reciprocal};
+use funnelnet_law::gain::{Gain, GainFunction, Reciprocal};
 use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::node_wise::NodeWise;
 use funnelnet_node::{Action, Event, Node, Params, Phase};
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, ConfigField, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig,
-    FunnelShape, GainConfig, NodeConfig, SineConfig, TickSource, scalar,
+    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, NodeConfig, Shape, Sine, TickSource,
+    scalar,
 };
 use funnelnet_protocol::message::{Command, FaultCode, Message, NodeId, Target, TickStamp};
 use proptest::prelude::*;
@@ -23,27 +23,15 @@ fn config(id: usize, n: usize, state: &[f32]) -> NodeConfig {
         let other = j % n;
         EdgeConfig { id: other as u8 + 1, weight: 0.5 + ((id + other) % 3) as f32, edges: around.len() as u8 }
     });
-    NodeConfig {
-        id: id as u8 + 1,
-        tick_ns: TICK_NS,
-        tick_source: TickSource::Sync,
-        initial_state: state.iter().copied().collect(),
-        state_limit: 1e6,
-        field: FieldConfig {
-            slope: [0.0].into_iter().collect(),
-            offset: state.iter().map(|_| 0.0).collect(),
-            sines: heapless::Vec::new(),
-        },
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 20.0 } },
-        on_breach: BreachPolicy::Ride,
-        neighbours: neighbours.collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(id as u8 + 1, TICK_NS)
+        .tick_source(TickSource::Sync)
+        .state(state.iter().copied())
+        .state_limit(1e6)
+        .funnel(Shape::Constant { width: 20.0 })
+        .edges(neighbours)
+        .extrapolate_ticks(3)
+        .build()
+        .unwrap()
 }
 
 /// Nodes that hear all of each other's frames at once.
@@ -125,7 +113,7 @@ fn element_wise_components_are_scalar_networks_of_their_own() {
     for component in 0..2 {
         let one = ring(&[&[1.0, -3.0], &[2.0, 5.0], &[-4.0, 0.5]], |_, config| {
             config.initial_state = scalar(config.initial_state[component]);
-            config.field = FieldConfig::scalar(0.0, 0.0, []);
+            config.field = Field::scalar(0.0, 0.0, []);
         });
         let mut alone = Net::start(&one);
         alone.run(500);
@@ -140,9 +128,9 @@ fn a_matrix_and_sines_of_one_component_enter_where_they_belong() {
     // x' = y, y' = -x + 0.1 sin(0): a rotation by one radian in a second.
     let mut config = config(0, 2, &[1.0, 0.0]);
     config.neighbours.clear();
-    config.coupling = CouplingConfig::None;
+    config.coupling = Coupling::None;
     config.field.slope = [0.0, 1.0, -1.0, 0.0].into_iter().collect();
-    config.field.sines.push(SineConfig { component: 1, amplitude: 0.1, frequency: 0.0, phase: 0.0 }).unwrap();
+    config.field.sines.push(Sine { component: 1, amplitude: 0.1, frequency: 0.0, phase: 0.0 }).unwrap();
     let mut net = Net::start(&[config]);
     net.run(1000);
     let [x, y] = net.states()[0][..] else { panic!() };
@@ -175,7 +163,7 @@ proptest! {
 fn maximum_gain_of_one_component_is_the_node_wise_law() {
     let states: [&[f32]; 4] = [&[1.0], &[2.0], &[-4.0], &[7.0]];
     let mut node_wise = Net::start(&ring(&states, |_, _| {}));
-    let mut max_gain = Net::start(&ring(&states, |_, config| config.coupling = CouplingConfig::MaxGain));
+    let mut max_gain = Net::start(&ring(&states, |_, config| config.coupling = Coupling::MaxGain));
     node_wise.run(2000);
     max_gain.run(2000);
     for (a, b) in node_wise.states().concat().iter().zip(max_gain.states().concat()) {
@@ -186,7 +174,7 @@ fn maximum_gain_of_one_component_is_the_node_wise_law() {
 #[test]
 fn edge_wise_inputs_cancel_so_the_mean_stays_and_all_agree_on_it() {
     let states: [&[f32]; 4] = [&[1.0], &[2.0], &[-4.0], &[7.5]];
-    let mut net = Net::start(&ring(&states, |_, config| config.coupling = CouplingConfig::EdgeWise));
+    let mut net = Net::start(&ring(&states, |_, config| config.coupling = Coupling::EdgeWise));
     net.run(20_000);
     let states = net.states().concat();
     // Each tick rounds a state once, and compensation carries that on: after 20,000 ticks the mean has moved by no more than a few ulp.
@@ -197,8 +185,7 @@ fn edge_wise_inputs_cancel_so_the_mean_stays_and_all_agree_on_it() {
 
 #[test]
 fn edge_wise_inputs_of_the_two_ends_are_opposite_bit_for_bit() {
-    let mut net =
-        Net::start(&ring(&[&[3.1], &[-4.7]], |_, config| config.coupling = CouplingConfig::EdgeWise));
+    let mut net = Net::start(&ring(&[&[3.1], &[-4.7]], |_, config| config.coupling = Coupling::EdgeWise));
     for _ in 0..500 {
         net.run(1);
         let inputs: Vec<_> = net.nodes.iter().map(|node| node.observations()[0].u).collect();
@@ -212,8 +199,8 @@ fn edge_wise_inputs_cancel_where_the_resolution_floors_the_funnel() {
     // States of different sizes, so that each end has another neighbour of another size.
     let states: [&[f32]; 5] = [&[1000.0], &[1.0], &[-3.0], &[5.0], &[2000.0]];
     let mut net = Net::start(&ring(&states, |_, config| {
-        config.coupling = CouplingConfig::EdgeWise;
-        config.funnel.shape = FunnelShape::Constant { width: 1e-9 };
+        config.coupling = Coupling::EdgeWise;
+        config.funnel.shape = Shape::Constant { width: 1e-9 };
     }));
     net.run(1);
     let sum: f64 = net.nodes.iter().map(|node| f64::from(node.observations()[0].u)).sum();
@@ -224,7 +211,7 @@ fn edge_wise_inputs_cancel_where_the_resolution_floors_the_funnel() {
 
 #[test]
 fn a_linear_gain_pulls_with_its_slope_and_a_tracker_with_a_growing_one() {
-    let linear = GainConfig::Linear { slope: 3.0 };
+    let linear = Gain::Linear { slope: 3.0 };
     let mut net = Net::start(&ring(&[&[0.0], &[0.01]], |_, config| config.gain = linear));
     net.run(1);
     // nu = 0.01 times the weight 1.5; k nu, but for (b k)^2: the first step is implicit too, and b = theta c T d.
@@ -233,7 +220,7 @@ fn a_linear_gain_pulls_with_its_slope_and_a_tracker_with_a_growing_one() {
     let u = net.nodes[0].observations()[0].u;
     assert!((u - expected(0.015)).abs() < 1e-7 && (u - 0.045).abs() < 2e-6, "{u}");
     let tracker = |_: usize, config: &mut NodeConfig| {
-        (config.coupling, config.gain) = (CouplingConfig::LambdaTracker { eta: 0.5 }, linear);
+        (config.coupling, config.gain) = (Coupling::LambdaTracker { eta: 0.5 }, linear);
     };
     let mut net = Net::start(&ring(&[&[0.0], &[10.0]], tracker));
     net.run(3000);
@@ -248,13 +235,13 @@ fn a_linear_gain_pulls_with_its_slope_and_a_tracker_with_a_growing_one() {
 
 #[test]
 fn the_first_tick_of_a_steep_gain_throws_no_state_away() {
-    let (reciprocal, linear) = (GainConfig::Reciprocal { scale: 1e6 }, GainConfig::Linear { slope: 1e9 });
+    let (reciprocal, linear) = (Gain::Reciprocal { scale: 1e6 }, Gain::Linear { slope: 1e9 });
     for (coupling, gain) in [
-        (CouplingConfig::NodeWise, reciprocal),
-        (CouplingConfig::NodeWise, linear),
-        (CouplingConfig::MaxGain, reciprocal),
-        (CouplingConfig::EdgeWise, reciprocal),
-        (CouplingConfig::LambdaTracker { eta: 0.1 }, linear),
+        (Coupling::NodeWise, reciprocal),
+        (Coupling::NodeWise, linear),
+        (Coupling::MaxGain, reciprocal),
+        (Coupling::EdgeWise, reciprocal),
+        (Coupling::LambdaTracker { eta: 0.1 }, linear),
     ] {
         let states: [&[f32]; 4] = [&[1.0], &[-2.0], &[0.5], &[4.0]];
         let mut net =
@@ -270,20 +257,20 @@ fn the_first_tick_of_a_steep_gain_throws_no_state_away() {
 
 #[test]
 fn without_coupling_nodes_hear_and_do_nothing() {
-    let mut net = Net::start(&ring(&[&[0.0], &[5.0]], |_, config| config.coupling = CouplingConfig::None));
+    let mut net = Net::start(&ring(&[&[0.0], &[5.0]], |_, config| config.coupling = Coupling::None));
     net.run(10);
     assert_eq!(net.states().concat(), [0.0, 5.0]);
     assert_eq!(net.nodes[0].observations()[0].nu, 7.5);
 }
 
 /// Two nodes that start outside their funnel.
-fn outside(policy: BreachPolicy) -> Net {
+fn outside(policy: Breach<f32>) -> Net {
     Net::start(&ring(&[&[0.0], &[20.0]], |_, config| config.on_breach = policy))
 }
 
 #[test]
 fn reopen_widens_the_funnel_to_its_margin_and_lets_that_decay() {
-    let mut net = outside(BreachPolicy::Reopen { margin: 2.0, rate: 1.0 });
+    let mut net = outside(Breach::Reopen { margin: 2.0, rate: 1.0 });
     net.run(1);
     // nu = 30 in a funnel of 20 becomes one of 60 at ratio 1/2, where mu = 1.
     let seen = net.nodes[0].observations()[0];
@@ -299,7 +286,7 @@ fn reopen_widens_the_funnel_to_its_margin_and_lets_that_decay() {
 
 #[test]
 fn stop_gives_no_input_and_a_fault() {
-    let mut net = outside(BreachPolicy::Stop);
+    let mut net = outside(Breach::Stop);
     net.run(3);
     assert_eq!(net.states().concat(), [0.0, 20.0]);
     assert_eq!(net.nodes[0].phase(), Phase::Faulted(FaultCode::FUNNEL_LEFT));
@@ -344,7 +331,7 @@ fn what_does_not_fit_together_is_refused_by_name() {
     assert_eq!(field(refused(|c| c.field.offset = scalar(1.0))), ConfigField::Offsets);
     assert_eq!(
         field(refused(|c| {
-            let sine = SineConfig { component: 2, amplitude: 1.0, frequency: 1.0, phase: 0.0 };
+            let sine = Sine { component: 2, amplitude: 1.0, frequency: 1.0, phase: 0.0 };
             c.field.sines.push(sine).unwrap();
         })),
         ConfigField::SineComponent
@@ -353,16 +340,13 @@ fn what_does_not_fit_together_is_refused_by_name() {
         c.neighbours = (2..66).map(|id| EdgeConfig { id, weight: 1.0, edges: 1 }).collect();
     };
     assert_eq!(field(refused(crowd)), ConfigField::Entries);
-    let steep = |c: &mut NodeConfig| c.gain = GainConfig::Median { eta: 1e9, eps: 0.9 };
+    let steep = |c: &mut NodeConfig| c.gain = Gain::Median { eta: 1e9, eps: 0.9 };
     assert_eq!(field(refused(steep)), ConfigField::GainScale);
-    assert_eq!(
-        refused(|c| c.coupling = CouplingConfig::LambdaTracker { eta: 1.0 }),
-        ConfigError::GainOfCoupling
-    );
+    assert_eq!(refused(|c| c.coupling = Coupling::LambdaTracker { eta: 1.0 }), ConfigError::GainOfCoupling);
     assert_eq!(
         refused(|c| {
-            c.coupling = CouplingConfig::EdgeWise;
-            c.on_breach = BreachPolicy::Reopen { margin: 2.0, rate: 1.0 };
+            c.coupling = Coupling::EdgeWise;
+            c.on_breach = Breach::Reopen { margin: 2.0, rate: 1.0 };
         }),
         ConfigError::PolicyOfCoupling
     );
@@ -376,7 +360,7 @@ fn a_users_scalar_field_serves_every_component() {
             -x
         }
     }
-    let gain = BuiltinGain::Reciprocal(Reciprocal { scale: 1.0 });
+    let gain = Gain::Reciprocal { scale: 1.0 };
     let config = NodeConfig { neighbours: heapless::Vec::new(), ..config(0, 3, &[1.0, -2.0]) };
     let params = Params::with_field_and_gain(&config, |_| Ok(Decay), gain).unwrap();
     let mut node = Node::new(params, &config.neighbours);

@@ -3,10 +3,7 @@
 
 use funnelnet_law::floor::{Floor, ROUNDING};
 use funnelnet_node::{Action, Node, Params};
-use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
-    TickSource, scalar,
-};
+use funnelnet_protocol::config::{EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape};
 use funnelnet_protocol::message::{Command, Message, Target};
 
 /// A network of nodes with fields `offset - x`, in lockstep, every state heard in time.
@@ -40,24 +37,17 @@ impl Draw {
         let edges = |a: usize| (0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).count() as u8;
         let edge =
             |b: usize| EdgeConfig { id: b as u8 + 1, weight: self.weight(a, b), edges: edges(b).max(1) };
-        NodeConfig {
-            id: a as u8 + 1,
-            tick_ns: self.tick_ns,
-            tick_source: TickSource::Timer,
-            initial_state: scalar(self.offsets.iter().sum::<f32>() / n as f32),
-            state_limit: 1e9,
-            field: FieldConfig::scalar(-1.0, self.offsets[a], []),
-            coupling: CouplingConfig::NodeWise,
-            gain: GainConfig::Reciprocal { scale: self.scale },
+        NodeConfig::builder(a as u8 + 1, self.tick_ns)
+            .state([self.offsets.iter().sum::<f32>() / n as f32])
+            .state_limit(1e9)
+            .field(Field::scalar(-1.0, self.offsets[a], []))
+            .gain(Gain::Reciprocal { scale: self.scale })
             // As good as closed.
-            funnel: FunnelConfig { factor: self.factor, shape: FunnelShape::Constant { width: 1e-9 } },
-            on_breach: BreachPolicy::Ride,
-            neighbours: (0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).map(edge).collect(),
-            extrapolate_ticks: 3,
-            telemetry_every: 0,
-            lost_neighbours: 0,
-            holdover_ns: 0,
-        }
+            .funnel(Funnel { factor: self.factor, shape: Shape::Constant { width: 1e-9 } })
+            .edges((0..n).filter(|&b| b != a && self.weight(a, b) > 0.0).map(edge))
+            .extrapolate_ticks(3)
+            .build()
+            .unwrap()
     }
 }
 

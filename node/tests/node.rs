@@ -4,8 +4,7 @@
 use funnelnet_node::neighbour::Presence;
 use funnelnet_node::{Action, Event, Node, Observation, Params, Phase};
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, ConfigField, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig,
-    FunnelShape, GainConfig, NodeConfig, TickSource, scalar,
+    Breach, ConfigError, ConfigField, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, scalar,
 };
 use funnelnet_protocol::message::{
     Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
@@ -15,23 +14,14 @@ use funnelnet_protocol::refusal::Refusal;
 const MS: u64 = 1_000_000;
 
 fn config() -> NodeConfig {
-    NodeConfig {
-        id: 1,
-        tick_ns: MS as u32,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(1.0),
-        state_limit: 1e6,
-        field: FieldConfig::scalar(0.0, 0.0, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        on_breach: BreachPolicy::Ride,
-        neighbours: [edge(2)].into_iter().collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(1, MS as u32)
+        .state([1.0])
+        .state_limit(1e6)
+        .funnel(Shape::Constant { width: 10.0 })
+        .edges([edge(2)])
+        .extrapolate_ticks(3)
+        .build()
+        .unwrap()
 }
 
 fn edge(id: u8) -> EdgeConfig {
@@ -191,8 +181,8 @@ fn a_sync_is_understood_across_the_wrap_of_its_24_bits() {
 fn the_smallest_and_the_largest_allowed_values_are_allowed() {
     for scale in [1e-9, 1e9] {
         let mut edge = config();
-        edge.gain = GainConfig::Reciprocal { scale };
-        edge.funnel.shape = FunnelShape::Constant { width: scale };
+        edge.gain = Gain::Reciprocal { scale };
+        edge.funnel.shape = Shape::Constant { width: scale };
         Params::<f32>::new(&edge).unwrap();
     }
 }
@@ -275,7 +265,7 @@ fn a_node_that_joins_late_takes_the_tick_of_its_first_sync() {
 #[test]
 fn an_escaping_state_stops_the_node_with_its_last_good_value() {
     let mut unstable = config();
-    unstable.field = FieldConfig::scalar(1e5, 0.0, []);
+    unstable.field = Field::scalar(1e5, 0.0, []);
     let mut node = started(&unstable);
     for k in 1..100 {
         actions(&mut node, k * MS);
@@ -310,8 +300,8 @@ fn configurations_out_of_range_are_refused_by_name() {
     assert_eq!(field(refused(|c| c.id = 128)), ConfigField::Id);
     assert_eq!(field(refused(|c| c.tick_ns = 0)), ConfigField::Tick);
     assert_eq!(field(refused(|c| c.initial_state = scalar(f32::NAN))), ConfigField::InitialState);
-    assert_eq!(field(refused(|c| c.field = FieldConfig::scalar(f32::INFINITY, 0.0, []))), ConfigField::Slope);
-    assert_eq!(field(refused(|c| c.gain = GainConfig::Reciprocal { scale: 0.0 })), ConfigField::GainScale);
+    assert_eq!(field(refused(|c| c.field = Field::scalar(f32::INFINITY, 0.0, []))), ConfigField::Slope);
+    assert_eq!(field(refused(|c| c.gain = Gain::Reciprocal { scale: 0.0 })), ConfigField::GainScale);
     assert_eq!(field(refused(|c| c.funnel.factor = -1.0)), ConfigField::FunnelFactor);
     assert_eq!(field(refused(|c| c.neighbours[0].weight = -1.0)), ConfigField::Weight);
     assert_eq!(refused(|c| c.neighbours[0].id = 1), ConfigError::OwnNeighbour { id: 1 });
@@ -420,7 +410,7 @@ fn only_a_running_node_that_ticks_by_sync_can_miss_one() {
 fn a_fault_is_reported_however_many_events_wait() {
     let others: Vec<u8> = (2..12).collect();
     let neighbours = others.iter().map(|&id| edge(id)).collect();
-    let mut node = node(&NodeConfig { neighbours, on_breach: BreachPolicy::Stop, ..config() });
+    let mut node = node(&NodeConfig { neighbours, on_breach: Breach::Stop, ..config() });
     node.on_message(&start(), 0).unwrap();
     others.iter().for_each(|&id| node.on_message(&state(id, 0, 100.0), 0).unwrap());
     let actions = actions(&mut node, MS);
@@ -540,7 +530,7 @@ fn a_state_that_comes_after_its_tick_has_run_is_counted() {
 #[derive(Clone, Copy, Debug)]
 struct Broken;
 
-impl funnelnet_law::Gain<f32> for Broken {
+impl funnelnet_law::GainFunction<f32> for Broken {
     fn inverse(&self, u: f32) -> f32 {
         u / (1.0 + u.abs())
     }
@@ -585,9 +575,9 @@ fn an_input_that_is_not_finite_stops_the_node_with_its_state() {
 
 #[test]
 fn a_funnel_that_opens_from_nearly_nothing_is_floored_at_once_and_no_policy_makes_nonsense_of_it() {
-    let shape = FunnelShape::Exponential { start: 1e-6, end: 100.0, rate: 1.0 };
-    let funnel = FunnelConfig { factor: 1.0, shape };
-    for on_breach in [BreachPolicy::Ride, BreachPolicy::Reopen { margin: 2.0, rate: 1.0 }] {
+    let shape = Shape::Exponential { start: 1e-6, end: 100.0, rate: 1.0 };
+    let funnel = Funnel { factor: 1.0, shape };
+    for on_breach in [Breach::Ride, Breach::Reopen { margin: 2.0, rate: 1.0 }] {
         let mut node = started(&NodeConfig { funnel, on_breach, initial_state: scalar(0.0), ..config() });
         for k in 0..20 {
             node.on_message(&state(2, k, 1e-7), 0).unwrap();

@@ -8,9 +8,7 @@ use funnelnet_law::law::node_wise::{Memory, NodeWise};
 use funnelnet_node::watchdog::Policy;
 use funnelnet_node::{Event, InputRange, Output, Params, Phase, PlantSetup, Session};
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, ConfigField, CouplingConfig, FieldConfig, TickSource,
-};
+use funnelnet_protocol::config::{Breach, ConfigError, ConfigField, Coupling, Field, TickSource};
 use funnelnet_protocol::message::{Command, Component, FaultCode, Message, TickStamp};
 use heaters::{Heater, Heaters, Known, TICK_S, command, config, id, session, state, sync, tell};
 
@@ -140,7 +138,7 @@ fn the_law_sees_the_measurement_and_its_change_and_not_the_prediction() {
 }
 
 /// A node that can do 2 K/s follows a neighbour that jumps up by 20 K and, when it is there, stays. By how much does it overshoot, K?
-fn overshoot_of_node(coupling: CouplingConfig) -> f64 {
+fn overshoot_of_node(coupling: Coupling<f32>) -> f64 {
     let mut known = Known::badly(Heater::default());
     known.plant.inputs = [InputRange::new(-2.0, 2.0).unwrap()].into_iter().collect();
     let config = NodeConfig { coupling, funnel: heaters::constant(1.0), ..config(1, &[2]) };
@@ -186,7 +184,7 @@ fn overshoot_of_law(feedback: bool) -> f64 {
 fn an_actuator_at_its_limit_does_not_wind_up() {
     let (with, without) = (overshoot_of_law(true), overshoot_of_law(false));
     assert!(without > 15.0 && with < 0.05, "the feedback matters: {without} without, {with} with");
-    for coupling in [CouplingConfig::NodeWise, CouplingConfig::MaxGain, CouplingConfig::EdgeWise] {
+    for coupling in [Coupling::NodeWise, Coupling::MaxGain, Coupling::EdgeWise] {
         let node = overshoot_of_node(coupling);
         assert!(node < 0.05, "{coupling:?}: {node}");
     }
@@ -303,8 +301,7 @@ fn a_stop_while_a_tick_waits_for_its_sample_drops_the_tick() {
 
 #[test]
 fn a_virtual_node_that_stops_says_so_too() {
-    let breach =
-        NodeConfig { on_breach: BreachPolicy::Stop, funnel: heaters::constant(1.0), ..config(1, &[2]) };
+    let breach = NodeConfig { on_breach: Breach::Stop, funnel: heaters::constant(1.0), ..config(1, &[2]) };
     let mut node = session(funnelnet_node::Configured, breach);
     tell(&mut node, command(Command::Start));
     while node.poll(0).is_some() {}
@@ -376,7 +373,7 @@ fn every_component_has_limits_of_its_own() {
         [(-1.0, 0.5), (-0.25, 1.0)].map(|(low, high)| InputRange::new(low, high).unwrap()),
         3,
     );
-    let field = FieldConfig { offset: [0.0, 0.0].into_iter().collect(), ..config(1, &[2]).field };
+    let field = Field { offset: [0.0, 0.0].into_iter().collect(), ..config(1, &[2]).field };
     let initial_state = [0.0, 0.0].into_iter().collect();
     let mut node = session(known, NodeConfig { initial_state, field, ..config(1, &[2]) });
     tell(&mut node, command(Command::Start));

@@ -2,10 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_node::{Event, Output, Phase, Session, Task};
-use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, NodeConfig, TickSource, scalar,
-};
+use funnelnet_protocol::config::{ConfigError, Field, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Message, Severity, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::{
@@ -25,23 +22,17 @@ const IDENTITY: Identity = Identity {
 };
 
 fn config() -> NodeConfig {
-    NodeConfig {
-        id: 3,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Sync,
-        initial_state: scalar(1.0),
-        state_limit: 1e6,
-        field: FieldConfig::scalar(-1.0, 0.0, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        on_breach: BreachPolicy::Ride,
-        neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 2,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(3, 1_000_000)
+        .tick_source(TickSource::Sync)
+        .state([1.0])
+        .state_limit(1e6)
+        .field(Field::scalar(-1.0, 0.0, []))
+        .funnel(Shape::Constant { width: 10.0 })
+        .edge(2, 1.0)
+        .extrapolate_ticks(3)
+        .telemetry_every(2)
+        .build()
+        .unwrap()
 }
 
 /// A session whose program has just started.

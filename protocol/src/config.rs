@@ -6,10 +6,9 @@ use core::fmt;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-pub use funnelnet_law::config::{
-    BreachPolicy, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, MAX_COMPONENTS,
-    MAX_MATRIX, MAX_SINES, NormalisedShape, SineConfig, StateConfig, scalar,
-};
+pub use funnelnet_law::field::{Field, MAX_COMPONENTS, MAX_MATRIX, MAX_SINES, Sine, State, scalar};
+pub use funnelnet_law::funnel::{Funnel, Normalised, Shape};
+pub use funnelnet_law::{Breach, Coupling, Gain};
 
 /// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector states it is the
 /// most for neighbours times components.
@@ -44,19 +43,19 @@ pub struct NodeConfig {
     /// What makes the node tick.
     pub tick_source: TickSource,
     /// Initial state, state units; its length is the number of components.
-    pub initial_state: StateConfig,
+    pub initial_state: State<f32>,
     /// States beyond this are refused, state units.
     pub state_limit: f32,
     /// Own vector field.
-    pub field: FieldConfig,
+    pub field: Field<f32>,
     /// Coupling.
-    pub coupling: CouplingConfig,
+    pub coupling: Coupling<f32>,
     /// Gain.
-    pub gain: GainConfig,
+    pub gain: Gain<f32>,
     /// Funnel.
-    pub funnel: FunnelConfig,
+    pub funnel: Funnel<f32>,
     /// What to do outside the funnel.
-    pub on_breach: BreachPolicy,
+    pub on_breach: Breach<f32>,
     /// Edges.
     pub neighbours: Vec<EdgeConfig, MAX_NEIGHBOURS>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
@@ -160,6 +159,8 @@ pub enum ConfigError {
     PolicyOfCoupling,
     /// The request before it is not answered yet.
     Busy,
+    /// No node can compute this coupling from what its neighbours send.
+    NotLocal,
 }
 
 impl fmt::Display for ConfigError {
@@ -184,6 +185,9 @@ impl fmt::Display for ConfigError {
                     "a lambda-tracker needs a linear gain; edge-wise and max-gain coupling need a funnel's gain"
                 )
             }
+            Self::NotLocal => f.write_str(
+                "no node can run weakly-centralised coupling: it would have to know the gains of all others",
+            ),
             Self::Busy => f.write_str("the node has not answered the request before yet: ask again"),
             Self::PolicyOfCoupling => {
                 write!(f, "with edge-wise coupling a node cannot reopen a funnel alone: ride on, or stop")

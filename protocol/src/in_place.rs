@@ -5,9 +5,7 @@
 
 use core::fmt;
 
-use crate::config::{
-    BreachPolicy, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
-};
+use crate::config::{Breach, Coupling, Field, Funnel, Gain, NodeConfig, Shape, TickSource};
 use crate::refusal::Refusal;
 use heapless::Vec;
 use postcard::de_flavors::Flavor;
@@ -26,11 +24,11 @@ impl NodeConfig {
             tick_source: TickSource::Timer,
             initial_state: Vec::new(),
             state_limit: 0.0,
-            field: FieldConfig { slope: Vec::new(), offset: Vec::new(), sines: Vec::new() },
-            coupling: CouplingConfig::None,
-            gain: GainConfig::Linear { slope: 0.0 },
-            funnel: FunnelConfig { factor: 0.0, shape: FunnelShape::Constant { width: 0.0 } },
-            on_breach: BreachPolicy::Ride,
+            field: Field { slope: Vec::new(), offset: Vec::new(), sines: Vec::new() },
+            coupling: Coupling::None,
+            gain: Gain::Linear { slope: 0.0 },
+            funnel: Funnel { factor: 0.0, shape: Shape::Constant { width: 0.0 } },
+            on_breach: Breach::Ride,
             neighbours: Vec::new(),
             extrapolate_ticks: 0,
             telemetry_every: 0,
@@ -69,7 +67,7 @@ impl NodeConfig {
             tick_source,
             initial_state,
             state_limit,
-            field: FieldConfig { slope, offset, sines },
+            field: Field { slope, offset, sines },
             coupling,
             gain,
             funnel,

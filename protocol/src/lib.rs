@@ -5,6 +5,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod builder;
 pub mod can;
 pub mod can_fd;
 mod checksum;
@@ -16,6 +17,7 @@ pub mod report;
 pub mod serial;
 pub mod service;
 
+pub use builder::NodeBuilder;
 pub use config::NodeConfig;
 pub use message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
 pub use refusal::Refusal;

@@ -2,9 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, NormalisedShape,
-    SineConfig, TickSource,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX,
+    MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Shape, Sine, TickSource,
 };
 use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnelnet_protocol::report::{Counters, Report};
@@ -19,26 +18,26 @@ use proptest::prelude::*;
 const GOLDEN_CHECKSUM: u32 = 0x3074_917E;
 
 fn largest_config() -> NodeConfig {
-    let sine = SineConfig { component: 7, amplitude: 1.0, frequency: 2.0, phase: 3.0 };
-    let then = NormalisedShape::Exponential { start: 1.0, end: 1.0, rate: 1.0 };
+    let sine = Sine { component: 7, amplitude: 1.0, frequency: 2.0, phase: 3.0 };
+    let then = Normalised::Exponential { start: 1.0, end: 1.0, rate: 1.0 };
     NodeConfig {
         id: 127,
         tick_ns: u32::MAX,
         tick_source: TickSource::Sync,
         initial_state: [1.0; MAX_COMPONENTS].into_iter().collect(),
         state_limit: 1.0,
-        field: FieldConfig {
+        field: Field {
             slope: [1.0; MAX_MATRIX].into_iter().collect(),
             offset: [1.0; MAX_COMPONENTS].into_iter().collect(),
             sines: (0..MAX_SINES).map(|_| sine).collect(),
         },
-        coupling: CouplingConfig::LambdaTracker { eta: 1.0 },
-        gain: GainConfig::Median { eta: 1.0, eps: 1.0 },
-        funnel: FunnelConfig {
+        coupling: Coupling::LambdaTracker { eta: 1.0 },
+        gain: Gain::Median { eta: 1.0, eps: 1.0 },
+        funnel: Funnel {
             factor: 1.0,
-            shape: FunnelShape::Schedule { start: 1.0, at_ns: u64::MAX, eps: 1.0, then },
+            shape: Shape::Schedule { start: 1.0, at_ns: u64::MAX, eps: 1.0, then },
         },
-        on_breach: BreachPolicy::Reopen { margin: 1.0, rate: 1.0 },
+        on_breach: Breach::Reopen { margin: 1.0, rate: 1.0 },
         neighbours: (0..MAX_NEIGHBOURS).map(|_| EdgeConfig { id: 127, weight: 1.0, edges: 126 }).collect(),
         extrapolate_ticks: 255,
         telemetry_every: u32::MAX,
@@ -187,9 +186,9 @@ fn the_checksum_of_a_configuration_is_that_of_its_bytes() {
 fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
     let small = NodeConfig {
         initial_state: [2.0].into_iter().collect(),
-        field: FieldConfig::scalar(0.5, 0.25, []),
+        field: Field::scalar(0.5, 0.25, []),
         neighbours: [EdgeConfig { id: 1, weight: 0.5, edges: 2 }].into_iter().collect(),
-        on_breach: BreachPolicy::Stop,
+        on_breach: Breach::Stop,
         lost_neighbours: 0,
         holdover_ns: 0,
         ..largest_config()

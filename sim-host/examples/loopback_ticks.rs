@@ -4,10 +4,7 @@
 #![allow(clippy::expect_used)]
 
 use funnelnet_node::{Node, Params};
-use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig,
-    SineConfig, TickSource, scalar,
-};
+use funnelnet_protocol::config::{EdgeConfig, Field, NodeConfig, Shape, Sine};
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::engine::Engine;
 
@@ -18,27 +15,15 @@ const STEPS: [usize; 4] = [1, 2, NODES - 2, NODES - 1];
 fn config(index: usize) -> NodeConfig {
     let neighbours =
         STEPS.map(|step| EdgeConfig { id: ((index + step) % NODES + 1) as u8, weight: 1.0, edges: 4 });
-    let sine = SineConfig { component: 0, amplitude: 10.0, frequency: 1.0, phase: index as f64 };
-    NodeConfig {
-        id: index as u8 + 1,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(index as f32 * 0.01),
-        state_limit: 1e6,
-        field: FieldConfig::scalar(-1.0, 0.0, [sine]),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig {
-            factor: 1.0,
-            shape: FunnelShape::Exponential { start: 40.0, end: 2.0, rate: 1.0 },
-        },
-        on_breach: BreachPolicy::Ride,
-        neighbours: neighbours.into_iter().collect(),
-        extrapolate_ticks: 10,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    let sine = Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: index as f64 };
+    NodeConfig::builder(index as u8 + 1, 1_000_000)
+        .state([index as f32 * 0.01])
+        .state_limit(1e6)
+        .field(Field::scalar(-1.0, 0.0, [sine]))
+        .funnel(Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 })
+        .edges(neighbours)
+        .build()
+        .unwrap()
 }
 
 fn main() {

@@ -12,7 +12,7 @@ use crate::engine::NodeEvent;
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Graph;
-use funnelnet_law::Gain;
+use funnelnet_law::GainFunction;
 use funnelnet_law::field::{State, VectorField, compensated_add};
 use funnelnet_law::funnel::Widths;
 use funnelnet_law::law::node_wise::{C, THETA};

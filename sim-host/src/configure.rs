@@ -1,13 +1,9 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
-use crate::scenario::{
-    Affine, BreachSpec, CouplingKind, Edge, FunnelSpec, GainSpec, LARGEST_RUN, NodeSpec, NormalisedSpec,
-    Scenario,
-};
+use crate::scenario::{Affine, Coupling, Edge, LARGEST_RUN, NodeSpec, Scenario};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig,
-    MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, NormalisedShape, SineConfig, TickSource,
+    EdgeConfig, Field, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Sine, TickSource,
 };
 use std::fmt;
 
@@ -65,7 +61,7 @@ impl std::error::Error for Unfit {}
 pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
     let too_long = Unfit::TooMuch { node: 1, what: "nanoseconds in a tick", limit: u32::MAX as usize };
     let tick_ns = u32::try_from(scenario.time.tick_ns).map_err(|_| too_long)?;
-    let coupling = coupling(scenario.coupling).ok_or(Unfit::NotLocal)?;
+    let coupling = scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?;
     let edges = edge_counts(scenario);
     let config = |(index, node): (usize, &NodeSpec)| {
         let too_much = |what, limit| Unfit::TooMuch { node: node.id, what, limit };
@@ -79,9 +75,9 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             state_limit: STATE_LIMIT,
             field: field(&node.dynamics).ok_or(too_much("sinusoids or components", MAX_SINES))?,
             coupling,
-            gain: gain(&node.gain),
-            funnel: funnel(&node.funnel),
-            on_breach: policy(scenario.on_breach),
+            gain: node.gain.map(|value| value as f32),
+            funnel: node.funnel.map(|value| value as f32),
+            on_breach: scenario.on_breach.map(|value| value as f32),
             neighbours: collect(neighbours).ok_or(too_much("neighbours", MAX_NEIGHBOURS))?,
             extrapolate_ticks: EXTRAPOLATE_TICKS,
             telemetry_every: drive.telemetry_every,
@@ -97,7 +93,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
 /// # Errors
 /// As [`node_configs`].
 pub fn central_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
-    let scenario = Scenario { coupling: CouplingKind::NodeWise, ..scenario.clone() };
+    let scenario = Scenario { coupling: Coupling::NodeWise, ..scenario.clone() };
     node_configs(&scenario, drive)
 }
 
@@ -146,81 +142,17 @@ fn collect<T, const N: usize>(items: impl Iterator<Item = T>) -> Option<heapless
     Some(collected)
 }
 
-/// The coupling as it travels; `None` for the one that no node can run.
-fn coupling(kind: CouplingKind) -> Option<CouplingConfig> {
-    match kind {
-        CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::Linear => {
-            Some(CouplingConfig::NodeWise)
-        }
-        CouplingKind::EdgeWise => Some(CouplingConfig::EdgeWise),
-        CouplingKind::MaxGain => Some(CouplingConfig::MaxGain),
-        CouplingKind::LambdaTracker { eta } => Some(CouplingConfig::LambdaTracker { eta: eta as f32 }),
-        CouplingKind::None => Some(CouplingConfig::None),
-        CouplingKind::WeaklyCentralised => None,
-    }
-}
-
-fn policy(policy: BreachSpec) -> BreachPolicy {
-    match policy {
-        BreachSpec::Ride => BreachPolicy::Ride,
-        BreachSpec::Stop => BreachPolicy::Stop,
-        BreachSpec::Reopen { margin, rate } => {
-            BreachPolicy::Reopen { margin: margin as f32, rate: rate as f32 }
-        }
-    }
-}
-
 /// The vector field as it travels; `None` where there is no room for it.
-fn field(field: &Affine) -> Option<FieldConfig> {
-    let sines = field.sines.iter().map(|sine| SineConfig {
-        component: sine.component as u8,
+fn field(field: &Affine) -> Option<Field<f32>> {
+    let sines = field.sines.iter().map(|sine| Sine {
+        component: sine.component,
         amplitude: sine.amplitude as f32,
         frequency: sine.frequency,
         phase: sine.phase,
     });
-    Some(FieldConfig {
+    Some(Field {
         slope: collect(field.slope.iter().map(|&slope| slope as f32))?,
         offset: collect(field.offset.iter().map(|&offset| offset as f32))?,
         sines: collect(sines)?,
     })
-}
-
-/// The gain as it travels.
-fn gain(gain: &GainSpec) -> GainConfig {
-    match *gain {
-        GainSpec::Reciprocal { scale } => GainConfig::Reciprocal { scale: scale as f32 },
-        GainSpec::Logarithmic { scale } => GainConfig::Logarithmic { scale: scale as f32 },
-        GainSpec::LocallyLinear { bound } => GainConfig::LocallyLinear { bound: bound as f32 },
-        GainSpec::Median { eta, eps } => GainConfig::Median { eta: eta as f32, eps: eps as f32 },
-        GainSpec::Linear { slope } => GainConfig::Linear { slope: slope as f32 },
-    }
-}
-
-/// The funnel as it travels.
-fn funnel(funnel: &FunnelSpec) -> FunnelConfig {
-    let shape = match *funnel {
-        FunnelSpec::Exponential { start, end, rate, .. } => {
-            let [start, end, rate] = [start, end, rate].map(|value| value as f32);
-            FunnelShape::Exponential { start, end, rate }
-        }
-        FunnelSpec::Constant { width, .. } => FunnelShape::Constant { width: width as f32 },
-        FunnelSpec::ReciprocalTime { scale, .. } => FunnelShape::ReciprocalTime { scale: scale as f32 },
-        FunnelSpec::FiniteTime { start, at_ns, power, .. } => {
-            FunnelShape::FiniteTime { start: start as f32, at_ns, power: power as f32 }
-        }
-        FunnelSpec::Schedule { start, at_ns, eps, then, .. } => {
-            FunnelShape::Schedule { start: start as f32, at_ns, eps: eps as f32, then: normalised(then) }
-        }
-    };
-    FunnelConfig { factor: funnel.factor() as f32, shape }
-}
-
-fn normalised(shape: NormalisedSpec) -> NormalisedShape {
-    match shape {
-        NormalisedSpec::Constant { width } => NormalisedShape::Constant { width: width as f32 },
-        NormalisedSpec::Exponential { start, end, rate } => {
-            let [start, end, rate] = [start, end, rate].map(|value| value as f32);
-            NormalisedShape::Exponential { start, end, rate }
-        }
-    }
 }

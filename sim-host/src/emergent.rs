@@ -27,10 +27,10 @@ pub use blended::BlendedTrajectory;
 pub use chi::ChiTrajectory;
 pub use predictor::{Contraction, Prediction, Predictor};
 
-use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario};
+use crate::scenario::{Coupling, NodeSpec, Scenario};
 use agents::Agents;
 use funnelnet_law::emergent::contraction;
-use funnelnet_law::gain::{BuiltinGain, Gain, Linear, LocallyLinear, Logarithmic, Reciprocal, median};
+use funnelnet_law::gain::{Gain, GainFunction};
 use grid::{Grid, Walk};
 
 /// An instant just after the start, where a funnel that is infinite at t = 0 has a width, in s.
@@ -116,32 +116,20 @@ impl<'a> EmergentTrajectory<'a> {
 }
 
 /// Whether scalar states follow the paper's law.
-fn follows_the_paper(coupling: CouplingKind) -> bool {
-    matches!(coupling, CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain)
+fn follows_the_paper(coupling: Coupling<f64>) -> bool {
+    matches!(coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain)
 }
 
 /// The gain as it enters that sum; `None` where there is no such sum.
-fn gain(node: &NodeSpec, coupling: CouplingKind, components: usize) -> Option<BuiltinGain<f64>> {
+fn gain(node: &NodeSpec, coupling: Coupling<f64>, components: usize) -> Option<Gain<f64>> {
     match coupling {
-        CouplingKind::EdgeWise | CouplingKind::WeaklyCentralised => {
-            Some(BuiltinGain::Linear(Linear { slope: 1.0 }))
-        }
-        CouplingKind::LambdaTracker { .. } | CouplingKind::None => None,
-        CouplingKind::MaxGain if components > 1 => None,
-        CouplingKind::Linear => Some(own_gain(&node.gain)),
+        Coupling::EdgeWise | Coupling::WeaklyCentralised => Some(Gain::Linear { slope: 1.0 }),
+        Coupling::LambdaTracker { .. } | Coupling::None => None,
+        Coupling::MaxGain if components > 1 => None,
+        Coupling::Linear => Some(node.gain.prepared()),
         // The weights are scaled funnels, which do not enter where a gain is linear.
-        _ if matches!(node.gain, GainSpec::Linear { .. }) => None,
-        _ => Some(own_gain(&node.gain)),
-    }
-}
-
-pub(crate) fn own_gain(spec: &GainSpec) -> BuiltinGain<f64> {
-    match *spec {
-        GainSpec::Reciprocal { scale } => BuiltinGain::Reciprocal(Reciprocal { scale }),
-        GainSpec::Logarithmic { scale } => BuiltinGain::Logarithmic(Logarithmic { scale }),
-        GainSpec::LocallyLinear { bound } => BuiltinGain::LocallyLinear(LocallyLinear { bound }),
-        GainSpec::Median { eta, eps } => BuiltinGain::Reciprocal(median(eta, eps)),
-        GainSpec::Linear { slope } => BuiltinGain::Linear(Linear { slope }),
+        _ if !node.gain.keeps_funnels() => None,
+        _ => Some(node.gain.prepared()),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use sim_host::emergent::EmergentTrajectory;
 use sim_host::run::{Fidelity, Outcome};
-use sim_host::scenario::{CouplingKind, Edge, GainSpec, Graph, Scenario};
+use sim_host::scenario::{Coupling, Edge, Gain, Graph, Scenario};
 use system_tests::{heterogeneous, run, scenario};
 
 #[test]
@@ -66,7 +66,7 @@ fn each_coupling_follows_the_emergent_dynamics_of_its_own() {
     let narrow = "coupling.funnel={kind='exponential',start=40,end=0.02,rate=1}";
     let linear = "coupling.gain={kind='linear',slope=2000}";
     let mut different = scenario("five-agents.toml", &["coupling.kind=linear", linear]);
-    different.nodes[1].gain = GainSpec::Linear { slope: 500.0 };
+    different.nodes[1].gain = Gain::Linear { slope: 500.0 };
     for scenario in [
         scenario("five-agents.toml", &[narrow]),
         scenario("five-agents.toml", &[narrow, "coupling.kind=element-wise"]),
@@ -79,7 +79,7 @@ fn each_coupling_follows_the_emergent_dynamics_of_its_own() {
         different,
     ] {
         let found = distance(&scenario);
-        assert!(found < 0.06, "{}: {found}", scenario.coupling.name());
+        assert!(found < 0.06, "{}: {found}", scenario.coupling.kind());
     }
     for kind in ["none", "lambda-tracker"] {
         let sets = [&format!("coupling.kind={kind}"), linear, "coupling.eta=1"];
@@ -99,9 +99,9 @@ fn weakly_centralised(scenario: &Scenario, step: f64) -> Vec<f64> {
         let gamma = |i: usize| {
             let s = nu[i].abs() / psi[i];
             match scenario.nodes[i].gain {
-                GainSpec::Reciprocal { scale } => scale / (1.0 - s),
-                GainSpec::Logarithmic { scale } if s > 0.0 => -scale * funnelnet_law::math::ln(1.0 - s) / s,
-                GainSpec::Logarithmic { scale } => scale,
+                Gain::Reciprocal { scale } => scale / (1.0 - s),
+                Gain::Logarithmic { scale } if s > 0.0 => -scale * funnelnet_law::math::ln(1.0 - s) / s,
+                Gain::Logarithmic { scale } => scale,
                 _ => f64::NAN,
             }
         };
@@ -122,7 +122,7 @@ fn final_states(scenario: &Scenario) -> (Outcome, Vec<f64>) {
 #[test]
 fn weakly_centralised_coupling_is_the_one_of_the_paper() {
     let mut scenario = heterogeneous("1s");
-    scenario.coupling = CouplingKind::WeaklyCentralised;
+    scenario.coupling = Coupling::WeaklyCentralised;
     let (outcome, found) = final_states(&scenario);
     let exact = weakly_centralised(&scenario, 1e-6);
     let error = found.iter().zip(&exact).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
@@ -136,7 +136,7 @@ fn weakly_centralised_coupling_is_the_one_of_the_paper() {
 
 #[test]
 fn diffusive_terms_add_up_to_zero_whatever_the_coupling() {
-    for kind in [CouplingKind::NodeWise, CouplingKind::EdgeWise, CouplingKind::WeaklyCentralised] {
+    for kind in [Coupling::NodeWise, Coupling::EdgeWise, Coupling::WeaklyCentralised] {
         let sets = ["time.duration=10s", "coupling.funnel.end=0.02"];
         let mut scenario = scenario("five-agents.toml", &sets);
         scenario.coupling = kind;
@@ -174,7 +174,7 @@ fn a_breach_stops_a_node_that_shall_stop() {
     assert_eq!(outcome.believed.map(|believed| believed.breaches), Some(u64::from(counted)));
     // Standing still is no way back inside: a node that has stopped is judged on.
     assert!(outcome.breaches > u64::from(counted), "{}", outcome.breaches);
-    stopping.on_breach = sim_host::scenario::BreachSpec::Ride;
+    stopping.on_breach = sim_host::scenario::Breach::Ride;
     let outcome = run(&stopping, Fidelity::Loopback);
     assert!(outcome.counters.iter().all(|counters| counters.ticks == 1001), "{:?}", outcome.counters);
 }

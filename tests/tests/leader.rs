@@ -2,7 +2,7 @@
 //! K by which its funnel is wider, and stays below `mu(4 / K)`, for a field that contracts by nearly 1/s.
 
 use funnelnet_law::emergent::runge_kutta;
-use funnelnet_law::gain::{Gain, Reciprocal};
+use funnelnet_law::gain::{GainFunction, Reciprocal};
 use sim_host::run::Fidelity;
 use system_tests::{run, scenario};
 

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use sim_host::check::check;
 use sim_host::record::Row;
 use sim_host::run::{Fidelity, Outcome};
-use sim_host::scenario::{Affine, Edge, FunnelSpec, GainSpec, Graph, NodeSpec, Scenario, Sine, TimeSpec};
+use sim_host::scenario::{Affine, Edge, Funnel, Gain, Graph, NodeSpec, Scenario, Shape, Sine, TimeSpec};
 use system_tests::run;
 
 const TICKS: u64 = 1500;
@@ -25,18 +25,19 @@ fn field() -> impl Strategy<Value = Affine> {
     })
 }
 
-fn gain() -> impl Strategy<Value = GainSpec> {
+fn gain() -> impl Strategy<Value = Gain<f64>> {
     (0..3, decades(0.5, 1.5)).prop_map(|(kind, scale)| match kind {
-        0 => GainSpec::Reciprocal { scale },
-        1 => GainSpec::Logarithmic { scale },
-        _ => GainSpec::LocallyLinear { bound: scale },
+        0 => Gain::Reciprocal { scale },
+        1 => Gain::Logarithmic { scale },
+        _ => Gain::LocallyLinear { bound: scale },
     })
 }
 
 /// A node, with a funnel that starts as wide as the test says later.
 fn node() -> impl Strategy<Value = NodeSpec> {
-    let funnel = (decades(-2.0, 0.0), 0.5..4.0f64, decades(-0.3, 0.3))
-        .prop_map(|(end, rate, factor)| FunnelSpec::Exponential { start: 0.0, end, rate, factor });
+    let funnel = (decades(-2.0, 0.0), 0.5..4.0f64, decades(-0.3, 0.3)).prop_map(|(end, rate, factor)| {
+        Funnel { factor, shape: Shape::Exponential { start: 0.0, end, rate } }
+    });
     (-3.0..3.0f64, field(), gain(), funnel).prop_map(|(state, dynamics, gain, funnel)| NodeSpec {
         id: 0,
         state: vec![state],
@@ -74,8 +75,9 @@ fn build((graph, mut nodes): (Graph, Vec<NodeSpec>)) -> Scenario {
     let states: Vec<f64> = nodes.iter().map(|node| node.state[0]).collect();
     for ((i, node), nu) in nodes.iter_mut().enumerate().zip(graph.diffusive_terms(&states)) {
         node.id = i as u16 + 1;
-        if let FunnelSpec::Exponential { start, end, factor, .. } = &mut node.funnel {
-            *start = *end + 1.2 * nu.abs() / *factor + 1.0;
+        let factor = node.funnel.factor;
+        if let Shape::Exponential { start, end, .. } = &mut node.funnel.shape {
+            *start = *end + 1.2 * nu.abs() / factor + 1.0;
         }
     }
     let base = system_tests::scenario("five-agents.toml", &[]);

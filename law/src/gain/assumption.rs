@@ -6,7 +6,7 @@
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison that NaN fails is the point")]
 
-use super::{Gain, Solution};
+use super::{GainFunction, Solution};
 use crate::math::Real;
 use core::fmt;
 
@@ -182,13 +182,13 @@ const GROWTH_LEFT: f64 = 0.25;
 /// Some ten thousand evaluations: for tests and for start-up on a host, not for a tick.
 ///
 /// ```
-/// use funnelnet_law::gain::{self, Gain};
+/// use funnelnet_law::gain::{self, GainFunction};
 /// use funnelnet_law::math::Real;
 ///
 /// /// `mu(s) = s / sqrt(1 - s^2)`.
 /// struct Root;
 ///
-/// impl<F: Real> Gain<F> for Root {
+/// impl<F: Real> GainFunction<F> for Root {
 ///     fn inverse(&self, u: F) -> F {
 ///         u / (F::ONE + u * u).sqrt()
 ///     }
@@ -206,7 +206,7 @@ const GROWTH_LEFT: f64 = 0.25;
 /// // mu(s) = 2 s, clipped, does not know the funnel.
 /// struct Clipped;
 ///
-/// impl Gain<f64> for Clipped {
+/// impl GainFunction<f64> for Clipped {
 ///     fn inverse(&self, u: f64) -> f64 {
 ///         (u / 2.0).clamp(-1.0, 1.0)
 ///     }
@@ -223,7 +223,7 @@ const GROWTH_LEFT: f64 = 0.25;
 ///
 /// # Errors
 /// The first property that does not hold, where, and by how much.
-pub fn check<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<Constants<F>, Violation<F>> {
+pub fn check<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> Result<Constants<F>, Violation<F>> {
     let lowest = lowest(gain)?;
     let half = gain.apply(F::HALF);
     shape(gain, half)?;
@@ -261,13 +261,13 @@ fn inputs<F: Real>(half: F) -> impl Iterator<Item = F> {
 }
 
 /// Ratios, ascending: decades from 1e-9 up to 1/2, then `1 - s` halved down to two bits, as long as `mu` is a number.
-fn ratios<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> impl Iterator<Item = F> {
+fn ratios<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> impl Iterator<Item = F> {
     let small = geometric(F::from_f64(1e-9), F::from_f64(STEP), 200).take_while(|s| *s < F::HALF);
     small.chain(boundary(gain).map(|(s, _)| s))
 }
 
 /// `(s, mu(s))` with `1 - s` halved from 1/2 down to two bits, as long as `mu` is not infinite for every purpose.
-fn boundary<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> impl Iterator<Item = (F, F)> {
+fn boundary<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> impl Iterator<Item = (F, F)> {
     geometric(F::HALF, F::HALF, 64)
         .take_while(|gap| *gap > F::EPSILON + F::EPSILON)
         .map(|gap| (F::ONE - gap, gain.apply(F::ONE - gap)))
@@ -275,7 +275,7 @@ fn boundary<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> impl Iterator<Item = (F,
         .take_while(|(_, u)| !(*u > F::WIDEST))
 }
 
-fn lowest<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<F, Violation<F>> {
+fn lowest<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> Result<F, Violation<F>> {
     let s = gain.inverse(F::ZERO);
     if s != F::ZERO {
         return Err(Violation::NotZero { s });
@@ -286,7 +286,7 @@ fn lowest<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<F, Violation<F>> {
 }
 
 /// `mu^-1` within [-1, 1], odd, increasing, and 1 in the end.
-fn shape<F: Real>(gain: &(impl Gain<F> + ?Sized), half: F) -> Result<(), Violation<F>> {
+fn shape<F: Real>(gain: &(impl GainFunction<F> + ?Sized), half: F) -> Result<(), Violation<F>> {
     let (mut from, mut s_from) = (F::ZERO, F::ZERO);
     for u in inputs(half).chain([F::WIDEST]) {
         let (s, mirrored) = (gain.inverse(u), gain.inverse(-u));
@@ -311,7 +311,7 @@ fn saturated<F: Real>(s: F) -> bool {
 }
 
 /// The difference quotient lies between the slopes at its ends, give or take rounding and 1 % for what lies between.
-fn slopes<F: Real>(gain: &(impl Gain<F> + ?Sized), half: F) -> Result<(), Violation<F>> {
+fn slopes<F: Real>(gain: &(impl GainFunction<F> + ?Sized), half: F) -> Result<(), Violation<F>> {
     let steepest = gain.inverse_slope(F::ZERO);
     for u in inputs(half) {
         let (s, slope) = (gain.inverse(u), gain.inverse_slope(u));
@@ -334,7 +334,7 @@ fn slopes<F: Real>(gain: &(impl Gain<F> + ?Sized), half: F) -> Result<(), Violat
 }
 
 /// `mu^-1(mu(s)) = s`, and `gamma(s) = mu(s) / s` never falls. The largest relative error of the round trip.
-fn round_trips<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<F, Violation<F>> {
+fn round_trips<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> Result<F, Violation<F>> {
     let (mut worst, mut before) = (F::ZERO, F::ZERO);
     for s in ratios(gain) {
         let u = gain.apply(s);
@@ -354,7 +354,7 @@ fn round_trips<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<F, Violation<F
 }
 
 /// `gamma -> infinity`: the growth of `mu` over halvings of `1 - s` does not die out.
-fn unbounded<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<(), Violation<F>> {
+fn unbounded<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> Result<(), Violation<F>> {
     let growth = boundary(gain).zip(boundary(gain).skip(1)).map(|((_, u), (s, next))| (s, next, next - u));
     let early = boundary(gain).zip(boundary(gain).skip(1)).map(|((_, u), (_, next))| next - u);
     match growth.skip(HALVINGS).zip(early).last() {
@@ -367,7 +367,7 @@ fn unbounded<F: Real>(gain: &(impl Gain<F> + ?Sized)) -> Result<(), Violation<F>
 }
 
 /// (*) with its three terms in every proportion over 12 decades. The largest relative residual.
-fn solutions<F: Real>(gain: &(impl Gain<F> + ?Sized), half: F) -> Result<F, Violation<F>> {
+fn solutions<F: Real>(gain: &(impl GainFunction<F> + ?Sized), half: F) -> Result<F, Violation<F>> {
     let (low, factor) = (F::from_f64(1e-6), F::from_u32(3));
     let mut worst = F::ZERO;
     for psi in [F::from_f64(1e-3), F::ONE, F::from_u32(1000)] {
@@ -381,7 +381,7 @@ fn solutions<F: Real>(gain: &(impl Gain<F> + ?Sized), half: F) -> Result<F, Viol
     Ok(worst)
 }
 
-fn solution<F: Real>(gain: &(impl Gain<F> + ?Sized), psi: F, b: F, r: F) -> Result<F, Violation<F>> {
+fn solution<F: Real>(gain: &(impl GainFunction<F> + ?Sized), psi: F, b: F, r: F) -> Result<F, Violation<F>> {
     let found = gain.solve(psi, b, r);
     let residual = (psi * gain.inverse(found.u) + b * found.u - r).abs() / r.abs();
     let ratio_fits = found.s.abs() <= F::ONE && near(found.s, gain.inverse(found.u), tolerance());

@@ -1,7 +1,9 @@
 //! The linear gain, a baseline.
 
-use super::{Gain, Solution};
+use super::named::{MAX_PARAMETERS, NamedGain};
+use super::{GainFunction, Solution};
 use crate::math::Real;
+use crate::range::Parameter;
 
 /// The high-gain coupling `u = slope nu`, whatever the funnel is: what funnels are compared with (paper, Introduction).
 ///
@@ -12,7 +14,7 @@ pub struct Linear<F> {
     pub slope: F,
 }
 
-impl<F: Real> Gain<F> for Linear<F> {
+impl<F: Real> GainFunction<F> for Linear<F> {
     #[inline]
     fn inverse(&self, u: F) -> F {
         u / self.slope
@@ -21,6 +23,10 @@ impl<F: Real> Gain<F> for Linear<F> {
     #[inline]
     fn inverse_slope(&self, _: F) -> F {
         F::ONE / self.slope
+    }
+
+    fn inverse_curvature(&self, _: F) -> F {
+        F::ZERO
     }
 
     #[inline]
@@ -33,5 +39,27 @@ impl<F: Real> Gain<F> for Linear<F> {
     fn solve(&self, _: F, b: F, r: F) -> Solution<F> {
         let u = self.slope * r / (F::ONE + b * self.slope);
         Solution { u, s: (u / self.slope).max(-F::ONE).min(F::ONE) }
+    }
+}
+
+impl<F: Real> NamedGain<F> for Linear<F> {
+    const KIND: &'static str = "linear";
+    const PARAMETERS: &'static [Parameter] = &[Parameter::positive("slope", "1/s", None)];
+    const KEEPS_FUNNELS: bool = false;
+
+    fn from_values([slope, _]: [F; MAX_PARAMETERS]) -> Self {
+        Self { slope }
+    }
+
+    fn slope_at_zero(&self) -> F {
+        self.slope
+    }
+
+    fn linear_up_to(&self) -> F {
+        F::WIDEST
+    }
+
+    fn reaching(&self, _: F, _: F) -> Option<Self> {
+        None
     }
 }

@@ -1,7 +1,9 @@
 //! The gain that averages: linear inside, a reciprocal one at the boundary.
 
-use super::{Gain, Solution};
+use super::named::{MAX_PARAMETERS, NamedGain};
+use super::{GainFunction, Solution};
 use crate::math::Real;
+use crate::range::{INPUT, Parameter};
 use crate::root;
 
 /// The paper's locally linear gain (Section "Effect of locally linear mu"): `4 M s` for `|s| < 1/2`, and
@@ -50,17 +52,6 @@ impl<F: Real> LocallyLinear<F> {
         }
     }
 
-    /// `-d/d|u| ln(inverse_slope(u))`, 1 / (state units / s); zero in the linear part. For references.
-    pub fn inverse_curvature(&self, u: F) -> F {
-        let size = u.abs();
-        if size <= self.bound + self.bound {
-            return F::ZERO;
-        }
-        let g = self.beyond(F::ZERO, F::ONE, size).gap;
-        let slope = self.inverse_slope(u);
-        (F::TWO / (g * g * g) - F::from_u32(8)) * slope * slope
-    }
-
     /// `mu` there: `1 / g - 4 s` is `e^2 / g`, which does not cancel at the knee.
     #[inline]
     fn apply_beyond(&self, at: Beyond<F>) -> F {
@@ -100,7 +91,7 @@ fn gap<F: Real>(slope: F, b: F, rho: F) -> F {
     root::increasing(F::ZERO, quarter, guess, cubic)
 }
 
-impl<F: Real> Gain<F> for LocallyLinear<F> {
+impl<F: Real> GainFunction<F> for LocallyLinear<F> {
     #[inline]
     fn inverse(&self, u: F) -> F {
         let size = u.abs();
@@ -115,6 +106,16 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
     #[inline]
     fn inverse_slope(&self, u: F) -> F {
         self.gap_with_slope(u, F::ZERO).1
+    }
+
+    fn inverse_curvature(&self, u: F) -> F {
+        let size = u.abs();
+        if size <= self.bound + self.bound {
+            return F::ZERO;
+        }
+        let g = self.beyond(F::ZERO, F::ONE, size).gap;
+        let slope = self.inverse_slope(u);
+        (F::TWO / (g * g * g) - F::from_u32(8)) * slope * slope
     }
 
     #[inline]
@@ -150,5 +151,28 @@ impl<F: Real> Gain<F> for LocallyLinear<F> {
         }
         let at = self.beyond(psi, b, rho);
         Solution { u: self.apply_beyond(at).copysign(r), s: at.ratio().copysign(r) }
+    }
+}
+
+impl<F: Real> NamedGain<F> for LocallyLinear<F> {
+    const KIND: &'static str = "locally-linear";
+    const PARAMETERS: &'static [Parameter] = &[Parameter::positive("bound", INPUT, None)];
+
+    fn from_values([bound, _]: [F; MAX_PARAMETERS]) -> Self {
+        Self { bound }
+    }
+
+    fn slope_at_zero(&self) -> F {
+        F::from_u32(4) * self.bound
+    }
+
+    fn linear_up_to(&self) -> F {
+        self.bound + self.bound
+    }
+
+    /// Within the linear part, so that the emergent dynamics stay the average: `mu(1/2) = u` leaves half of the funnel, more than was asked
+    /// for.
+    fn reaching(&self, _: F, u: F) -> Option<Self> {
+        Some(Self { bound: F::HALF * u })
     }
 }

@@ -1,7 +1,9 @@
 //! The logarithmic gain.
 
-use super::Gain;
+use super::GainFunction;
+use super::named::{MAX_PARAMETERS, NamedGain};
 use crate::math::Real;
+use crate::range::{INPUT, Parameter};
 
 /// `mu(s) = -scale * ln(1 - |s|) * sign(s)` (paper, Example 2).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,7 +12,7 @@ pub struct Logarithmic<F> {
     pub scale: F,
 }
 
-impl<F: Real> Gain<F> for Logarithmic<F> {
+impl<F: Real> GainFunction<F> for Logarithmic<F> {
     #[inline]
     fn inverse(&self, u: F) -> F {
         (-(-(u.abs() / self.scale)).exp_m1()).copysign(u)
@@ -27,6 +29,10 @@ impl<F: Real> Gain<F> for Logarithmic<F> {
         ((-decay).copysign(u), (F::ONE + decay) / self.scale)
     }
 
+    fn inverse_curvature(&self, _: F) -> F {
+        F::ONE / self.scale
+    }
+
     #[inline]
     fn gap_with_slope(&self, u: F, lift: F) -> (F, F) {
         let gap = (lift - self.decay(u)).exp();
@@ -41,5 +47,22 @@ impl<F: Real> Gain<F> for Logarithmic<F> {
     #[inline]
     fn apply(&self, s: F) -> F {
         (-self.scale * (-s.abs()).ln_1p()).copysign(s)
+    }
+}
+
+impl<F: Real> NamedGain<F> for Logarithmic<F> {
+    const KIND: &'static str = "logarithmic";
+    const PARAMETERS: &'static [Parameter] = &[Parameter::positive("scale", INPUT, Some(1.0))];
+
+    fn from_values([scale, _]: [F; MAX_PARAMETERS]) -> Self {
+        Self { scale }
+    }
+
+    fn slope_at_zero(&self) -> F {
+        self.scale
+    }
+
+    fn reaching(&self, gap: F, u: F) -> Option<Self> {
+        Some(Self { scale: -u / (gap - F::ONE).ln_1p() })
     }
 }

@@ -7,20 +7,22 @@
 use crate::math::Real;
 use crate::root;
 
+mod algebraic;
 mod assumption;
-mod builtin;
 mod linear;
 mod locally_linear;
 mod logarithmic;
 mod median;
+mod named;
 mod reciprocal;
 
+pub use algebraic::Algebraic;
 pub use assumption::{Constants, Violation, check};
-pub use builtin::BuiltinGain;
 pub use linear::Linear;
 pub use locally_linear::LocallyLinear;
 pub use logarithmic::Logarithmic;
-pub use median::median;
+pub use median::Median;
+pub use named::{Gain, Kind, MAX_PARAMETERS, NamedGain};
 pub use reciprocal::Reciprocal;
 
 /// Solution of the implicit law (*): the input, and the ratio at the end of the step that it aims at.
@@ -33,23 +35,33 @@ pub struct Solution<F> {
 }
 
 /// A gain, odd in its argument.
-pub trait Gain<F: Real> {
+pub trait GainFunction<F: Real> {
     /// `mu^-1(u)` in (-1, 1), odd and strictly increasing; rounding may give exactly -1 or 1.
     fn inverse(&self, u: F) -> F;
 
-    /// Derivative of [`Gain::inverse`], positive, 1 / (state units / s).
+    /// Derivative of [`GainFunction::inverse`], positive, 1 / (state units / s).
     fn inverse_slope(&self, u: F) -> F;
 
-    /// [`Gain::inverse`] and [`Gain::inverse_slope`] at once, for a gain that computes them from the same terms.
+    /// [`GainFunction::inverse`] and [`GainFunction::inverse_slope`] at once, for a gain that computes them from the same terms.
     #[inline]
     fn inverse_with_slope(&self, u: F) -> (F, F) {
         (self.inverse(u), self.inverse_slope(u))
     }
 
+    /// `-d/d|u| ln((mu^-1)'(u))`, 1 / (state units / s); zero where `mu` is linear. For references and forecasts.
+    ///
+    /// The default is a difference quotient of [`GainFunction::inverse_slope`].
+    fn inverse_curvature(&self, u: F) -> F {
+        let (size, slope) = (u.abs(), self.inverse_slope(u));
+        let step = (size + F::ONE / slope) * F::from_f64(1e-4);
+        let ahead = self.inverse_slope(size + step);
+        (slope - ahead) / (step * slope)
+    }
+
     /// `gap(u) e^lift` and `inverse_slope(u) e^lift` with the gap `1 - |mu^-1(u)|`, both with all their digits where
     /// `mu^-1(u)` itself rounds to 1: what is left of an agent whose field is far from the emergent one.
     ///
-    /// `lift` is from 0 to [`Gain::decay`]. The default is for gains without exponential tails and without a better formula.
+    /// `lift` is from 0 to [`GainFunction::decay`]. The default is for gains without exponential tails and without a better formula.
     #[inline]
     fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
         let (inverse, slope) = self.inverse_with_slope(u);
@@ -79,7 +91,7 @@ pub trait Gain<F: Real> {
 ///
 /// Below the solution the left side is concave where `mu` is convex, so that Newton from below converges monotonically;
 /// where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (LAW.md 3).
-pub fn newton<F: Real, G: Gain<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Solution<F> {
+pub fn newton<F: Real, G: GainFunction<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Solution<F> {
     let rho = r.abs();
     if !(rho > F::ZERO && b > F::ZERO) {
         // Zero, and not a number where `r` is none.

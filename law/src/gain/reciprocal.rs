@@ -1,7 +1,9 @@
 //! The reciprocal gain, whose law (*) has a closed form.
 
-use super::{Gain, Solution};
+use super::named::{MAX_PARAMETERS, NamedGain};
+use super::{GainFunction, Solution};
 use crate::math::Real;
+use crate::range::{INPUT, Parameter};
 
 /// `mu(s) = scale * s / (1 - |s|)` (paper, Example 1).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,7 +12,7 @@ pub struct Reciprocal<F> {
     pub scale: F,
 }
 
-impl<F: Real> Gain<F> for Reciprocal<F> {
+impl<F: Real> GainFunction<F> for Reciprocal<F> {
     /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the quotient does not.
     #[inline]
     fn inverse(&self, u: F) -> F {
@@ -22,6 +24,10 @@ impl<F: Real> Gain<F> for Reciprocal<F> {
     fn inverse_slope(&self, u: F) -> F {
         let sum = self.scale + u.abs();
         self.scale / sum / sum
+    }
+
+    fn inverse_curvature(&self, u: F) -> F {
+        F::TWO / (self.scale + u.abs())
     }
 
     #[inline]
@@ -52,5 +58,23 @@ impl<F: Real> Gain<F> for Reciprocal<F> {
         let quotient = r / (psi * gap + scaled);
         // Rounding can push |s| just above 1.
         Solution { u: self.scale * quotient, s: (quotient * gap).max(-F::ONE).min(F::ONE) }
+    }
+}
+
+impl<F: Real> NamedGain<F> for Reciprocal<F> {
+    const KIND: &'static str = "reciprocal";
+    const PARAMETERS: &'static [Parameter] = &[Parameter::positive("scale", INPUT, Some(1.0))];
+
+    fn from_values([scale, _]: [F; MAX_PARAMETERS]) -> Self {
+        Self { scale }
+    }
+
+    fn slope_at_zero(&self) -> F {
+        self.scale
+    }
+
+    /// `mu^-1(u) = |u| / (scale + |u|)` leaves `scale / (scale + |u|)`.
+    fn reaching(&self, gap: F, u: F) -> Option<Self> {
+        Some(Self { scale: u * gap / (F::ONE - gap) })
     }
 }

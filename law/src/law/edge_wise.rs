@@ -15,7 +15,7 @@
 use super::node_wise::C;
 use crate::floor::Floor;
 use crate::funnel::Widths;
-use crate::gain::Gain;
+use crate::gain::GainFunction;
 use crate::math::Real;
 
 /// What the law needs to know beside the gain, fixed for a run.
@@ -52,7 +52,7 @@ impl<F: Real> EdgeWise<F> {
 
     /// One tick: the input of one edge, state units / s.
     #[inline]
-    pub fn step<G: Gain<F>>(&self, gain: &G, edge: &EdgeTerm<F>, psi: Widths<F>) -> F {
+    pub fn step<G: GainFunction<F>>(&self, gain: &G, edge: &EdgeTerm<F>, psi: Widths<F>) -> F {
         let b = self.share * edge.stiffness;
         let last = match edge.last {
             Some(u) => u,

@@ -4,7 +4,7 @@
 //! `u / k`: in a comparison an explicit step would only show that it is unstable.
 
 use super::node_wise::{Memory, NodeWise};
-use crate::gain::{Gain, Linear};
+use crate::gain::{GainFunction, Linear};
 use crate::math::Real;
 
 /// What the law needs to know, fixed for a run.

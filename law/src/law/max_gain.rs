@@ -5,7 +5,7 @@
 
 use super::node_wise::{Memory, NodeWise};
 use crate::funnel::Widths;
-use crate::gain::Gain;
+use crate::gain::GainFunction;
 use crate::math::{Real, larger};
 
 /// One component of the diffusive term, and the input that the law finds for it.
@@ -20,7 +20,12 @@ pub struct Term<F> {
 }
 
 /// One tick for all components. `first`: there is no last input yet.
-pub fn step<F: Real, G: Gain<F>>(law: &NodeWise<F, G>, terms: &mut [Term<F>], first: bool, psi: Widths<F>) {
+pub fn step<F: Real, G: GainFunction<F>>(
+    law: &NodeWise<F, G>,
+    terms: &mut [Term<F>],
+    first: bool,
+    psi: Widths<F>,
+) {
     if first {
         let longest = terms.iter().fold(F::ZERO, |most, term| larger(most, term.nu.abs()));
         let u = law.first_input(longest, psi);

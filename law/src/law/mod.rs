@@ -10,7 +10,7 @@ pub use lambda_tracker::LambdaTracker;
 
 /// Which law turns diffusive terms into inputs, fixed for a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Coupling<F> {
+pub enum Law<F> {
     /// [`node_wise`], component by component.
     NodeWise,
     /// [`max_gain`].

@@ -11,7 +11,7 @@
 //! reaches (LAW.md 2).
 
 use crate::funnel::Widths;
-use crate::gain::{Gain, Solution};
+use crate::gain::{GainFunction, Solution};
 use crate::math::Real;
 
 /// `theta` = 1/2: second order in `T`.
@@ -44,7 +44,7 @@ impl<F: Real> Memory<F> {
     }
 }
 
-impl<F: Real, G: Gain<F>> NodeWise<F, G> {
+impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
     /// The law for tick period `tick` (s) at a node of weighted degree `degree`, with the default `theta` and `c`.
     pub fn new(gain: G, tick: f64, degree: f64) -> Self {
         Self::with(gain, tick, degree, THETA, C)

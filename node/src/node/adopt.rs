@@ -6,8 +6,8 @@ use super::step::Step;
 use crate::observe::{Event, Phase};
 use crate::params::Params;
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
-use funnelnet_law::law::Coupling;
+use funnelnet_law::gain::GainFunction;
+use funnelnet_law::law::Law;
 use funnelnet_law::law::node_wise::Memory;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::NodeConfig;
@@ -51,7 +51,7 @@ impl<F, V, G> Params<F, V, G> {
     }
 }
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Lets the node ask by [`Node::take_commit`] for other parameters once tick `at` comes next: its own next one, or one of the
     /// [`COMMIT_AHEAD`] after it. A later call replaces an earlier one. `lasting` is of the configuration that they will be made of.
     ///
@@ -119,7 +119,7 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
         let k = params.law.gain.apply(F::ONE);
         let has_input = self.counters.ticks != 0;
         for part in &mut self.parts {
-            if params.coupling == Coupling::None {
+            if params.coupling == Law::None {
                 part.u = F::ZERO;
             }
             part.k = k;

@@ -5,7 +5,7 @@ use super::step::{Purpose, Step};
 use crate::observe::{Event, Phase};
 use crate::watchdog::Progress;
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::{FaultCode, TickStamp};
@@ -111,7 +111,7 @@ impl Clock {
     }
 }
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Ticks, or asks for the sample that a tick needs.
     pub(super) fn run_due_ticks(&mut self, now: u64) {
         for _ in 0..CATCH_UP_LIMIT {

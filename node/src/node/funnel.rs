@@ -5,7 +5,7 @@ use crate::observe::Event;
 use crate::params::OnBreach;
 use funnelnet_law::field::VectorField;
 use funnelnet_law::funnel::Widths;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::{Real, larger};
 use funnelnet_protocol::report::count;
 
@@ -26,7 +26,7 @@ impl<F: Real> FunnelRecord<F> {
     }
 }
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4), and what a breach has added to it.
     pub(super) fn widths(&mut self, k: u32, floor: F) -> Widths<F> {
         let psi = self.floored_widths(k, floor);

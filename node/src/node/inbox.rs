@@ -4,13 +4,13 @@ use super::Node;
 use crate::neighbour::Heard;
 use crate::observe::Event;
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::message::{Component, FaultCode, Message, NodeId, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::count;
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Takes a message that arrived at `now` (ns).
     ///
     /// # Errors

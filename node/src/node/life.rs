@@ -4,12 +4,12 @@ use super::Node;
 use super::step::Step;
 use crate::observe::{Event, Phase};
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     pub(super) fn on_command(&mut self, command: Command, at_tick: u16, now: u64) -> Result<(), Refusal> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {

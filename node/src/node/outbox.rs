@@ -3,7 +3,7 @@
 use super::{Action, Node};
 use crate::observe::Event;
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::message::{Component, Message, TickStamp};
 use funnelnet_protocol::report::count;
@@ -96,7 +96,7 @@ impl Outbox {
     }
 }
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Takes what is to go out next: events, then messages.
     pub(super) fn next_outgoing(&mut self) -> Option<Action> {
         if let Some(event) = self.outbox.events.pop_front() {

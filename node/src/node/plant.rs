@@ -4,12 +4,12 @@ use super::step::{Purpose, Step};
 use super::{Node, Schedule};
 use crate::plant::Plant;
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::report::count;
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Inputs that the actuator was told last, state units / s, component by component; empty on a virtual node.
     pub fn inputs(&self) -> &[F] {
         self.plant.as_ref().map_or(&[], Plant::inputs)

@@ -2,7 +2,7 @@
 
 use super::{Action, Node};
 use funnelnet_law::field::VectorField;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
 
 /// Use of a sample.
@@ -31,7 +31,7 @@ pub(super) enum Step {
     Commit,
 }
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Asks or tells the app what is due now, each once.
     pub(super) fn demand(&mut self) -> Option<Action> {
         let (action, next) = match self.step {

@@ -9,9 +9,7 @@ use crate::Phase;
 use crate::params::Params;
 use crate::plant::{InputRange, PlantSetup};
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::{
-    CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, TickSource, scalar,
-};
+use funnelnet_protocol::config::{Shape, TickSource};
 use funnelnet_protocol::message::{Command, Component, FaultCode, Message, NodeId, Target, TickStamp};
 use std::borrow::ToOwned;
 use std::collections::{BTreeSet, VecDeque};
@@ -87,20 +85,16 @@ const INPUTS: &[Input] = &[
 ];
 
 fn config(tick_source: TickSource) -> NodeConfig {
-    NodeConfig {
-        id: 1,
-        tick_ns: MS as u32,
-        tick_source,
-        initial_state: scalar(1.0),
-        state_limit: 950.0,
-        field: FieldConfig::scalar(0.0, 0.0, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        neighbours: [EdgeConfig { id: 2, weight: 1.0, edges: 1 }].into_iter().collect(),
-        holdover_ns: if tick_source == TickSource::Sync { 50 * MS } else { 0 },
-        ..NodeConfig::empty()
-    }
+    let holdover_ns = if tick_source == TickSource::Sync { 50 * MS } else { 0 };
+    NodeConfig::builder(1, MS as u32)
+        .tick_source(tick_source)
+        .state([1.0])
+        .state_limit(950.0)
+        .funnel(Shape::Constant { width: 10.0 })
+        .edge(2, 1.0)
+        .holdover_ns(holdover_ns)
+        .build()
+        .unwrap()
 }
 
 /// Nodes that are ready: virtual and with a plant, by their own timer and by SYNC.

@@ -9,22 +9,22 @@ use crate::params::{OnBreach, Params};
 use funnelnet_law::collect::collect;
 use funnelnet_law::field::{State, VectorField, midpoint_step};
 use funnelnet_law::funnel::Widths;
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::max_gain::{self, Term};
-use funnelnet_law::law::{Coupling, EdgeWise};
+use funnelnet_law::law::{EdgeWise, Law};
 use funnelnet_law::math::{Real, larger};
 use funnelnet_protocol::config::MAX_COMPONENTS;
 use funnelnet_protocol::message::{FaultCode, NodeId};
 use funnelnet_protocol::report::count;
 use heapless::Vec;
 
-impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Runs the tick that comes next.
     pub(super) fn run_tick(&mut self) {
         let k = self.clock.tick;
         let (largest, input, mut nu) = self.listen(k);
         let mut psi = self.widths(k, self.params.floor.width(largest, input));
-        if let Coupling::EdgeWise(law) = self.params.coupling {
+        if let Law::EdgeWise(law) = self.params.coupling {
             self.edge_inputs(k, &law);
             nu = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.nu.abs()));
         }
@@ -108,24 +108,24 @@ impl<F: Real, V: VectorField<F>, G: Gain<F>> Node<F, V, G> {
     fn compute_inputs(&mut self, psi: Widths<F>) {
         let law = &self.params.law;
         match self.params.coupling {
-            Coupling::NodeWise => {
+            Law::NodeWise => {
                 for part in &mut self.parts {
                     part.u = law.step(&mut part.memory, part.nu, part.dnu, psi).u;
                 }
             }
-            Coupling::MaxGain => {
+            Law::MaxGain => {
                 let term = |part: &Part<F>| Term { nu: part.nu, dnu: part.dnu, u: part.u };
                 let mut terms: Vec<_, MAX_COMPONENTS> = collect(self.parts.iter().map(term));
                 max_gain::step(law, &mut terms, self.counters.ticks == 0, psi);
                 self.parts.iter_mut().zip(&terms).for_each(|(part, term)| part.u = term.u);
             }
-            Coupling::LambdaTracker(tracker) => {
+            Law::LambdaTracker(tracker) => {
                 for part in &mut self.parts {
                     part.u = tracker.step(law, &mut part.memory, &mut part.k, part.nu, part.dnu);
                 }
             }
             // Found already, and zero from the beginning.
-            Coupling::EdgeWise(_) | Coupling::None => {}
+            Law::EdgeWise(_) | Law::None => {}
         }
     }
 

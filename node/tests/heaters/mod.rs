@@ -2,10 +2,7 @@
 
 use funnelnet_law::VectorField;
 use funnelnet_node::{InputRange, Model, Output, PlantSetup, Session};
-use funnelnet_protocol::config::{
-    BreachPolicy, ConfigError, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape,
-    GainConfig, NodeConfig, TickSource, scalar,
-};
+use funnelnet_protocol::config::{ConfigError, EdgeConfig, Funnel, Gain, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::Identity;
@@ -99,30 +96,20 @@ pub fn command(command: Command) -> Message {
 /// A node with the neighbours `others`, all edges of weight 1.
 pub fn config(own: u8, others: &[u8]) -> NodeConfig {
     let edge = |&id: &u8| EdgeConfig { id, weight: 1.0, edges: 2 };
-    NodeConfig {
-        id: own,
-        tick_ns: (TICK_S * 1e9) as u32,
-        tick_source: TickSource::Sync,
-        initial_state: scalar(15.0),
-        state_limit: 200.0,
-        field: FieldConfig::scalar(0.0, 0.0, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 0.3 },
-        funnel: FunnelConfig {
-            factor: 1.0,
-            shape: FunnelShape::Exponential { start: 60.0, end: 0.5, rate: 0.1 },
-        },
-        on_breach: BreachPolicy::Ride,
-        neighbours: others.iter().map(edge).collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(own, (TICK_S * 1e9) as u32)
+        .tick_source(TickSource::Sync)
+        .state([15.0])
+        .state_limit(200.0)
+        .gain(Gain::Reciprocal { scale: 0.3 })
+        .funnel(Shape::Exponential { start: 60.0, end: 0.5, rate: 0.1 })
+        .edges(others.iter().map(edge))
+        .extrapolate_ticks(3)
+        .build()
+        .unwrap()
 }
 
-pub fn constant(width: f32) -> FunnelConfig {
-    FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width } }
+pub fn constant(width: f32) -> Funnel<f32> {
+    Funnel { factor: 1.0, shape: Shape::Constant { width } }
 }
 
 /// A configured session whose program has started.

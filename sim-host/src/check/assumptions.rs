@@ -5,7 +5,7 @@ use serde_json::json;
 use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, extremes, figure, largest, range};
-use crate::scenario::{FunnelSpec, GainSpec};
+use crate::scenario::Gain;
 use funnelnet_node::params;
 
 /// Share of the largest eigenvalue below which `lambda2` is lost in the rounding of the spectrum.
@@ -70,30 +70,11 @@ fn fields(subject: &Subject<'_>) -> Finding {
     found.advise(Status::Note, advice)
 }
 
-/// The largest slope `|psi'|` of a funnel (state units / s); infinite where the funnel has none.
-fn steepest(funnel: &FunnelSpec) -> f64 {
-    match *funnel {
-        FunnelSpec::Exponential { start, end, rate, factor } => factor * rate * (start - end).abs(),
-        FunnelSpec::Constant { .. } => 0.0,
-        FunnelSpec::ReciprocalTime { .. } => f64::INFINITY,
-        FunnelSpec::FiniteTime { start, at_ns, power, factor } if power >= 1.0 => {
-            factor * start * power / (at_ns as f64 * 1e-9)
-        }
-        FunnelSpec::FiniteTime { .. } => f64::INFINITY,
-        // Each part is steepest at its beginning or, where it widens, at its end.
-        FunnelSpec::Schedule { at_ns, .. } => {
-            let at = at_ns as f64 * 1e-9;
-            let before = at * (1.0 - f64::EPSILON);
-            larger_of([0.0, before, at].map(|t| funnel.slope(t).abs()))
-        }
-    }
-}
-
 /// Assumption 3, the funnels.
 fn funnels(subject: &Subject<'_>) -> Finding {
     let (scenario, end) = (subject.scenario, subject.scenario.time.end_s());
     let bound = subject.widths.widest;
-    let theta = larger_of(scenario.nodes.iter().map(|node| steepest(&node.funnel)));
+    let theta = larger_of(scenario.nodes.iter().map(|node| node.funnel.steepest_slope()));
     let last = scenario.widest_funnel(end);
     let text = format!(
         "0 < psi <= {} and |psi'| <= {}/s; at the end psi is {} at most",
@@ -129,29 +110,14 @@ fn funnels(subject: &Subject<'_>) -> Finding {
     found
 }
 
-/// `gamma(0)` (state units / s) and whether `gamma` is non-decreasing and unbounded.
-fn at_zero(gain: &GainSpec) -> (f64, bool) {
-    match *gain {
-        GainSpec::Reciprocal { scale } | GainSpec::Logarithmic { scale } => (scale, true),
-        GainSpec::LocallyLinear { bound } => (4.0 * bound, true),
-        GainSpec::Median { eta, eps } => (median_scale(eta, eps), true),
-        GainSpec::Linear { slope } => (slope, false),
-    }
-}
-
-/// The scale of the reciprocal gain that the median gain is.
-pub(super) fn median_scale(eta: f64, eps: f64) -> f64 {
-    eta * eps / (1.0 - eps)
-}
-
 /// Assumption 3, the gains.
 fn gains(subject: &Subject<'_>) -> Finding {
     let nodes = &subject.scenario.nodes;
-    let mut names: Vec<_> = nodes.iter().map(|node| gain_name(&node.gain)).collect();
+    let mut names: Vec<_> = nodes.iter().map(|node| node.gain.kind()).collect();
     names.sort_unstable();
     names.dedup();
-    let (low, high) = extremes(nodes.iter().map(|node| at_zero(&node.gain).0));
-    let bounded = nodes.iter().find(|node| !at_zero(&node.gain).1);
+    let (low, high) = extremes(nodes.iter().map(|node| node.gain.slope_at_zero()));
+    let bounded = nodes.iter().find(|node| !node.gain.keeps_funnels());
     let what = match bounded {
         None => "non-decreasing and unbounded at the funnel's edge",
         Some(_) => "not all unbounded at the funnel's edge",
@@ -174,7 +140,7 @@ fn gains(subject: &Subject<'_>) -> Finding {
 fn loose_median(subject: &Subject<'_>) -> Option<String> {
     let most = 2.0 / (subject.scenario.nodes.len() as f64 + 1.0);
     let loose = subject.scenario.nodes.iter().find_map(|node| match node.gain {
-        GainSpec::Median { eps, .. } if eps >= most => Some((node.id, eps)),
+        Gain::Median { eps, .. } if eps >= most => Some((node.id, eps)),
         _ => None,
     })?;
     Some(format!(
@@ -185,40 +151,10 @@ fn loose_median(subject: &Subject<'_>) -> Option<String> {
     ))
 }
 
-fn gain_name(gain: &GainSpec) -> &'static str {
-    match gain {
-        GainSpec::Reciprocal { .. } => "reciprocal",
-        GainSpec::Logarithmic { .. } => "logarithmic",
-        GainSpec::LocallyLinear { .. } => "locally-linear",
-        GainSpec::Median { .. } => "median",
-        GainSpec::Linear { .. } => "linear",
-    }
-}
-
-/// `sup |psi'| / psi` of a funnel up to `end` (s), in 1/s; infinite where there is none.
-///
-/// That of an exponential funnel is at the start: `|psi'| / psi` falls with the exponential in it.
-fn decay(funnel: &FunnelSpec, end: f64) -> f64 {
-    match *funnel {
-        FunnelSpec::Exponential { start, end, rate, .. } => rate * (start - end).abs() / start,
-        FunnelSpec::Constant { .. } => 0.0,
-        FunnelSpec::ReciprocalTime { .. } => f64::INFINITY,
-        FunnelSpec::FiniteTime { at_ns, power, .. } => {
-            let left = at_ns as f64 * 1e-9 - end;
-            if left > 0.0 { power / left } else { f64::INFINITY }
-        }
-        // The rate of the first part is constant, that of the second one largest at its beginning.
-        FunnelSpec::Schedule { at_ns, .. } => {
-            let at = at_ns as f64 * 1e-9;
-            larger_of([0.0, at].map(|t| funnel.slope(t).abs() / funnel.width(t)))
-        }
-    }
-}
-
 /// Assumption 5.
 fn regularity(subject: &Subject<'_>) -> Finding {
     let (nodes, end) = (&subject.scenario.nodes, subject.scenario.time.end_s());
-    let lambda = larger_of(nodes.iter().map(|node| decay(&node.funnel, end)));
+    let lambda = larger_of(nodes.iter().map(|node| node.funnel.steepest_decay(end)));
     let speed = |node: &crate::scenario::NodeSpec| {
         node.dynamics.sines.iter().map(|sine| (sine.amplitude * sine.frequency).abs()).sum::<f64>()
     };

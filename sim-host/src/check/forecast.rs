@@ -8,7 +8,7 @@ use super::widths::Widths;
 use crate::emergent;
 use crate::extremes::{larger, largest};
 use crate::scenario::Scenario;
-use funnelnet_law::gain::BuiltinGain;
+use funnelnet_law::gain::Gain;
 use motion::Motion;
 pub(super) use seen::{AtFloor, NodeSeen};
 
@@ -105,8 +105,8 @@ impl Forecast {
 }
 
 /// The gains of the emergent dynamics, by index.
-fn gains(scenario: &Scenario) -> Vec<BuiltinGain<f64>> {
-    scenario.nodes.iter().map(|node| emergent::own_gain(&node.gain)).collect()
+fn gains(scenario: &Scenario) -> Vec<Gain<f64>> {
+    scenario.nodes.iter().map(|node| node.gain.prepared()).collect()
 }
 
 /// Relative widths `psi_i / max_j psi_j` at time `t` (s), which is all that the emergent dynamics depend on (paper, remark on
@@ -120,6 +120,6 @@ fn relative_widths(scenario: &Scenario, widths: &Widths, t: f64, relative: &mut 
         relative.iter_mut().for_each(|width| *width /= widest);
     } else {
         relative.clear();
-        relative.extend(scenario.nodes.iter().map(|node| node.funnel.factor()));
+        relative.extend(scenario.nodes.iter().map(|node| node.funnel.factor));
     }
 }

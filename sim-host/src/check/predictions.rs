@@ -2,14 +2,12 @@
 
 use serde_json::json;
 
-use super::assumptions::median_scale;
 use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, extremes, figure, largest, share};
 use crate::emergent::outgrown;
 use crate::extremes::{beyond, larger};
-use crate::scenario::{GainSpec, Scenario};
-use funnelnet_law::math;
+use crate::scenario::{Gain, Scenario};
 use funnelnet_node::params;
 
 /// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
@@ -35,9 +33,9 @@ pub(super) fn none_here(scenario: &Scenario) -> Finding {
     let text = format!(
         "none here for {} coupling of states with {components} {plural}: neither contraction, nor what tick and f32 can \
          hold{promise}",
-        coupling.name()
+        coupling.kind()
     );
-    let values = json!({ "coupling": coupling.name(), "components": components });
+    let values = json!({ "coupling": coupling.kind(), "components": components });
     Finding::new("predictions", "Predictions", text, values).stands(Status::Note)
 }
 
@@ -114,31 +112,27 @@ fn input(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
 }
 
 /// The parameter that leaves [`GOOD_MARGIN`] at an input (state units / s), in words.
-fn wider(gain: &GainSpec, input: f64) -> String {
-    // mu^-1(u) = |u| / (scale + |u|) leaves scale / (scale + |u|).
-    let scale = input * GOOD_MARGIN / (1.0 - GOOD_MARGIN);
-    let what = match *gain {
-        GainSpec::Reciprocal { .. } => format!("gain scale = {}", about(scale)),
-        GainSpec::Logarithmic { .. } => format!("gain scale = {}", about(input / -math::ln(GOOD_MARGIN))),
-        GainSpec::LocallyLinear { .. } => format!("gain bound = {}", about(0.5 * input)),
-        GainSpec::Median { eta, eps } => {
-            return format!(
-                "that is what a gain close to a sign function costs (eta = {} would leave {}); a shorter tick or a wider funnel \
-                 keeps the excess small",
-                about(scale / median_scale(eta, eps) * eta),
-                share(GOOD_MARGIN)
-            );
-        }
-        GainSpec::Linear { .. } => return "give it a gain that is unbounded at the funnel's edge".to_owned(),
+fn wider(gain: &Gain<f64>, input: f64) -> String {
+    let Some(reaching) = gain.reaching(GOOD_MARGIN, input) else {
+        return "give it a gain that is unbounded at the funnel's edge".to_owned();
     };
-    format!("{what} would leave {}", share(GOOD_MARGIN))
+    let Some((parameter, value)) = reaching.parameters().next() else { return String::new() };
+    let what = format!("{} = {}", parameter.name, about(value));
+    if let Gain::Median { .. } = gain {
+        return format!(
+            "that is what a gain close to a sign function costs ({what} would leave {}); a shorter tick or a wider funnel keeps the \
+             excess small",
+            share(GOOD_MARGIN)
+        );
+    }
+    format!("gain {what} would leave {}", share(GOOD_MARGIN))
 }
 
 /// The locally linear gain averages only while every input is in its linear part, `|u| <= 2 M_f`.
 fn linear_part(subject: &Subject<'_>, forecast: &Forecast) -> Option<Finding> {
     let nodes = subject.scenario.nodes.iter().zip(&forecast.nodes).enumerate();
-    let shares = nodes.filter_map(|(index, (node, seen))| match node.gain {
-        GainSpec::LocallyLinear { bound } => Some((index, seen.input / (2.0 * bound), seen.input)),
+    let shares = nodes.filter_map(|(index, (node, seen))| match node.gain.linear_up_to() {
+        end if end > 0.0 => Some((index, seen.input / end, seen.input)),
         _ => None,
     });
     let (index, taken, input) =

@@ -27,7 +27,7 @@ fn start(subject: &Subject<'_>) -> Finding {
     if worst < TIGHT_START {
         return found;
     }
-    let factor = subject.scenario.nodes[index].funnel.factor() * worst / (0.5 * TIGHT_START);
+    let factor = subject.scenario.nodes[index].funnel.factor * worst / (0.5 * TIGHT_START);
     let advice = format!(
         "node {} starts close to its funnel, with a large input; factor = {} or more would start it at {}",
         index + 1,

@@ -3,7 +3,7 @@
 use super::forecast::Forecast;
 use super::widths::Widths;
 use crate::extremes::{larger, largest};
-use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario, initial_ratios};
+use crate::scenario::{Coupling, NodeSpec, Scenario, initial_ratios};
 
 /// A scenario with what follows from it.
 pub(super) struct Subject<'s> {
@@ -64,10 +64,7 @@ impl<'s> Subject<'s> {
 
 /// Whether states are scalar and coupled by the paper's law with gains that keep a funnel.
 fn follows_the_paper(scenario: &Scenario) -> bool {
-    let law = matches!(
-        scenario.coupling,
-        CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain
-    );
-    let keeps = |node: &NodeSpec| !matches!(node.gain, GainSpec::Linear { .. });
+    let law = matches!(scenario.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
+    let keeps = |node: &NodeSpec| node.gain.keeps_funnels();
     scenario.components() == 1 && law && scenario.nodes.iter().all(keeps)
 }

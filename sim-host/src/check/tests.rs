@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::*;
 use crate::emergent::EmergentTrajectory;
-use crate::scenario::{GainSpec, Override};
+use crate::scenario::{Gain, Override};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::math;
 use serde_json::json;
@@ -226,7 +226,7 @@ fn gains_are_known_at_zero_and_at_the_edge() {
     assert_eq!(find(&load("median-11.toml", &["coupling.gain.eps=0.166"]), "gains").status, Status::Ok);
     assert_eq!(find(&load("median-11.toml", &["coupling.gain.eps=0.167"]), "gains").status, Status::Warn);
     let mut linear = scenario("five-agents.toml", &[]);
-    linear.nodes[2].gain = GainSpec::Linear { slope: 3.0 };
+    linear.nodes[2].gain = Gain::Linear { slope: 3.0 };
     let report = check(&linear);
     assert_eq!(find(&report, "gains").status, Status::Warn);
     assert!(find(&report, "gains").advice.as_ref().unwrap().contains("node 3"));

@@ -1,14 +1,14 @@
 //! The funnels over the whole run.
 
 use crate::extremes::{larger, smaller};
-use crate::scenario::{FunnelSpec, Scenario};
+use crate::scenario::{Funnel, Scenario};
 
 /// Points in time at which funnels are compared.
 const SAMPLES: u32 = 1_000;
 
 /// All funnels; nodes with the same funnel share its evaluation.
 pub(super) struct Widths {
-    kinds: Vec<FunnelSpec>,
+    kinds: Vec<Funnel<f64>>,
     /// Which kind each node has, by index.
     of_node: Vec<usize>,
     /// Narrowest funnel of each node over the run, by index (state units).
@@ -21,7 +21,7 @@ pub(super) struct Widths {
 
 impl Widths {
     pub fn of(scenario: &Scenario) -> Self {
-        let mut kinds: Vec<FunnelSpec> = Vec::new();
+        let mut kinds: Vec<Funnel<f64>> = Vec::new();
         let mut of_node = Vec::with_capacity(scenario.nodes.len());
         for node in &scenario.nodes {
             let known = kinds.iter().position(|kind| *kind == node.funnel);
@@ -64,12 +64,8 @@ impl Widths {
 }
 
 /// Where schedules join their parts (s), which is where one that widens first is widest.
-fn joins(kinds: &[FunnelSpec]) -> Vec<f64> {
-    let join = |kind: &FunnelSpec| match kind {
-        FunnelSpec::Schedule { at_ns, .. } => Some(*at_ns as f64 * 1e-9),
-        _ => None,
-    };
-    kinds.iter().filter_map(join).collect()
+fn joins(kinds: &[Funnel<f64>]) -> Vec<f64> {
+    kinds.iter().filter_map(Funnel::join).collect()
 }
 
 /// Points in time from 0 to `end` (s), dense at the start, where funnels move.

@@ -1,17 +1,17 @@
 //! The agents of a scenario, as the emergent vector field sees them.
 
 use super::{AFTER_START, gain};
-use crate::scenario::{CouplingKind, NodeSpec, Scenario};
+use crate::scenario::{Coupling, NodeSpec, Scenario};
 use funnelnet_law::emergent::{Agent, field};
-use funnelnet_law::gain::BuiltinGain;
+use funnelnet_law::gain::Gain;
 
 /// Agents whose funnels are scaled so that the widest is one. The funnels enter the emergent dynamics by their ratios only, so a
 /// funnel that tends to zero leaves them as they are (paper, remark on time-invariant emergent dynamics).
 pub(super) struct Agents<'a> {
     pub(super) scenario: &'a Scenario,
-    gains: Vec<BuiltinGain<f64>>,
+    gains: Vec<Gain<f64>>,
     /// As of the last [`Self::place`].
-    pub(super) placed: Vec<Agent<f64, BuiltinGain<f64>>>,
+    pub(super) placed: Vec<Agent<f64, Gain<f64>>>,
     /// The last value of the field, from which the next search starts, by component.
     pub(super) guess: Vec<f64>,
 }
@@ -73,13 +73,13 @@ impl<'a> Agents<'a> {
 }
 
 /// What stands before `mu_i^-1` in the sum that is zero.
-fn weight(coupling: CouplingKind, node: &NodeSpec, t: f64, widest: f64) -> f64 {
-    let averaged = matches!(coupling, CouplingKind::EdgeWise | CouplingKind::Linear);
+fn weight(coupling: Coupling<f64>, node: &NodeSpec, t: f64, widest: f64) -> f64 {
+    let averaged = matches!(coupling, Coupling::EdgeWise | Coupling::Linear);
     if averaged {
         1.0
     } else if widest > 0.0 {
         node.funnel.width(t) / widest
     } else {
-        node.funnel.factor()
+        node.funnel.factor
     }
 }

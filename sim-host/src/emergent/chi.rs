@@ -101,7 +101,7 @@ mod tests {
     use super::super::EmergentTrajectory;
     use super::super::tests::five_agents;
     use super::*;
-    use funnelnet_law::Gain;
+    use funnelnet_law::GainFunction;
 
     /// Largest distance of both `xi` over 20 s, and of `chi` to the field at the end.
     fn distance(sets: &[&str]) -> (f64, f64) {

@@ -18,7 +18,7 @@
 
 use super::AFTER_START;
 use crate::extremes::largest;
-use crate::scenario::{CouplingKind, GainSpec, NodeSpec, Scenario};
+use crate::scenario::{Coupling, NodeSpec, Scenario};
 
 /// The initial `xi`, by component (state units).
 pub(crate) fn start(scenario: &Scenario) -> Vec<f64> {
@@ -32,10 +32,10 @@ pub(crate) fn plain_mean(scenario: &Scenario) -> Vec<f64> {
 }
 
 /// The weight of a node's initial state, up to a factor that all nodes share.
-fn weight(coupling: CouplingKind, node: &NodeSpec) -> f64 {
+fn weight(coupling: Coupling<f64>, node: &NodeSpec) -> f64 {
     match (coupling, &node.gain) {
-        (CouplingKind::Linear, GainSpec::Linear { slope }) => 1.0 / slope,
-        (CouplingKind::WeaklyCentralised, _) => node.funnel.width(AFTER_START),
+        (Coupling::Linear, gain) => 1.0 / gain.slope_at_zero(),
+        (Coupling::WeaklyCentralised, _) => node.funnel.width(AFTER_START),
         _ => 1.0,
     }
 }

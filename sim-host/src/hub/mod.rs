@@ -33,7 +33,7 @@ use crate::presence::Presence;
 use absence::Away;
 use doubt::Doubts;
 use funnelnet_node::{Event, Observation};
-use funnelnet_protocol::config::{BreachPolicy, NodeConfig};
+use funnelnet_protocol::config::{Breach, NodeConfig};
 use funnelnet_protocol::message::{Command, Component, FaultCode, Message, Severity, Target, TickStamp};
 use funnelnet_protocol::report::{Report, Telemetry};
 use funnelnet_protocol::service::{Identity, Reply, Request};
@@ -520,7 +520,7 @@ impl Hub {
             return Vec::new();
         };
         let (id, mut found) = (account.id, Vec::new());
-        let asked = matches!(node.config.on_breach, BreachPolicy::Reopen { .. });
+        let asked = matches!(node.config.on_breach, Breach::Reopen { .. });
         if counters.reopened > 0 && !asked {
             let times = counters.reopened;
             found.push(format!(

@@ -15,7 +15,7 @@ pub use windows::WindowFigures;
 
 use crate::extremes::{larger, largest, smallest};
 use crate::presence::Presence;
-use crate::scenario::{CouplingKind, FloorSpec, Scenario};
+use crate::scenario::{Coupling, FloorSpec, Scenario};
 use funnelnet_law::floor::Floor;
 use truth::Truth;
 use windows::Windows;
@@ -226,7 +226,7 @@ impl<'a> Judge<'a> {
 fn floors(scenario: &Scenario) -> Vec<Floor<f64>> {
     let graph = &scenario.graph;
     let mut degrees = graph.degrees();
-    if scenario.coupling == CouplingKind::EdgeWise {
+    if scenario.coupling == Coupling::EdgeWise {
         // Both ends of an edge floor it by what both know: half its stiffness `alpha_ij (n_i + n_j)`.
         let count =
             |index: usize| graph.edges.iter().filter(|edge| edge.a == index || edge.b == index).count();

@@ -1,7 +1,7 @@
 //! True diffusive terms: of the states at equal true time, over the edges of the scenario, in f64.
 
 use crate::presence::Presence;
-use crate::scenario::{CouplingKind, Scenario};
+use crate::scenario::{Coupling, Scenario};
 
 /// Who is coupled to whom, and how a term is made of it.
 pub(super) struct Truth {
@@ -18,7 +18,7 @@ impl Truth {
         Self {
             neighbours: (0..scenario.nodes.len()).map(|index| graph.neighbours(index)).collect(),
             components: scenario.components(),
-            edge_wise: scenario.coupling == CouplingKind::EdgeWise,
+            edge_wise: scenario.coupling == Coupling::EdgeWise,
         }
     }
 

@@ -21,7 +21,8 @@ use std::cell::RefCell;
 
 use super::error::ReferenceError;
 use super::network::Network;
-use super::problem::ReferenceProblem;
+use super::problem::{ReferenceProblem, curvature, inverse};
+use funnelnet_law::GainFunction;
 
 /// The right-hand side, its derivative, and the way to and from states.
 pub(super) struct System<'a> {
@@ -90,7 +91,7 @@ impl<'a> System<'a> {
         let problem = self.problem;
         let (mean, u) = (y[0], &y[1..]);
         let psi: Vec<f64> = problem.funnels.iter().map(|f| f.width(t)).collect();
-        let ratio: Vec<f64> = u.iter().zip(&problem.gains).map(|(&u, gain)| gain.inverse(u)).collect();
+        let ratio: Vec<f64> = u.iter().zip(&problem.gains).map(|(&u, gain)| inverse(gain, u)).collect();
         let slope = u.iter().zip(&problem.gains).map(|(&u, gain)| gain.inverse_slope(u)).collect();
         let nu: Vec<f64> = ratio.iter().zip(&psi).map(|(s, psi)| s * psi).collect();
         let mut x = vec![0.0; u.len()];
@@ -121,7 +122,8 @@ impl<'a> System<'a> {
     fn damping(&self, p: &Point) -> f64 {
         let problem = self.problem;
         let strength = |i: usize| {
-            self.network.degrees[i] * problem.gains[i].scale() + 2.0 * problem.funnels[i].slope(p.t).abs()
+            self.network.degrees[i] * problem.gains[i].slope_at_zero()
+                + 2.0 * problem.funnels[i].slope(p.t).abs()
         };
         (0..p.psi.len()).map(strength).sum::<f64>() / p.psi.iter().sum::<f64>()
     }
@@ -148,7 +150,7 @@ impl<'a> System<'a> {
         let mut push = vec![0.0; nodes];
         self.network.deviations(&nu, &mut push);
         for i in 0..nodes {
-            push[i] = problem.fields[i].slope * (push[i] + v[0]) + v[i + 1];
+            push[i] = problem.fields[i].slope() * (push[i] + v[0]) + v[i + 1];
         }
         out[0] = push.iter().sum::<f64>() / nodes as f64;
         let sigma = nu.iter().sum::<f64>() / p.psi.iter().sum::<f64>();
@@ -156,7 +158,7 @@ impl<'a> System<'a> {
         for i in 0..nodes {
             let narrowing = problem.funnels[i].slope(t) / p.psi[i];
             let rate = out[i + 1] / p.psi[i] - narrowing * p.slope[i] * v[i + 1] - p.beta * sigma;
-            let bend = p.ratio_rate[i] * problem.gains[i].inverse_curvature(y[i + 1]) * v[i + 1];
+            let bend = p.ratio_rate[i] * curvature(&problem.gains[i], y[i + 1]) * v[i + 1];
             out[i + 1] = (rate - bend) / p.slope[i];
         }
     }
@@ -179,7 +181,7 @@ mod tests {
     #[test]
     fn the_derivative_is_the_one_of_the_right_hand_side() {
         let mut problem = examples::five_agents(examples::star(5), 0.5);
-        problem.gains[2] = super::super::Gain::Logarithmic { scale: 2.0 };
+        problem.gains[2] = funnelnet_law::Gain::Logarithmic { scale: 2.0 };
         let system = System::new(&problem);
         let y: Vec<f64> = vec![0.3, 4.0, -2.0, 0.7, 1.5, -9.0];
         for column in 0..system.size() {

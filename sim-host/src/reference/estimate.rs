@@ -135,8 +135,10 @@ fn distance<'a>(rows: impl Iterator<Item = (f64, &'a [f64], &'a [f64])>, smalles
 #[cfg(test)]
 mod tests {
     use super::super::examples::{five_agents, narrow_path, path, ring};
-    use super::super::{Affine, Funnel, Gain};
     use super::*;
+    use crate::scenario::Affine;
+    use funnelnet_law::Gain;
+    use funnelnet_law::funnel::{Funnel, Shape};
     use funnelnet_law::math;
 
     fn estimated(problem: &ReferenceProblem, end: f64) -> (ReferenceSolution, ErrorEstimate) {
@@ -150,13 +152,19 @@ mod tests {
 
     /// Three nodes of one unstable field with a sine, all at one state: they stay together, and that state is known in closed form.
     fn unstable(slope: f64, offset: f64, x0: f64) -> ReferenceProblem {
-        let field = Affine { slope, offset, sines: Vec::new() };
+        let field = Affine::scalar(slope, offset, Vec::new());
         ReferenceProblem {
             x0: vec![x0; 3],
             edges: path(3),
             fields: vec![field; 3],
             gains: vec![Gain::Reciprocal { scale: 1.0 }; 3],
-            funnels: vec![Funnel::Exponential { start: 40.0, end: 2.0, rate: 1.0, factor: 1.0 }; 3],
+            funnels: vec![
+                Funnel {
+                    factor: 1.0,
+                    shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 }
+                };
+                3
+            ],
         }
     }
 
@@ -166,7 +174,7 @@ mod tests {
         let size = slope * slope + frequency * frequency;
         let (a, b) = (-slope / size, -frequency / size);
         let mut problem = unstable(slope, 0.0, b);
-        let sine = super::super::Sine { amplitude: 1.0, frequency, phase: 0.0 };
+        let sine = crate::scenario::Sine { component: 0, amplitude: 1.0, frequency, phase: 0.0 };
         problem.fields.iter_mut().for_each(|field| field.sines.push(sine));
         (problem, move |t: f64| a * math::sin(frequency * t) + b * math::cos(frequency * t))
     }

@@ -1,6 +1,9 @@
 //! Problems that the tests share.
 
-use super::{Affine, Funnel, Gain, ReferenceProblem, Sine};
+use super::ReferenceProblem;
+use crate::scenario::{Affine, Sine};
+use funnelnet_law::Gain;
+use funnelnet_law::funnel::{Funnel, Shape};
 
 pub(crate) type Edges = Vec<(usize, usize, f64)>;
 
@@ -25,34 +28,39 @@ pub(crate) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
     let delta = [0.12, -0.31, 0.45, -0.08, 0.27];
     let slow = [(0.62, 1.31), (-0.85, 4.02), (0.33, 0.55), (1.10, 2.77), (-0.47, 5.60)];
     let fast = [(0.71, 3.90), (0.28, 0.84), (-0.96, 2.15), (0.54, 5.03), (-0.39, 1.48)];
-    let sine = |amplitude, frequency, phase| Sine { amplitude, frequency, phase };
-    let field = |i: usize| Affine {
-        slope: -1.0 + delta[i],
-        offset: 0.0,
-        sines: vec![
+    let sine = |amplitude, frequency, phase| Sine { component: 0, amplitude, frequency, phase };
+    let field = |i: usize| {
+        let sines = vec![
             sine(10.0, 1.0, 0.0),
             sine(10.0 * slow[i].0, 0.1, slow[i].1),
             sine(10.0 * fast[i].0, 10.0, fast[i].1),
-        ],
+        ];
+        Affine::scalar(-1.0 + delta[i], 0.0, sines)
     };
     ReferenceProblem {
         x0: vec![3.5, -2.0, 6.1, 0.4, -4.7],
         edges,
         fields: (0..5).map(field).collect(),
         gains: vec![Gain::Reciprocal { scale: 1.0 }; 5],
-        funnels: vec![Funnel::Exponential { start: 38.0 + end, end, rate: 1.0, factor: 1.0 }; 5],
+        funnels: vec![
+            Funnel { factor: 1.0, shape: Shape::Exponential { start: 38.0 + end, end, rate: 1.0 } };
+            5
+        ],
     }
 }
 
 /// `x_i' = f_i* - x_i + u_i` on a path of 11, `f_i*` over three decades, `psi = 1200 e^-t`.
 pub(crate) fn narrow_path() -> ReferenceProblem {
     let targets = [0.56, -3.1, 560.0, 12.0, -44.0, 1.9, 230.0, -8.7, 75.0, 0.9, -310.0];
-    let field = |offset: &f64| Affine { slope: -1.0, offset: *offset, sines: Vec::new() };
+    let field = |offset: &f64| Affine::scalar(-1.0, *offset, Vec::new());
     ReferenceProblem {
         x0: targets.iter().map(|f| 0.1 * f).collect(),
         edges: path(11),
         fields: targets.iter().map(field).collect(),
         gains: vec![Gain::Reciprocal { scale: 1.0 }; 11],
-        funnels: vec![Funnel::Exponential { start: 1200.0, end: 0.0, rate: 1.0, factor: 1.0 }; 11],
+        funnels: vec![
+            Funnel { factor: 1.0, shape: Shape::Exponential { start: 1200.0, end: 0.0, rate: 1.0 } };
+            11
+        ],
     }
 }

@@ -1,5 +1,6 @@
 //! Drives diffsol's BDF through the coordinates of [`System`], one stretch of the funnel after the other.
 
+use funnelnet_law::Gain;
 use std::ops::ControlFlow;
 
 use diffsol::error::{DiffsolError, OdeSolverError};
@@ -129,9 +130,9 @@ impl Run<'_> {
         let scale = 1.0 + largest(0.0, point.x.iter().map(|x| x.abs()));
         let slack = |psi: f64| (scale / (psi * reach)).min(1.0);
         let relative = (tolerance * slack(widest(self.system, self.t) / 4.0)).max(FINEST);
-        let input = |(gain, &psi): (&super::Gain, &f64)| {
+        let input = |(gain, &psi): (&Gain<f64>, &f64)| {
             let wanted = tolerance * slack(psi);
-            gain.scale() * wanted.max(FINEST)
+            gain.slope_at_zero() * wanted.max(FINEST)
         };
         let inputs = self.system.problem.gains.iter().zip(&point.psi).map(input);
         (relative, std::iter::once(tolerance).chain(inputs).collect())

@@ -23,7 +23,8 @@ use std::ops::ControlFlow;
 pub use error::ReferenceError;
 pub use estimate::{ErrorEstimate, solve_estimated};
 pub use options::ReferenceOptions;
-pub use problem::{Affine, Funnel, Gain, ReferenceProblem, Sine};
+pub use problem::ReferenceProblem;
+pub(crate) use problem::has_reference;
 pub use solution::ReferenceSolution;
 
 /// Solves `problem` from `t = 0` and returns the states at `times` (seconds, ascending, at least 0).

@@ -1,9 +1,9 @@
 //! What the reference solves: the closed loop in SI units and `f64`, free of any file format.
 
 use super::error::ReferenceError;
-use crate::scenario::between;
-use funnelnet_law::gain::{Gain as _, LocallyLinear};
-use funnelnet_law::math;
+use crate::scenario::Affine;
+use funnelnet_law::funnel::{Funnel, Shape};
+use funnelnet_law::gain::{Gain, GainFunction};
 
 /// The closed loop `x_i' = f_i(t, x_i) + mu_i(nu_i / psi_i(t))` with
 /// `nu_i = sum_j alpha_ij (x_j - x_i)` (the paper's node-wise funnel coupling), from `t = 0`.
@@ -18,161 +18,37 @@ pub struct ReferenceProblem {
     /// The nodes' own vector fields `f_i`.
     pub fields: Vec<Affine>,
     /// The gains `mu_i`.
-    pub gains: Vec<Gain>,
+    pub gains: Vec<Gain<f64>>,
     /// The performance funnels `psi_i`.
-    pub funnels: Vec<Funnel>,
-}
-
-/// The vector field `slope * x + offset + sum amplitude * sin(frequency * t + phase)`, state units per
-/// second.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Affine {
-    /// `df/dx`, in 1/s.
-    pub slope: f64,
-    /// Constant part, in state units per second.
-    pub offset: f64,
-    /// Periodic parts.
-    pub sines: Vec<Sine>,
-}
-
-/// One periodic part of an [`Affine`] field.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sine {
-    /// In state units per second.
-    pub amplitude: f64,
-    /// In rad/s.
-    pub frequency: f64,
-    /// In rad.
-    pub phase: f64,
-}
-
-impl Affine {
-    /// `f(t, x)` in state units per second, `t` in seconds.
-    pub fn value(&self, t: f64, x: f64) -> f64 {
-        let wave = |s: &Sine| s.amplitude * math::sin(s.frequency * t + s.phase);
-        self.slope * x + self.offset + self.sines.iter().map(wave).sum::<f64>()
-    }
-}
-
-/// A gain `mu(s)`, `s` in (-1, 1), odd and increasing, infinite at the boundary of the funnel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Gain {
-    /// `scale * s / (1 - |s|)`.
-    Reciprocal {
-        /// In state units per second.
-        scale: f64,
-    },
-    /// `-scale * ln(1 - |s|) * sign(s)`.
-    Logarithmic {
-        /// In state units per second.
-        scale: f64,
-    },
-    /// `4 bound s` for `|s| < 1/2`, steeper beyond (see [`LocallyLinear`]).
-    LocallyLinear {
-        /// The paper's `M_f`, in state units per second.
-        bound: f64,
-    },
-}
-
-impl Gain {
-    /// The slope of `mu` at 0, in state units per second.
-    pub fn scale(&self) -> f64 {
-        match *self {
-            Gain::Reciprocal { scale } | Gain::Logarithmic { scale } => scale,
-            Gain::LocallyLinear { bound } => 4.0 * bound,
-        }
-    }
-
-    /// `mu(s)` for `|s| < 1`, in state units per second; infinite at `|s| = 1`.
-    pub fn apply(&self, s: f64) -> f64 {
-        match *self {
-            Gain::Reciprocal { scale } => scale * s / (1.0 - s.abs()),
-            Gain::Logarithmic { scale } => -scale * math::ln_1p(-s.abs()) * s.signum(),
-            Gain::LocallyLinear { bound } => LocallyLinear { bound }.apply(s),
-        }
-    }
-
-    /// `mu^-1(u)`, in (-1, 1); a value that would round to 1 is the largest `f64` below 1.
-    pub fn inverse(&self, u: f64) -> f64 {
-        let s = match *self {
-            Gain::Reciprocal { scale } => u / (scale + u.abs()),
-            Gain::Logarithmic { scale } => -math::exp_m1(-u.abs() / scale) * u.signum(),
-            Gain::LocallyLinear { bound } => LocallyLinear { bound }.inverse(u),
-        };
-        s.clamp(-LARGEST_RATIO, LARGEST_RATIO)
-    }
-
-    /// The derivative of [`inverse`](Self::inverse) at `u`, in s per state unit.
-    pub fn inverse_slope(&self, u: f64) -> f64 {
-        match *self {
-            Gain::Reciprocal { scale } => scale / ((scale + u.abs()) * (scale + u.abs())),
-            Gain::Logarithmic { scale } => math::exp(-u.abs() / scale) / scale,
-            Gain::LocallyLinear { bound } => LocallyLinear { bound }.inverse_slope(u),
-        }
-    }
-
-    /// `d/du ln(inverse_slope(u))`, in s per state unit; 0 where it jumps, at `u = 0`.
-    pub(super) fn inverse_curvature(&self, u: f64) -> f64 {
-        let sign = if u == 0.0 { 0.0 } else { u.signum() };
-        match *self {
-            Gain::Reciprocal { scale } => -2.0 * sign / (scale + u.abs()),
-            Gain::Logarithmic { scale } => -sign / scale,
-            Gain::LocallyLinear { bound } => -sign * LocallyLinear { bound }.inverse_curvature(u),
-        }
-    }
+    pub funnels: Vec<Funnel<f64>>,
 }
 
 /// The largest ratio `|nu| / psi` that `f64` tells from 1.
 const LARGEST_RATIO: f64 = 1.0 - f64::EPSILON / 2.0;
 
-/// A performance funnel `psi(t) > 0`, in state units.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Funnel {
-    /// `factor * ((start - end) exp(-rate t) + end)`.
-    Exponential {
-        /// Width at `t = 0`, before `factor`.
-        start: f64,
-        /// Width for `t -> inf`, before `factor`; 0 asks for asymptotic agreement.
-        end: f64,
-        /// In 1/s.
-        rate: f64,
-        /// The paper's `r_i`.
-        factor: f64,
-    },
-    /// `factor * width`.
-    Constant {
-        /// Before `factor`.
-        width: f64,
-        /// The paper's `r_i`.
-        factor: f64,
-    },
+/// `mu^-1(u)`, in (-1, 1); a value that would round to 1 is the largest `f64` below 1.
+pub(super) fn inverse(gain: &Gain<f64>, u: f64) -> f64 {
+    gain.inverse(u).clamp(-LARGEST_RATIO, LARGEST_RATIO)
 }
 
-impl Funnel {
-    /// `psi(t)` in state units, `t` in seconds.
-    pub fn width(&self, t: f64) -> f64 {
-        match *self {
-            Funnel::Exponential { start, end, rate, factor } => factor * between(start, end, rate * t),
-            Funnel::Constant { width, factor } => factor * width,
-        }
-    }
+/// `d/du ln((mu^-1)'(u))`, in s per state unit; 0 where it jumps, at `u = 0`.
+pub(super) fn curvature(gain: &Gain<f64>, u: f64) -> f64 {
+    let sign = if u == 0.0 { 0.0 } else { u.signum() };
+    -sign * gain.inverse_curvature(u)
+}
 
-    /// `psi'(t)` in state units per second.
-    pub fn slope(&self, t: f64) -> f64 {
-        match *self {
-            Funnel::Exponential { start, end, rate, factor } => {
-                -rate * factor * (start - end) * math::exp(-rate * t)
-            }
-            Funnel::Constant { .. } => 0.0,
-        }
+/// The numbers of a funnel that has a reference.
+fn numbers(funnel: &Funnel<f64>) -> Option<[f64; 4]> {
+    match funnel.shape {
+        Shape::Exponential { start, end, rate } => Some([start, end, rate, funnel.factor]),
+        Shape::Constant { width } => Some([width, 0.0, 0.0, funnel.factor]),
+        _ => None,
     }
+}
 
-    fn parameters(&self) -> [f64; 4] {
-        match *self {
-            Funnel::Exponential { start, end, rate, factor } => [start, end, rate, factor],
-            Funnel::Constant { width, factor } => [width, 0.0, 0.0, factor],
-        }
-    }
+/// Whether there is a reference for a gain.
+pub(crate) fn has_reference(gain: &Gain<f64>, funnel: &Funnel<f64>) -> bool {
+    gain.keeps_funnels() && numbers(funnel).is_some()
 }
 
 impl ReferenceProblem {
@@ -210,15 +86,16 @@ impl ReferenceProblem {
             require("x0", node, value, value.is_finite())?;
         }
         for (node, field) in self.fields.iter().enumerate() {
-            for value in field.numbers() {
+            for value in numbers_of(field) {
                 require("field", node, value, value.is_finite())?;
             }
         }
         for (node, gain) in self.gains.iter().enumerate() {
-            require("gain scale", node, gain.scale(), gain.scale() > 0.0 && gain.scale().is_finite())?;
+            let scale = gain.slope_at_zero();
+            require("gain scale", node, scale, scale > 0.0 && scale.is_finite() && gain.keeps_funnels())?;
         }
         for (node, funnel) in self.funnels.iter().enumerate() {
-            for value in funnel.parameters() {
+            for value in numbers(funnel).unwrap_or([f64::NAN; 4]) {
                 require("funnel", node, value, value.is_finite() && value >= 0.0)?;
             }
             require("funnel width at t = 0", node, funnel.width(0.0), funnel.width(0.0) > 0.0)?;
@@ -235,11 +112,10 @@ impl ReferenceProblem {
     }
 }
 
-impl Affine {
-    fn numbers(&self) -> impl Iterator<Item = f64> + '_ {
-        let waves = self.sines.iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);
-        [self.slope, self.offset].into_iter().chain(waves)
-    }
+/// The numbers of a field.
+fn numbers_of(field: &Affine) -> impl Iterator<Item = f64> + '_ {
+    let waves = field.sines.iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);
+    field.slope.iter().chain(&field.offset).copied().chain(waves)
 }
 
 fn require(what: &'static str, node: usize, value: f64, holds: bool) -> Result<(), ReferenceError> {
@@ -269,29 +145,56 @@ fn unreached(nodes: usize, edges: &[(usize, usize, f64)]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use funnelnet_law::math;
 
-    const GAINS: [Gain; 2] = [Gain::Reciprocal { scale: 0.7 }, Gain::Logarithmic { scale: 3.0 }];
+    /// `mu^-1` and its slope once more, as the paper writes them.
+    fn by_the_paper(gain: &Gain<f64>, u: f64) -> (f64, f64) {
+        match *gain {
+            Gain::Reciprocal { scale } => {
+                (u / (scale + u.abs()), scale / ((scale + u.abs()) * (scale + u.abs())))
+            }
+            Gain::Logarithmic { scale } => {
+                (-math::exp_m1(-u.abs() / scale) * u.signum(), math::exp(-u.abs() / scale) / scale)
+            }
+            _ => (f64::NAN, f64::NAN),
+        }
+    }
 
     #[test]
-    fn the_inverse_inverts_the_gain_and_its_slope_is_its_slope() {
-        for gain in GAINS {
+    fn the_law_inverts_the_gain_as_the_paper_does() {
+        for gain in [Gain::Reciprocal { scale: 0.7 }, Gain::Logarithmic { scale: 3.0 }] {
             for s in [-0.999, -0.3, 0.0, 1e-9, 0.5, 0.97] {
                 let u = gain.apply(s);
+                let (inverted, slope) = by_the_paper(&gain, u);
                 assert!((gain.inverse(u) - s).abs() < 1e-15, "{gain:?} at {s}");
-                let h = 1e-6 * (1.0 + u.abs());
-                let slope = (gain.inverse(u + h) - gain.inverse(u - h)) / (2.0 * h);
-                assert!(
-                    (slope - gain.inverse_slope(u)).abs() < 1e-5 * gain.inverse_slope(u),
-                    "{gain:?} at {s}"
-                );
+                assert!((inverted - s).abs() < 1e-15, "{gain:?} at {s}");
+                assert!((slope - gain.inverse_slope(u)).abs() < 1e-14 * slope, "{gain:?} at {s}");
             }
-            assert!(gain.inverse(1e300) < 1.0);
+            assert!(inverse(&gain, 1e300) < 1.0);
+        }
+    }
+
+    #[test]
+    fn the_bend_of_a_gain_is_the_derivative_of_its_slope() {
+        for gain in [
+            Gain::Reciprocal { scale: 0.7 },
+            Gain::Logarithmic { scale: 3.0 },
+            Gain::LocallyLinear { bound: 2.0 },
+            Gain::Linear { slope: 2.0 },
+            Gain::Algebraic { scale: 1.5 },
+        ] {
+            for u in [-7.0, -0.4, 0.9, 6.5] {
+                let h = 1e-5;
+                let (before, after) = (gain.inverse_slope(u - h), gain.inverse_slope(u + h));
+                let bend = (after - before) / (2.0 * h) / gain.inverse_slope(u);
+                assert!((bend - curvature(&gain, u)).abs() < 1e-6, "{gain:?} at {u}: {bend}");
+            }
         }
     }
 
     #[test]
     fn the_slope_of_a_funnel_is_its_derivative() {
-        let funnel = Funnel::Exponential { start: 40.0, end: 2.0, rate: 0.5, factor: 3.0 };
+        let funnel = Funnel { factor: 3.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 0.5 } };
         assert_eq!(funnel.width(0.0), 120.0);
         let slope = (funnel.width(1.0 + 1e-5) - funnel.width(1.0 - 1e-5)) / 2e-5;
         assert!((slope - funnel.slope(1.0)).abs() < 1e-7);

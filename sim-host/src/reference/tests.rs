@@ -2,7 +2,10 @@
 
 use super::examples::{complete, five_agents, narrow_path, path, ring, star};
 use super::*;
+use crate::scenario::Affine;
+use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::math;
+use funnelnet_law::{Gain, GainFunction};
 
 fn times(end: f64, rows: usize) -> Vec<f64> {
     (0..=rows).map(|k| end * k as f64 / rows as f64).collect()
@@ -77,7 +80,7 @@ fn another_method_in_other_coordinates_agrees() {
     mixed.edges = vec![(0, 1, 0.5), (1, 2, 2.0), (2, 3, 1.0), (4, 3, 3.0), (1, 0, 0.25)];
     mixed.gains[1] = Gain::Logarithmic { scale: 2.0 };
     mixed.gains[3] = Gain::Reciprocal { scale: 3.0 };
-    mixed.funnels[2] = Funnel::Constant { width: 30.0, factor: 2.0 };
+    mixed.funnels[2] = Funnel { factor: 2.0, shape: Shape::Constant { width: 30.0 } };
     let cases = [
         (five_agents(star(5), 2.0), 20.0, 1e-4),
         (five_agents(ring(5), 0.02), 8.0, 1e-5),
@@ -118,7 +121,7 @@ fn an_asymptotic_funnel_is_resolved_to_its_end() {
     assert!(distance(&solution.x, &at_tolerance(&problem, 30.0, 3000, 1e-11).x) < 2e-8 * 300.0);
     // The emergent dynamics' equilibrium: equal funnels, so sum_i (xi - f_i*) / (1 + |xi - f_i*|) = 0.
     let sum = |xi: f64| -> f64 {
-        problem.fields.iter().map(|f| Gain::Reciprocal { scale: 1.0 }.inverse(xi - f.offset)).sum()
+        problem.fields.iter().map(|f| Gain::Reciprocal { scale: 1.0 }.inverse(xi - f.offset())).sum()
     };
     let (mut low, mut high) = (-560.0, 560.0);
     for _ in 0..80 {
@@ -160,7 +163,8 @@ fn a_boundary_layer_thinner_than_f64_is_said() {
 fn a_start_at_the_very_edge_is_followed() {
     for margin in [1e-3, 1e-9, 1e-14] {
         let mut problem = five_agents(path(5), 2.0);
-        problem.funnels = vec![Funnel::Constant { width: 13.8 * (1.0 + margin), factor: 1.0 }; 5];
+        problem.funnels =
+            vec![Funnel { factor: 1.0, shape: Shape::Constant { width: 13.8 * (1.0 + margin) } }; 5];
         let solution = at_tolerance(&problem, 1.0, 100, 1e-9);
         assert!(solution.max_ratio < 1.0 && solution.max_ratio > 1.0 - 2.0 * margin, "{margin}");
         let finer = at_tolerance(&problem, 1.0, 100, 1e-11);
@@ -173,9 +177,9 @@ fn a_lone_node_follows_its_own_field() {
     let problem = ReferenceProblem {
         x0: vec![1.0],
         edges: Vec::new(),
-        fields: vec![Affine { slope: -1.0, offset: 3.0, sines: Vec::new() }],
+        fields: vec![Affine::scalar(-1.0, 3.0, Vec::new())],
         gains: vec![Gain::Reciprocal { scale: 1.0 }],
-        funnels: vec![Funnel::Constant { width: 1.0, factor: 1.0 }],
+        funnels: vec![Funnel { factor: 1.0, shape: Shape::Constant { width: 1.0 } }],
     };
     let solution = at_tolerance(&problem, 3.0, 30, 1e-9);
     let exact: Vec<f64> = solution.times.iter().map(|&t| 3.0 - 2.0 * math::exp(-t)).collect();
@@ -207,7 +211,8 @@ fn malformed_problems_are_refused() {
     assert!(refused(|p| p.edges.truncate(3)).contains("no path joins node index 0 and node index 4"));
     assert!(refused(|p| p.gains[0] = Gain::Reciprocal { scale: 0.0 }).contains("gain scale"));
     assert!(
-        refused(|p| p.funnels[0] = Funnel::Constant { width: 0.0, factor: 1.0 }).contains("funnel width")
+        refused(|p| p.funnels[0] = Funnel { factor: 1.0, shape: Shape::Constant { width: 0.0 } })
+            .contains("funnel width")
     );
     let wrong_times = solve(&good, &[1.0, 0.5], &ReferenceOptions::default()).unwrap_err();
     assert!(matches!(wrong_times, ReferenceError::Times { index: 1, .. }));

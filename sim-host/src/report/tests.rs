@@ -3,7 +3,9 @@
 use super::*;
 use crate::record::Row;
 use crate::reference::examples::{five_agents, narrow_path, ring};
-use crate::reference::{Funnel, Gain, ReferenceProblem, solve};
+use crate::reference::{ReferenceProblem, solve};
+use funnelnet_law::funnel::{Funnel, Shape};
+use funnelnet_law::{Gain, GainFunction};
 use plotters::style::RGBColor;
 
 /// The emergent vector field: the root `h` of `sum_i psi_i mu_i^-1(h - f_i(t, xi)) = 0`.
@@ -96,7 +98,7 @@ fn a_crowd_is_drawn_alike_and_the_twelve_nearest_to_the_boundary_have_panels() {
     problem.edges = ring(30);
     problem.fields = (0..30).map(|i| problem.fields[i % 5].clone()).collect();
     problem.gains = vec![Gain::Reciprocal { scale: 1.0 }; 30];
-    problem.funnels = vec![Funnel::Constant { width: 20.0, factor: 1.0 }; 30];
+    problem.funnels = vec![Funnel { factor: 1.0, shape: Shape::Constant { width: 20.0 } }; 30];
     let (states, funnels) = draw("crowd", &trace("Thirty agents", &problem, 5.0, 500));
     assert!(states.contains("30 nodes") && !states.contains("node 1"));
     assert!(funnels.contains("the 12 of 30 nodes nearest to the boundary"));

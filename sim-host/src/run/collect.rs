@@ -7,7 +7,7 @@ use crate::judge::{Account, Judge, Moment};
 use crate::presence::Presence;
 use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
-use crate::scenario::{FloorSpec, FunnelSpec, Scenario};
+use crate::scenario::{FloorSpec, Funnel, Scenario, Shape};
 use funnelnet_node::Observation;
 
 /// A funnel may differ by this share from the scenario's for the rounding of f32.
@@ -183,9 +183,9 @@ impl<'a> Collector<'a> {
 }
 
 /// What a node's f32 makes of a funnel beyond [`FUNNEL_SHARE`] of it, state units.
-fn rounding(funnel: &FunnelSpec) -> f64 {
-    match funnel {
-        FunnelSpec::FiniteTime { .. } => FUNNEL_OF_START * funnel.width(0.0),
+fn rounding(funnel: &Funnel<f64>) -> f64 {
+    match funnel.shape {
+        Shape::FiniteTime { .. } => FUNNEL_OF_START * funnel.width(0.0),
         _ => 0.0,
     }
 }

@@ -14,7 +14,7 @@ use crate::engine::Engine;
 use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::record::BusSummary;
-use crate::scenario::{CouplingKind, Scenario};
+use crate::scenario::{Coupling, Scenario};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::report::Report;
@@ -28,7 +28,7 @@ pub(super) const LOCKSTEP: Drive = Drive { tick_source: TickSource::Sync, teleme
 
 /// Fidelity `loopback`.
 pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
-    if scenario.coupling == CouplingKind::WeaklyCentralised {
+    if scenario.coupling == Coupling::WeaklyCentralised {
         return central(scenario, options);
     }
     let mut engine = engine(scenario)?;

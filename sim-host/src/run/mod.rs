@@ -102,7 +102,7 @@ pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     if scenario.expect.asks_for_emergent() && EmergentTrajectory::new(scenario).is_none() {
         return Err(RunError::bad_input(format!(
             "the emergent dynamics are not known for {} coupling of states with {} components; leave emergent_error out of its expectations",
-            scenario.coupling.name(),
+            scenario.coupling.kind(),
             scenario.components()
         )));
     }

@@ -11,8 +11,7 @@ use crate::presence::Presence;
 use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
 use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
-use crate::scenario::{CouplingKind, FunnelSpec, GainSpec, Scenario};
-use funnelnet_law::gain::median;
+use crate::scenario::{Coupling, Scenario};
 use std::ops::ControlFlow;
 
 /// States that a run of the reference is judged at, nodes times instants, at most: 512 MiB of them.
@@ -122,57 +121,23 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
 
 fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
     let coupling = scenario.coupling;
-    let law = matches!(coupling, CouplingKind::NodeWise | CouplingKind::ElementWise | CouplingKind::MaxGain);
+    let law = matches!(coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
     if scenario.components() > 1 || !law {
         return Err(RunError::bad_input(format!(
             "there is no reference for {} coupling of states with {} components, only for the node-wise law of scalar states; \
              run it with --on loopback, without expect.reference_error",
-            coupling.name(),
+            coupling.kind(),
             scenario.components()
         )));
     }
-    let gains: Option<Vec<_>> = scenario.nodes.iter().map(|node| gain(&node.gain)).collect();
-    let funnels: Option<Vec<_>> = scenario.nodes.iter().map(|node| funnel(&node.funnel)).collect();
-    let (Some(gains), Some(funnels)) = (gains, funnels) else {
+    if !scenario.nodes.iter().all(|node| reference::has_reference(&node.gain, &node.funnel)) {
         return Err(RunError::bad_input("there is no reference for this kind of gain or funnel yet"));
-    };
-    let sine = |s: &crate::scenario::Sine| reference::Sine {
-        amplitude: s.amplitude,
-        frequency: s.frequency,
-        phase: s.phase,
-    };
-    let field = |dynamics: &crate::scenario::Affine| reference::Affine {
-        slope: dynamics.slope(),
-        offset: dynamics.offset(),
-        sines: dynamics.sines.iter().map(sine).collect(),
-    };
+    }
     Ok(ReferenceProblem {
         x0: scenario.initial_states(),
         edges: scenario.graph.edges.iter().map(|edge| (edge.a, edge.b, edge.weight)).collect(),
-        fields: scenario.nodes.iter().map(|node| field(&node.dynamics)).collect(),
-        gains,
-        funnels,
+        fields: scenario.nodes.iter().map(|node| node.dynamics.clone()).collect(),
+        gains: scenario.nodes.iter().map(|node| node.gain.prepared()).collect(),
+        funnels: scenario.nodes.iter().map(|node| node.funnel).collect(),
     })
-}
-
-fn gain(spec: &GainSpec) -> Option<reference::Gain> {
-    match *spec {
-        GainSpec::Reciprocal { scale } => Some(reference::Gain::Reciprocal { scale }),
-        GainSpec::Logarithmic { scale } => Some(reference::Gain::Logarithmic { scale }),
-        GainSpec::LocallyLinear { bound } => Some(reference::Gain::LocallyLinear { bound }),
-        GainSpec::Median { eta, eps } => Some(reference::Gain::Reciprocal { scale: median(eta, eps).scale }),
-        GainSpec::Linear { .. } => None,
-    }
-}
-
-fn funnel(spec: &FunnelSpec) -> Option<reference::Funnel> {
-    match *spec {
-        FunnelSpec::Exponential { start, end, rate, factor } => {
-            Some(reference::Funnel::Exponential { start, end, rate, factor })
-        }
-        FunnelSpec::Constant { width, factor } => Some(reference::Funnel::Constant { width, factor }),
-        FunnelSpec::ReciprocalTime { .. } | FunnelSpec::FiniteTime { .. } | FunnelSpec::Schedule { .. } => {
-            None
-        }
-    }
 }

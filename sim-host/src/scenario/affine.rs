@@ -1,5 +1,6 @@
 //! A node's own vector field, affine in the state and driven by sines.
 
+use super::Sine;
 use funnelnet_law::math;
 
 /// `f(t, x) = slope x + offset + sum amplitude sin(frequency t + phase)`, in state units per second, for a state of n
@@ -72,8 +73,8 @@ impl Affine {
     /// The part of one component that does not depend on the state (state units / s).
     #[must_use]
     pub fn forcing_of(&self, component: usize, t: f64) -> f64 {
-        let sines = self.sines.iter().filter(|sine| sine.component == component);
-        self.offset.get(component).copied().unwrap_or(0.0) + sines.map(|sine| sine.value(t)).sum::<f64>()
+        let sines = self.sines.iter().filter(|sine| usize::from(sine.component) == component);
+        self.offset.get(component).copied().unwrap_or(0.0) + sines.map(|sine| wave(sine, t)).sum::<f64>()
     }
 
     /// One component of `f(t, x)` (state units / s).
@@ -92,23 +93,7 @@ impl Affine {
     }
 }
 
-/// `amplitude sin(frequency t + phase)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sine {
-    /// The component that it drives, from 0.
-    pub component: usize,
-    /// State units / s.
-    pub amplitude: f64,
-    /// rad/s.
-    pub frequency: f64,
-    /// rad.
-    pub phase: f64,
-}
-
-impl Sine {
-    /// The value at time `t` (s).
-    #[must_use]
-    pub fn value(&self, t: f64) -> f64 {
-        self.amplitude * math::sin(self.frequency * t + self.phase)
-    }
+/// The value of a sine at time `t` (s), state units / s.
+fn wave(sine: &Sine, t: f64) -> f64 {
+    sine.amplitude * math::sin(sine.frequency * t + sine.phase)
 }

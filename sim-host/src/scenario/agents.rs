@@ -8,13 +8,15 @@ use std::collections::BTreeMap;
 use funnelnet_node::params;
 use funnelnet_protocol::config::MAX_SINES;
 
-use super::affine::{Affine, Sine};
+use super::Sine;
+use super::affine::Affine;
 use super::components::Components;
-use super::coupling::{Coupling, read_funnel, read_gain};
+use super::coupling::{Defaults, read_funnel, read_gain};
 use super::diagnostic::{Diagnostic, Problem};
-use super::model::{CouplingKind, GainSpec, NodeSpec};
+use super::model::NodeSpec;
 use super::reader::{Log, Range, Section, integer, later, number, ready};
 use super::tree::{Item, Place, Value};
+use funnelnet_law::{Coupling, Gain};
 
 const STATE: Range = Range::any("state units");
 const INPUT: Range = Range::any("state units per second");
@@ -35,7 +37,7 @@ struct Given<'a> {
 /// What all nodes have in common.
 struct Common<'a> {
     defaults: Given<'a>,
-    coupling: CouplingKind,
+    coupling: Coupling<f64>,
     components: Components,
     root: &'a Place,
     log: &'a Log,
@@ -52,7 +54,7 @@ pub(super) struct Agents {
 }
 
 /// What `[agent]` and `[[node]]` say.
-pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>, count: u64) -> Agents {
+pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Defaults<'a>, count: u64) -> Agents {
     let log = root.log();
     let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
     let (defaults, unit) = read_agent(root, coupling, &components);
@@ -73,7 +75,7 @@ pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Coupling<'a>, count: u
 /// What `[agent]` gives to all nodes, and the unit of the states.
 fn read_agent<'a>(
     root: &mut Section<'a>,
-    coupling: &Coupling<'a>,
+    coupling: &Defaults<'a>,
     components: &Components,
 ) -> (Given<'a>, Option<String>) {
     let mut given = Given { gain: coupling.gain, funnel: coupling.funnel, ..Given::default() };
@@ -104,7 +106,7 @@ fn read_unit(item: &Item) -> Result<String, Box<Diagnostic>> {
 
 fn read_overrides<'a>(
     root: &mut Section<'a>,
-    coupling: CouplingKind,
+    coupling: Coupling<f64>,
     count: u64,
 ) -> BTreeMap<u64, Given<'a>> {
     let log = root.log();
@@ -120,7 +122,7 @@ fn read_overrides<'a>(
             noise: section.take("noise"),
         };
         section.finish();
-        if coupling == CouplingKind::EdgeWise {
+        if coupling == Coupling::EdgeWise {
             given.gain.into_iter().chain(given.funnel).for_each(|item| log.report(one_sided(item)));
         }
         let Some(id) = id else { continue };
@@ -159,7 +161,7 @@ fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<
         dynamics: read_dynamics(&dynamics?, components, log)?,
         gain: match gain {
             // Nothing uses it.
-            None if *coupling == CouplingKind::None => GainSpec::Reciprocal { scale: 1.0 },
+            None if *coupling == Coupling::None => Gain::Reciprocal { scale: 1.0 },
             gain => read_gain(&gain?, *coupling, log)?,
         },
         funnel: read_funnel(&funnel?, log)?,
@@ -237,6 +239,12 @@ fn read_sine(item: &Item, components: &Components, log: &Log) -> Option<Vec<Sine
     let phases = section.value("phase", nothing, |item| components.numbers(item, phase));
     section.finish();
     let sines = amplitudes.into_iter().zip(phases).enumerate();
-    let sines = sines.map(|(component, (amplitude, phase))| Sine { component, amplitude, frequency, phase });
+    let sines = sines.map(|(component, (amplitude, phase))| Sine {
+        // A state has eight components at most.
+        component: component as u8,
+        amplitude,
+        frequency,
+        phase,
+    });
     Some(sines.filter(|sine| components.count == 1 || sine.amplitude != 0.0).collect())
 }

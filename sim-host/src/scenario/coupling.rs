@@ -2,76 +2,43 @@
 
 use super::diagnostic::Diagnostic;
 use super::diagnostic::Problem;
-use super::model::{BreachSpec, CouplingKind, FloorSpec, FunnelSpec, GainSpec, NormalisedSpec};
+use super::model::FloorSpec;
 use super::reader::{Choice, Log, Range, Section, number, ready};
 use super::tree::{Item, Table, Value};
-use funnelnet_node::params;
+use funnelnet_law::funnel::{Normalised, Shape};
+use funnelnet_law::gain::{Gain, Kind, MAX_PARAMETERS};
+use funnelnet_law::range::{Allowed, LARGEST_RATE, POWERS, Parameter, SCHEDULE_EPS, STATE};
+use funnelnet_law::{Breach, Coupling, Funnel};
 
-const COUPLINGS: [Choice<CouplingKind>; 8] = [
-    ready("node-wise", CouplingKind::NodeWise),
-    ready("edge-wise", CouplingKind::EdgeWise),
-    ready("element-wise", CouplingKind::ElementWise),
-    ready("max-gain", CouplingKind::MaxGain),
-    ready("weakly-centralised", CouplingKind::WeaklyCentralised),
-    ready("linear", CouplingKind::Linear),
-    ready("lambda-tracker", CouplingKind::LambdaTracker { eta: 0.0 }),
-    ready("none", CouplingKind::None),
+const COUPLINGS: [Coupling<f64>; 8] = [
+    Coupling::NodeWise,
+    Coupling::EdgeWise,
+    Coupling::ElementWise,
+    Coupling::MaxGain,
+    Coupling::WeaklyCentralised,
+    Coupling::Linear,
+    Coupling::LambdaTracker { eta: 0.0 },
+    Coupling::None,
 ];
-
-#[derive(Clone, Copy)]
-enum Gain {
-    Reciprocal,
-    Logarithmic,
-    LocallyLinear,
-    Median,
-    Linear,
-}
-
-const GAINS: [Choice<Gain>; 5] = [
-    ready("reciprocal", Gain::Reciprocal),
-    ready("logarithmic", Gain::Logarithmic),
-    ready("locally-linear", Gain::LocallyLinear),
-    ready("median", Gain::Median),
-    ready("linear", Gain::Linear),
-];
-
-#[derive(Clone, Copy)]
-enum Funnel {
-    Exponential,
-    Constant,
-    ReciprocalTime,
-    FiniteTime,
-    Schedule,
-}
-
-const FUNNELS: [Choice<Funnel>; 5] = [
-    ready("exponential", Funnel::Exponential),
-    ready("constant", Funnel::Constant),
-    ready("reciprocal-time", Funnel::ReciprocalTime),
-    ready("finite-time", Funnel::FiniteTime),
-    ready("schedule", Funnel::Schedule),
-];
-
-const STATE: &str = "state units";
-const INPUT: &str = "state units per second";
 
 /// What `[coupling]` gives every node, before `[[node]]` changes it.
-pub(super) struct Coupling<'a> {
-    pub kind: CouplingKind,
+pub(super) struct Defaults<'a> {
+    pub kind: Coupling<f64>,
     pub floor: FloorSpec,
-    pub on_breach: BreachSpec,
+    pub on_breach: Breach<f64>,
     pub gain: Option<&'a Item>,
     pub funnel: Option<&'a Item>,
 }
 
 /// Reads `[coupling]`; `None`, reported, where its kind is not known.
-pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
-    let mut kind = section.choice("kind", &COUPLINGS, None)?;
-    if let CouplingKind::LambdaTracker { eta } = &mut kind {
+pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Defaults<'a>> {
+    let mut kind =
+        section.choice("kind", &COUPLINGS.map(|coupling| ready(coupling.kind(), coupling)), None)?;
+    if let Coupling::LambdaTracker { eta } = &mut kind {
         *eta = section.number("eta", None, Range::non_negative(STATE));
     }
     let gain = match kind {
-        CouplingKind::None => section.take("gain"),
+        Coupling::None => section.take("gain"),
         _ => section.need("gain", "must be a table with a kind, as { kind = \"reciprocal\", scale = 1.0 }"),
     };
     let allowed = "must be a table with a kind, as { kind = \"constant\", width = 1.0 }";
@@ -82,12 +49,12 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
     section.finish();
     gain.and_then(|item| read_gain(item, kind, log));
     funnel.and_then(|item| read_funnel(item, log));
-    let policy = on_breach.and_then(|item| read_breach(item, log)).unwrap_or(BreachSpec::Ride);
-    if let (CouplingKind::EdgeWise, BreachSpec::Reopen { .. }, Some(item)) = (kind, policy, on_breach) {
+    let policy = on_breach.and_then(|item| read_breach(item, log)).unwrap_or(Breach::Ride);
+    if let (Coupling::EdgeWise, Breach::Reopen { .. }, Some(item)) = (kind, policy, on_breach) {
         let allowed = "must be ride or stop with edge-wise coupling, where the other end of an edge would not know of it";
         log.report(item.diagnostic(Problem::Value, allowed));
     }
-    if let (CouplingKind::WeaklyCentralised, BreachSpec::Stop | BreachSpec::Reopen { .. }, Some(item)) =
+    if let (Coupling::WeaklyCentralised, Breach::Stop | Breach::Reopen { .. }, Some(item)) =
         (kind, policy, on_breach)
     {
         log.report(
@@ -97,7 +64,7 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Coupling<'a>> {
             ),
         );
     }
-    Some(Coupling { kind, floor, on_breach: policy, gain, funnel })
+    Some(Defaults { kind, floor, on_breach: policy, gain, funnel })
 }
 
 /// Reads `floor`: a width, or "f32".
@@ -111,120 +78,112 @@ fn read_floor(item: &Item) -> Result<FloorSpec, Box<Diagnostic>> {
 }
 
 /// Reads `on_breach`: a kind alone, or a table of one.
-fn read_breach(item: &Item, log: &Log) -> Option<BreachSpec> {
+fn read_breach(item: &Item, log: &Log) -> Option<Breach<f64>> {
     if let Value::Text(_) = item.value {
         let table = Table::from([("kind".to_owned(), item.clone())]);
         return read_breach(&Item { value: Value::Table(table), ..item.clone() }, log);
     }
     let kinds = [
-        ready("ride", BreachSpec::Ride),
-        ready("stop", BreachSpec::Stop),
-        ready("reopen", BreachSpec::Reopen { margin: 1.5, rate: 1.0 }),
+        ready("ride", Breach::Ride),
+        ready("stop", Breach::Stop),
+        ready("reopen", Breach::Reopen { margin: 1.5, rate: 1.0 }),
     ];
     let mut section = Section::open(item, log)?;
     let mut policy = section.choice("kind", &kinds, None)?;
-    if let BreachSpec::Reopen { margin, rate } = &mut policy {
+    if let Breach::Reopen { margin, rate } = &mut policy {
         *margin = section.number("margin", Some(*margin), Range::between(1.01, 1e6, "1"));
-        *rate = section.number("rate", Some(*rate), Range::positive("1/s").up_to(params::LARGEST_RATE));
+        *rate = section.number("rate", Some(*rate), Range::positive("1/s").up_to(LARGEST_RATE));
     }
     section.finish();
     Some(policy)
 }
 
 /// A gain that suits the coupling, or what is wrong with it.
-fn suits(gain: GainSpec, coupling: CouplingKind) -> Result<GainSpec, String> {
-    let linear = matches!(gain, GainSpec::Linear { .. });
+fn suits(gain: Gain<f64>, coupling: Coupling<f64>) -> Result<Gain<f64>, String> {
+    let linear = !gain.keeps_funnels();
     match coupling {
-        CouplingKind::Linear | CouplingKind::LambdaTracker { .. } if !linear => {
-            Err(format!("must be {{ kind = \"linear\", slope }} with {} coupling", coupling.name()))
+        Coupling::Linear | Coupling::LambdaTracker { .. } if !linear => {
+            Err(format!("must be {{ kind = \"linear\", slope }} with {} coupling", coupling.kind()))
         }
-        CouplingKind::Linear
-        | CouplingKind::LambdaTracker { .. }
-        | CouplingKind::NodeWise
-        | CouplingKind::None => Ok(gain),
-        _ if linear => Err(format!(
-            "must be a funnel's gain (reciprocal, logarithmic, locally-linear, median) with {} coupling; a linear one suits \
-             linear, lambda-tracker and node-wise",
-            coupling.name()
-        )),
+        Coupling::Linear | Coupling::LambdaTracker { .. } | Coupling::NodeWise | Coupling::None => Ok(gain),
+        _ if linear => {
+            let kinds = Gain::<f64>::KINDS.iter().filter(|kind| kind.keeps_funnels).map(|kind| kind.name);
+            Err(format!(
+                "must be a funnel's gain ({}) with {} coupling; a linear one suits linear, lambda-tracker and node-wise",
+                kinds.collect::<Vec<_>>().join(", "),
+                coupling.kind()
+            ))
+        }
         _ => Ok(gain),
     }
 }
 
 /// Reads one gain.
-pub(super) fn read_gain(item: &Item, coupling: CouplingKind, log: &Log) -> Option<GainSpec> {
+pub(super) fn read_gain(item: &Item, coupling: Coupling<f64>, log: &Log) -> Option<Gain<f64>> {
     let mut section = Section::open(item, log)?;
-    let gain = match section.choice("kind", &GAINS, None)? {
-        Gain::Reciprocal => {
-            GainSpec::Reciprocal { scale: section.number("scale", Some(1.0), Range::positive(INPUT)) }
-        }
-        Gain::Logarithmic => {
-            GainSpec::Logarithmic { scale: section.number("scale", Some(1.0), Range::positive(INPUT)) }
-        }
-        Gain::LocallyLinear => {
-            GainSpec::LocallyLinear { bound: section.number("bound", None, Range::positive(INPUT)) }
-        }
-        Gain::Median => GainSpec::Median {
-            eta: section.number("eta", None, Range::positive(STATE)),
-            eps: section.number("eps", None, Range::between(1e-9, 0.999, "1")),
-        },
-        Gain::Linear => GainSpec::Linear { slope: section.number("slope", None, Range::positive("1/s")) },
-    };
+    let kinds: Vec<Choice<&Kind<f64>>> = Gain::KINDS.iter().map(|kind| ready(kind.name, kind)).collect();
+    let kind = section.choice("kind", &kinds, None)?;
+    let mut values = [0.0; MAX_PARAMETERS];
+    for (value, parameter) in values.iter_mut().zip(kind.parameters) {
+        *value = section.number(parameter.name, parameter.default, range(parameter));
+    }
+    let gain = (kind.build)(values);
     section.finish();
     let refuse = |allowed| log.report(item.diagnostic(Problem::Value, allowed));
     suits(gain, coupling).map_err(refuse).ok()
 }
 
+fn range(parameter: &Parameter) -> Range {
+    match parameter.allowed {
+        Allowed::Between(low, high) => Range::between(low, high, parameter.unit),
+        _ => Range::positive(parameter.unit),
+    }
+}
+
 /// Reads one funnel.
-pub(super) fn read_funnel(item: &Item, log: &Log) -> Option<FunnelSpec> {
+pub(super) fn read_funnel(item: &Item, log: &Log) -> Option<Funnel<f64>> {
     let mut section = Section::open(item, log)?;
-    let kind = section.choice("kind", &FUNNELS, None)?;
+    let kind = section.choice("kind", &Shape::<f64>::KINDS.map(|name| ready(name, name)), None)?;
     let factor = section.number("factor", Some(1.0), Range::positive("the paper's r_i"));
-    let funnel = match kind {
-        Funnel::Exponential => FunnelSpec::Exponential {
+    let shape = match kind {
+        "exponential" => Shape::Exponential {
             start: section.number("start", None, Range::positive(STATE)),
             end: section.number("end", None, Range::non_negative(STATE)),
-            rate: section.number("rate", None, Range::positive("1/s").up_to(params::LARGEST_RATE)),
-            factor,
+            rate: section.number("rate", None, Range::positive("1/s").up_to(LARGEST_RATE)),
         },
-        Funnel::Constant => {
-            FunnelSpec::Constant { width: section.number("width", None, Range::positive(STATE)), factor }
-        }
-        Funnel::ReciprocalTime => FunnelSpec::ReciprocalTime {
+        "constant" => Shape::Constant { width: section.number("width", None, Range::positive(STATE)) },
+        "reciprocal-time" => Shape::ReciprocalTime {
             scale: section.number("scale", None, Range::positive("state units times seconds")),
-            factor,
         },
-        Funnel::FiniteTime => FunnelSpec::FiniteTime {
+        "finite-time" => Shape::FiniteTime {
             start: section.number("start", None, Range::positive(STATE)),
             at_ns: section.duration("at", None),
-            power: section.number("power", Some(1.0), Range::between(0.1, 10.0, "1")),
-            factor,
+            power: section.number("power", Some(1.0), Range::between(POWERS.0, POWERS.1, "1")),
         },
-        Funnel::Schedule => FunnelSpec::Schedule {
+        _ => Shape::Schedule {
             start: section.number("start", None, Range::positive(STATE)),
             at_ns: section.duration("at", None),
-            eps: section.number("eps", None, Range::between(1e-9, 1.0, "1")),
+            eps: section.number("eps", None, Range::between(SCHEDULE_EPS.0, SCHEDULE_EPS.1, "1")),
             then: read_normalised(&mut section)?,
-            factor,
         },
     };
     section.finish();
-    Some(funnel)
+    Some(Funnel { factor, shape })
 }
 
 /// Reads what a schedule goes on with.
-fn read_normalised(funnel: &mut Section<'_>) -> Option<NormalisedSpec> {
+fn read_normalised(funnel: &mut Section<'_>) -> Option<Normalised<f64>> {
     let allowed = "must be a table with a kind, as { kind = \"constant\", width = 1.0 }";
     funnel.need("then", allowed)?;
     let mut section = funnel.section("then")?;
-    let kinds = [ready("exponential", Funnel::Exponential), ready("constant", Funnel::Constant)];
+    let kinds = ["exponential", "constant"].map(|name| ready(name, name));
     let then = match section.choice("kind", &kinds, None)? {
-        Funnel::Exponential => NormalisedSpec::Exponential {
+        "exponential" => Normalised::Exponential {
             start: section.number("start", None, Range::positive(STATE)),
             end: section.number("end", None, Range::non_negative(STATE)),
-            rate: section.number("rate", None, Range::positive("1/s").up_to(params::LARGEST_RATE)),
+            rate: section.number("rate", None, Range::positive("1/s").up_to(LARGEST_RATE)),
         },
-        _ => NormalisedSpec::Constant { width: section.number("width", None, Range::positive(STATE)) },
+        _ => Normalised::Constant { width: section.number("width", None, Range::positive(STATE)) },
     };
     section.finish();
     Some(then)

@@ -2,10 +2,12 @@
 
 use super::diagnostic::{Diagnostic, Diagnostics, Problem};
 use super::graph::Graph;
-use super::model::{CouplingKind, FunnelSpec, NodeSpec, Scenario};
+use super::model::{NodeSpec, Scenario};
 use super::tree::Place;
 use crate::extremes::{larger, largest};
 use crate::figure::figure;
+use funnelnet_law::Coupling;
+use funnelnet_law::funnel::Shape;
 use funnelnet_law::math;
 
 /// `|nu| / psi` at t = 0, by index and then by component; with edge-wise coupling that of each node's worst edge. The
@@ -25,7 +27,7 @@ fn initial_terms(scenario: &Scenario) -> Vec<f64> {
     for component in 0..count {
         let states: Vec<f64> = scenario.nodes.iter().map(|node| node.state[component]).collect();
         let found = match scenario.coupling {
-            CouplingKind::EdgeWise => largest_edge_terms(&scenario.graph, &states),
+            Coupling::EdgeWise => largest_edge_terms(&scenario.graph, &states),
             _ => scenario.graph.diffusive_terms(&states),
         };
         found.into_iter().enumerate().for_each(|(index, term)| terms[index * count + component] = term);
@@ -73,17 +75,16 @@ fn explain(node: &NodeSpec, ratio: f64, place: &Place) -> Diagnostic {
         figure(ratio, 6)
     );
     let mut diagnostic = place.diagnostic(Problem::Whole, &key, allowed);
-    let factor = round_up(1.05 * ratio * node.funnel.factor());
-    diagnostic.hint = Some(match node.funnel {
-        FunnelSpec::Exponential { factor: own, .. }
-        | FunnelSpec::FiniteTime { factor: own, .. }
-        | FunnelSpec::Schedule { factor: own, .. } => {
+    let factor = round_up(1.05 * ratio * node.funnel.factor);
+    let own = node.funnel.factor;
+    diagnostic.hint = Some(match node.funnel.shape {
+        Shape::Exponential { .. } | Shape::FiniteTime { .. } | Shape::Schedule { .. } => {
             format!("funnel start = {} (or factor = {factor}) would do", round_up(1.05 * nu / own))
         }
-        FunnelSpec::Constant { factor: own, .. } => {
+        Shape::Constant { .. } => {
             format!("funnel width = {} (or factor = {factor}) would do", round_up(1.05 * nu / own))
         }
-        FunnelSpec::ReciprocalTime { .. } => format!("factor = {factor} would do"),
+        Shape::ReciprocalTime { .. } => format!("factor = {factor} would do"),
     });
     *diagnostic
 }

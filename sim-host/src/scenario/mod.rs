@@ -27,21 +27,24 @@ use funnelnet_node::params;
 use std::io::Read;
 use std::path::Path;
 
-pub use affine::{Affine, Sine};
+pub use affine::Affine;
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
+/// One sinusoid of a field.
+pub type Sine = funnelnet_law::field::Sine<f64>;
+pub use funnelnet_law::funnel::{Normalised, Shape};
+pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
-pub(crate) use model::between;
 pub use model::{
-    BreachSpec, BusModel, BusSpec, CouplingKind, Expect, FinalValue, FloorSpec, FunnelSpec, GainSpec,
-    NodeSpec, NormalisedSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
+    BusModel, BusSpec, Expect, FinalValue, FloorSpec, NodeSpec, SafetySpec, Scenario, Stoppable, TimeSpec,
+    Window,
 };
 pub use overrides::Override;
 pub use written::FIRST_LINE;
 
 use agents::Agents;
-use coupling::Coupling;
+use coupling::Defaults;
 use reader::{Log, Range, Section, later, ready, unsupported};
 use tree::{Item, Place};
 
@@ -154,7 +157,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     network::room(&graph, components, &network, &log);
     log.checkpoint()?;
     let path = path.to_owned();
-    let Coupling { kind: coupling, on_breach, floor, .. } = coupling;
+    let Defaults { kind: coupling, on_breach, floor, .. } = coupling;
     let scenario = Scenario {
         title,
         seed,
@@ -247,8 +250,8 @@ fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
 }
 
 /// Weakly-centralised coupling is simulated without a bus, so that nothing of it can be asked for.
-fn no_bus(coupling: CouplingKind, root: &Item, log: &Log) {
-    let section = root.get("bus").filter(|_| coupling == CouplingKind::WeaklyCentralised);
+fn no_bus(coupling: Coupling<f64>, root: &Item, log: &Log) {
+    let section = root.get("bus").filter(|_| coupling == Coupling::WeaklyCentralised);
     for key in ["loss", "latency", "jitter"] {
         if let Some(item) = section.and_then(|section| section.get(key)) {
             let allowed =

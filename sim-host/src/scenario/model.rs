@@ -1,6 +1,6 @@
 //! A scenario, fully resolved: every node with its own dynamics, gain and funnel, in SI units and f64.
 
-use funnelnet_law::{Real, math};
+use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 use std::path::PathBuf;
 
 use super::affine::Affine;
@@ -19,11 +19,11 @@ pub struct Scenario {
     /// Who hears whom.
     pub graph: Graph,
     /// The coupling law.
-    pub coupling: CouplingKind,
+    pub coupling: Coupling<f64>,
     /// The narrowest funnel that is asked for.
     pub floor: FloorSpec,
     /// What a node does outside its funnel.
-    pub on_breach: BreachSpec,
+    pub on_breach: Breach<f64>,
     /// One per node; index i has id i + 1.
     pub nodes: Vec<NodeSpec>,
     /// The unit of the states, for who reads a picture.
@@ -66,7 +66,7 @@ impl Scenario {
     pub fn sync_bound(&self, widest: f64) -> f64 {
         match (self.nodes.len(), self.coupling) {
             (0 | 1, _) => 0.0,
-            (_, CouplingKind::EdgeWise) => widest * self.graph.resistive_diameter(),
+            (_, Coupling::EdgeWise) => widest * self.graph.resistive_diameter(),
             (n, _) => 2.0 * (n as f64).sqrt() / self.graph.lambda2() * widest,
         }
     }
@@ -101,69 +101,6 @@ impl TimeSpec {
     }
 }
 
-/// How the diffusive terms become inputs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum CouplingKind {
-    /// The paper's law: `u_i = mu_i(nu_i / psi_i)`.
-    NodeWise,
-    /// One funnel per edge.
-    EdgeWise,
-    /// Vector states, component by component.
-    ElementWise,
-    /// Vector states, the largest gain for all components.
-    MaxGain,
-    /// The largest gain over all nodes.
-    WeaklyCentralised,
-    /// `u_i = k nu_i`.
-    Linear,
-    /// A linear gain that grows while the error is large.
-    LambdaTracker {
-        /// Errors below this leave the gain as it is (state units).
-        eta: f64,
-    },
-    /// No coupling.
-    None,
-}
-
-impl CouplingKind {
-    /// Its name in a scenario.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::NodeWise => "node-wise",
-            Self::EdgeWise => "edge-wise",
-            Self::ElementWise => "element-wise",
-            Self::MaxGain => "max-gain",
-            Self::WeaklyCentralised => "weakly-centralised",
-            Self::Linear => "linear",
-            Self::LambdaTracker { .. } => "lambda-tracker",
-            Self::None => "none",
-        }
-    }
-
-    /// Whether the law is one that keeps diffusive terms inside funnels, rather than a baseline to compare with.
-    #[must_use]
-    pub fn keeps_funnels(self) -> bool {
-        !matches!(self, Self::Linear | Self::LambdaTracker { .. } | Self::None)
-    }
-}
-
-/// What a node does when its diffusive term leaves the funnel (LAW.md 5).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BreachSpec {
-    /// Goes on.
-    Ride,
-    /// Stops with a safe output and a fault.
-    Stop,
-    /// Widens its own funnel, and lets the added width decay.
-    Reopen {
-        /// The ratio right after is one over this; above 1.
-        margin: f64,
-        /// 1/s, above zero.
-        rate: f64,
-    },
-}
-
 /// The narrowest funnel that the designer asks for. Nodes may keep a wider one than the scenario's down there, and are judged by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum FloorSpec {
@@ -195,209 +132,11 @@ pub struct NodeSpec {
     /// The node's own vector field.
     pub dynamics: Affine,
     /// Its gain.
-    pub gain: GainSpec,
+    pub gain: Gain<f64>,
     /// Its funnel.
-    pub funnel: FunnelSpec,
+    pub funnel: Funnel<f64>,
     /// Standard deviation of what is added to each state as it is sent (state units).
     pub noise: f64,
-}
-
-/// The gain `mu(s) = gamma(|s|) s`, s in (-1, 1), in state units / s.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum GainSpec {
-    /// `scale s / (1 - |s|)`.
-    Reciprocal {
-        /// State units / s, above zero.
-        scale: f64,
-    },
-    /// `-scale ln(1 - |s|) sign(s)`.
-    Logarithmic {
-        /// State units / s, above zero.
-        scale: f64,
-    },
-    /// The paper's locally linear gain.
-    LocallyLinear {
-        /// The paper's `M_f` (state units / s), above zero.
-        bound: f64,
-    },
-    /// The paper's gain for the distributed median.
-    Median {
-        /// The paper's eta, above zero.
-        eta: f64,
-        /// The paper's epsilon, above zero.
-        eps: f64,
-    },
-    /// `u = slope nu` whatever the funnel is, for comparison.
-    Linear {
-        /// 1/s, above zero.
-        slope: f64,
-    },
-}
-
-/// What a schedule goes on with: a normalised funnel `psibar(t)` in state units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NormalisedSpec {
-    /// `width`.
-    Constant {
-        /// State units, above zero.
-        width: f64,
-    },
-    /// `(start - end) exp(-rate t) + end`, from the same t = 0 as everything else.
-    Exponential {
-        /// State units, above zero.
-        start: f64,
-        /// State units, zero or more.
-        end: f64,
-        /// 1/s, above zero.
-        rate: f64,
-    },
-}
-
-impl NormalisedSpec {
-    /// `psibar(t)` for t >= 0 in seconds (state units).
-    #[must_use]
-    pub fn width(&self, t: f64) -> f64 {
-        match *self {
-            Self::Constant { width } => width,
-            Self::Exponential { start, end, rate } => between(start, end, rate * t),
-        }
-    }
-
-    /// The derivative of [`Self::width`] by time (state units / s).
-    fn slope(&self, t: f64) -> f64 {
-        match *self {
-            Self::Constant { .. } => 0.0,
-            Self::Exponential { start, end, rate } => -rate * (start - end) * math::exp(-rate * t),
-        }
-    }
-}
-
-/// The funnel `psi(t)` in state units. `factor` is the paper's `r_i` and multiplies the whole funnel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum FunnelSpec {
-    /// `factor ((start - end) exp(-rate t) + end)`.
-    Exponential {
-        /// State units, above zero.
-        start: f64,
-        /// State units, zero or more.
-        end: f64,
-        /// 1/s, above zero.
-        rate: f64,
-        /// Above zero.
-        factor: f64,
-    },
-    /// `factor width`.
-    Constant {
-        /// State units, above zero.
-        width: f64,
-        /// Above zero.
-        factor: f64,
-    },
-    /// `factor scale / t`, infinite at the start.
-    ReciprocalTime {
-        /// State units times s, above zero.
-        scale: f64,
-        /// Above zero.
-        factor: f64,
-    },
-    /// `factor start (1 - t / at)^power`, zero from `at` on.
-    FiniteTime {
-        /// State units, above zero.
-        start: f64,
-        /// When the funnel closes, in nanoseconds.
-        at_ns: u64,
-        /// Above zero.
-        power: f64,
-        /// Above zero.
-        factor: f64,
-    },
-    /// `factor eps psibar(t)` from `at` on, and before the exponential that joins `factor start` to it (paper, theorem on
-    /// emergent behaviour).
-    Schedule {
-        /// State units, above zero.
-        start: f64,
-        /// The paper's `t_1`, in nanoseconds.
-        at_ns: u64,
-        /// The paper's epsilon, above zero.
-        eps: f64,
-        /// `psibar`.
-        then: NormalisedSpec,
-        /// Above zero.
-        factor: f64,
-    },
-}
-
-/// `(start - end) exp(-decay) + end`. Where it widens as a sum of two terms that are zero or more: the difference would cancel, to zero for a
-/// start below an ulp of the end.
-pub(crate) fn between(start: f64, end: f64, decay: f64) -> f64 {
-    if end > start {
-        start * math::exp(-decay) - end * math::exp_m1(-decay)
-    } else {
-        (start - end) * math::exp(-decay) + end
-    }
-}
-
-/// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then has a width still.
-fn joined(eps: f64, then: NormalisedSpec, at: f64) -> f64 {
-    (eps * then.width(at)).max(f64::TINY)
-}
-
-impl FunnelSpec {
-    /// `psi(t)` for t >= 0 in seconds (state units).
-    #[must_use]
-    pub fn width(&self, t: f64) -> f64 {
-        match *self {
-            Self::Exponential { start, end, rate, factor } => factor * between(start, end, rate * t),
-            Self::Constant { width, factor } => factor * width,
-            Self::ReciprocalTime { scale, factor } => factor * scale / t,
-            Self::FiniteTime { start, at_ns, power, factor } => {
-                factor * start * math::pow((1.0 - t / (at_ns as f64 * 1e-9)).max(0.0), power)
-            }
-            Self::Schedule { start, at_ns, eps, then, factor } => {
-                let at = at_ns as f64 * 1e-9;
-                if t >= at {
-                    return factor * eps * then.width(t);
-                }
-                factor * start * math::exp(-t / at * math::ln(start / joined(eps, then, at)))
-            }
-        }
-    }
-
-    /// The derivative of [`Self::width`] by time, for t > 0 in seconds (state units / s).
-    #[must_use]
-    pub fn slope(&self, t: f64) -> f64 {
-        match *self {
-            Self::Exponential { start, end, rate, factor } => {
-                -factor * rate * (start - end) * math::exp(-rate * t)
-            }
-            Self::Constant { .. } => 0.0,
-            Self::ReciprocalTime { scale, factor } => -factor * scale / (t * t),
-            Self::FiniteTime { start, at_ns, power, factor } => {
-                let at = at_ns as f64 * 1e-9;
-                let rest = 1.0 - t / at;
-                if rest > 0.0 { -factor * start * power / at * math::pow(rest, power - 1.0) } else { 0.0 }
-            }
-            Self::Schedule { at_ns, eps, then, factor, .. } => {
-                let at = at_ns as f64 * 1e-9;
-                if t >= at {
-                    return factor * eps * then.slope(t);
-                }
-                -self.width(t) / at * math::ln(self.width(0.0) / (factor * joined(eps, then, at)))
-            }
-        }
-    }
-
-    /// The multiplier of the whole funnel.
-    #[must_use]
-    pub fn factor(&self) -> f64 {
-        match *self {
-            Self::Exponential { factor, .. }
-            | Self::Constant { factor, .. }
-            | Self::ReciprocalTime { factor, .. }
-            | Self::FiniteTime { factor, .. }
-            | Self::Schedule { factor, .. } => factor,
-        }
-    }
 }
 
 /// What carries the states.

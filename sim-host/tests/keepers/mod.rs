@@ -2,9 +2,7 @@
 //! commissioned.
 
 use funnelnet_node::{Output, Session, Task};
-use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig, NodeConfig, TickSource,
-};
+use funnelnet_protocol::config::{Field, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Message, Target};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Identity, Reply, StoreError};
@@ -99,27 +97,19 @@ pub fn words<const N: usize>(kept: &[Kept; N]) -> [&'static str; N] {
 }
 
 pub fn config(id: u8, width: f32) -> NodeConfig {
-    NodeConfig {
-        id,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Sync,
-        initial_state: [1.0].into_iter().collect(),
-        state_limit: 1e6,
-        field: FieldConfig {
+    NodeConfig::builder(id, 1_000_000)
+        .tick_source(TickSource::Sync)
+        .state([1.0])
+        .state_limit(1e6)
+        .field(Field {
             slope: [-0.7].into_iter().collect(),
             offset: [1.0].into_iter().collect(),
             sines: [].into_iter().collect(),
-        },
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width } },
-        on_breach: BreachPolicy::Ride,
-        neighbours: [].into_iter().collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+        })
+        .funnel(Shape::Constant { width })
+        .extrapolate_ticks(3)
+        .build()
+        .unwrap()
 }
 
 fn session() -> Session {

@@ -3,34 +3,27 @@
 
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, FieldConfig, FunnelConfig, FunnelShape, GainConfig,
-    MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NormalisedShape, SineConfig, TickSource, scalar,
+    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES,
+    Normalised, Shape, Sine, TickSource,
 };
 
 /// The configuration of node `id`, with a few numbers that depend on it.
 pub fn small(id: u8) -> NodeConfig {
-    NodeConfig {
-        id,
-        tick_ns: 1_000_000,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(f32::from(id)),
-        state_limit: 1e6,
-        field: FieldConfig::scalar(-1.0, 0.5, []),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: FunnelConfig { factor: 1.0, shape: FunnelShape::Constant { width: 10.0 } },
-        on_breach: BreachPolicy::Ride,
-        neighbours: (1..=2).map(|i| EdgeConfig { id: id + i, weight: 1.0, edges: 2 }).collect(),
-        extrapolate_ticks: 3,
-        telemetry_every: 2,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(id, 1_000_000)
+        .state([f32::from(id)])
+        .state_limit(1e6)
+        .field(Field::scalar(-1.0, 0.5, []))
+        .funnel(Shape::Constant { width: 10.0 })
+        .edges((1..=2).map(|i| EdgeConfig { id: id + i, weight: 1.0, edges: 2 }))
+        .extrapolate_ticks(3)
+        .telemetry_every(2)
+        .build()
+        .unwrap()
 }
 
 /// The longest that a CONFIGURE can carry.
 pub fn longest(id: u8) -> NodeConfig {
-    let sine = SineConfig { component: 7, amplitude: 1.0, frequency: 2.0, phase: 0.5 };
+    let sine = Sine { component: 7, amplitude: 1.0, frequency: 2.0, phase: 0.5 };
     let edge = EdgeConfig { id: 127, weight: 1.0, edges: 126 };
     NodeConfig {
         id,
@@ -38,23 +31,23 @@ pub fn longest(id: u8) -> NodeConfig {
         tick_source: TickSource::Sync,
         initial_state: [1.0; MAX_COMPONENTS].into_iter().collect(),
         state_limit: 1e6,
-        field: FieldConfig {
+        field: Field {
             slope: [-1.0; MAX_MATRIX].into_iter().collect(),
             offset: [0.25; MAX_COMPONENTS].into_iter().collect(),
             sines: [sine; MAX_SINES].into_iter().collect(),
         },
-        coupling: CouplingConfig::LambdaTracker { eta: 1.0 },
-        gain: GainConfig::Median { eta: 1.0, eps: 0.5 },
-        funnel: FunnelConfig {
+        coupling: Coupling::LambdaTracker { eta: 1.0 },
+        gain: Gain::Median { eta: 1.0, eps: 0.5 },
+        funnel: Funnel {
             factor: 1.0,
-            shape: FunnelShape::Schedule {
+            shape: Shape::Schedule {
                 start: 1.0,
                 at_ns: u64::MAX,
                 eps: 1.0,
-                then: NormalisedShape::Exponential { start: 2.0, end: 1.0, rate: 1.0 },
+                then: Normalised::Exponential { start: 2.0, end: 1.0, rate: 1.0 },
             },
         },
-        on_breach: BreachPolicy::Reopen { margin: 2.0, rate: 1.0 },
+        on_breach: Breach::Reopen { margin: 2.0, rate: 1.0 },
         neighbours: [edge; MAX_NEIGHBOURS].into_iter().collect(),
         extrapolate_ticks: 255,
         telemetry_every: u32::MAX,

@@ -3,25 +3,25 @@
 use core::hint::black_box;
 
 use funnelnet_law::field::midpoint_step;
-use funnelnet_law::funnel::Funnel;
-use funnelnet_law::gain::{Gain, LocallyLinear, Logarithmic, Reciprocal, Solution};
+use funnelnet_law::funnel::SampledFunnel;
+use funnelnet_law::gain::{Algebraic, GainFunction, LocallyLinear, Logarithmic, Reciprocal, Solution};
 use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
 use funnelnet_law::{AffineSines, Real, VectorField};
-use funnelnet_protocol::config::{FieldConfig, FunnelConfig, FunnelShape, SineConfig};
+use funnelnet_protocol::config::{Field, Funnel, Shape, Sine};
 
 use crate::meter::{INPUTS, Table, spread};
 
 /// Tick period, s.
 pub const TICK: f64 = 1e-3;
 /// `2 + 38 e^-t`.
-pub const FUNNEL: FunnelConfig =
-    FunnelConfig { factor: 1.0, shape: FunnelShape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } };
+pub const FUNNEL: Funnel<f32> =
+    Funnel { factor: 1.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } };
 
 /// Tick number, its time in s, and a diffusive term: ratios from -0.95 to 0.95 along the first five seconds.
 type Input = (u32, f32, f32);
 
 fn inputs() -> [Input; INPUTS] {
-    let funnel = Funnel::<f32>::new(&FUNNEL, TICK, THETA);
+    let funnel = SampledFunnel::<f32>::new(&FUNNEL, TICK, THETA);
     let ratios = spread(-0.95, 0.95);
     core::array::from_fn(|i| {
         let k = i as u32 * 5000 / INPUTS as u32;
@@ -32,14 +32,14 @@ fn inputs() -> [Input; INPUTS] {
 
 /// The law alone, as `Node` calls it.
 struct Law<G> {
-    funnel: Funnel<f32>,
+    funnel: SampledFunnel<f32>,
     law: NodeWise<f32, G>,
     memory: Memory<f32>,
 }
 
-impl<G: Gain<f32>> Law<G> {
+impl<G: GainFunction<f32>> Law<G> {
     fn new(gain: G) -> Self {
-        let (funnel, law) = (Funnel::new(&FUNNEL, TICK, THETA), NodeWise::new(gain, TICK, 4.0));
+        let (funnel, law) = (SampledFunnel::new(&FUNNEL, TICK, THETA), NodeWise::new(gain, TICK, 4.0));
         black_box(Self { funnel, law, memory: Memory::default() })
     }
 
@@ -96,6 +96,9 @@ pub fn laws(table: &Table) {
     let mut law = Law::new(LocallyLinear { bound: 1.0 });
     let what = "the same with the locally linear gain";
     table.limited("law alone, locally linear", 500, what, &inputs, |(k, _, nu)| law.tick(k, nu));
+    let mut law = Law::new(Algebraic { scale: 1.0 });
+    let what = "the same with the algebraic gain, by Newton";
+    table.limited("law alone, algebraic", 1200, what, &inputs, |(k, _, nu)| law.tick(k, nu));
     explicit_laws(table, &inputs);
 }
 
@@ -110,14 +113,10 @@ fn explicit_laws(table: &Table, inputs: &[Input; INPUTS]) {
 }
 
 /// `f = -x + 1` and three sines, as an agent of the paper's Example 3 has.
-pub fn field(sines: usize) -> FieldConfig {
-    let sine = |i: usize| SineConfig {
-        component: 0,
-        amplitude: 10.0,
-        frequency: 1.0 + i as f64,
-        phase: 0.3 * i as f64,
-    };
-    FieldConfig::scalar(-1.0, 1.0, (0..sines).map(sine))
+pub fn field(sines: usize) -> Field<f32> {
+    let sine =
+        |i: usize| Sine { component: 0, amplitude: 10.0, frequency: 1.0 + i as f64, phase: 0.3 * i as f64 };
+    Field::scalar(-1.0, 1.0, (0..sines).map(sine))
 }
 
 /// The node's own dynamics, and the functions that they and the law stand on.

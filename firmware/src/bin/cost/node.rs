@@ -6,9 +6,7 @@ use funnelnet_link::{Fd, Format};
 use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::can_fd::{self, FdFrame};
-use funnelnet_protocol::config::{
-    BreachPolicy, CouplingConfig, EdgeConfig, GainConfig, NodeConfig, TickSource, scalar,
-};
+use funnelnet_protocol::config::{Breach, Coupling, EdgeConfig, Gain, NodeConfig, TickSource, scalar};
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, Deframer, Frame};
 use heapless::Vec;
@@ -151,23 +149,14 @@ const fn node_id(id: u8) -> NodeId {
 }
 
 fn config(sines: usize) -> NodeConfig {
-    NodeConfig {
-        id: 1,
-        tick_ns: TICK_NS,
-        tick_source: TickSource::Timer,
-        initial_state: scalar(1.0),
-        state_limit: 1e6,
-        field: field(sines),
-        coupling: CouplingConfig::NodeWise,
-        gain: GainConfig::Reciprocal { scale: 1.0 },
-        funnel: law::FUNNEL,
-        on_breach: BreachPolicy::Ride,
-        neighbours: NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }).collect(),
-        extrapolate_ticks: 10,
-        telemetry_every: 0,
-        lost_neighbours: 0,
-        holdover_ns: 0,
-    }
+    NodeConfig::builder(1, TICK_NS)
+        .state([1.0])
+        .state_limit(1e6)
+        .field(field(sines))
+        .funnel(law::FUNNEL)
+        .edges(NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }))
+        .build()
+        .unwrap()
 }
 
 /// Whole ticks over CAN and over the serial link.

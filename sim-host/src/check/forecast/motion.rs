@@ -7,7 +7,7 @@ use crate::emergent;
 use crate::extremes::{larger, largest, smallest};
 use crate::scenario::{Affine, Scenario};
 use funnelnet_law::emergent::{Agent, field};
-use funnelnet_law::gain::BuiltinGain;
+use funnelnet_law::gain::Gain;
 use funnelnet_law::math;
 
 /// A motion beyond this is not followed any further (state units).
@@ -34,10 +34,10 @@ type Instants = [Vec<f64>; 3];
 /// What the fields of a step are made of.
 struct Fields<'s> {
     scenario: &'s Scenario,
-    gains: &'s [BuiltinGain<f64>],
+    gains: &'s [Gain<f64>],
     forcing: Instants,
     widths: Instants,
-    agents: Vec<Agent<f64, BuiltinGain<f64>>>,
+    agents: Vec<Agent<f64, Gain<f64>>>,
     guess: f64,
 }
 
@@ -83,7 +83,7 @@ fn step(x: f64, h: f64, mut f: impl FnMut(usize, f64) -> f64) -> f64 {
 
 impl Motion {
     /// From the same start as the emergent trajectory of a run.
-    pub fn of(scenario: &Scenario, widths: &Widths, gains: &[BuiltinGain<f64>]) -> Self {
+    pub fn of(scenario: &Scenario, widths: &Widths, gains: &[Gain<f64>]) -> Self {
         let mut grid = Grid::of(scenario);
         let states = scenario.initial_states();
         let mut forcing = Forcing::new(scenario, 0.5 * grid.step);

@@ -8,7 +8,7 @@ use crate::extremes::{beyond, larger};
 use crate::scenario::{Graph, Scenario};
 use funnelnet_law::emergent::{Agent, contraction};
 use funnelnet_law::floor::Floor;
-use funnelnet_law::gain::{BuiltinGain, Gain};
+use funnelnet_law::gain::{Gain, GainFunction};
 
 /// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnelnet_law::floor` (5 ulp at degree 2).
 const ROUNDING: f64 = 2.5;
@@ -59,7 +59,7 @@ pub(super) fn along(
     motion: &Motion,
     scenario: &Scenario,
     widths: &Widths,
-    gains: &[BuiltinGain<f64>],
+    gains: &[Gain<f64>],
     degrees: &[f64],
 ) -> Seen {
     let tick = scenario.time.tick_s();
@@ -127,7 +127,7 @@ impl Seen {
         &mut self,
         inputs: &[f64],
         widths: &Widths,
-        gains: &[BuiltinGain<f64>],
+        gains: &[Gain<f64>],
         (floors, state): (&[Floor<f64>], f64),
         t: f64,
     ) {
@@ -151,7 +151,7 @@ impl NodeSeen {
         }
     }
 
-    fn settles(&mut self, input: f64, gain: &BuiltinGain<f64>, t: f64) {
+    fn settles(&mut self, input: f64, gain: &Gain<f64>, t: f64) {
         self.input = larger(self.input, input.abs());
         let margin = 1.0 - gain.inverse(input).abs();
         if beyond(-margin, -self.margin) {
@@ -199,11 +199,10 @@ impl<'g> Compare<'g> {
 mod tests {
     use super::*;
     use crate::scenario::Edge;
-    use funnelnet_law::gain::Reciprocal;
 
     #[test]
     fn a_margin_that_is_not_a_number_is_the_tightest_of_all() {
-        let gain = BuiltinGain::Reciprocal(Reciprocal { scale: 1.0 });
+        let gain = Gain::Reciprocal { scale: 1.0 };
         let mut node = NodeSeen {
             input: 0.0,
             margin: 1.0,

@@ -1,11 +1,11 @@
-//! Performance funnels `psi(t)`, evaluated from the tick number, so that every node and the simulator agree bit for bit.
+//! Funnels evaluated from the tick number, so that every node and the simulator agree bit for bit.
 
-use crate::config::{FunnelConfig, FunnelShape, NormalisedShape};
+use super::{Funnel, Normalised, Shape};
 use crate::math::{self, Real};
 
 /// A funnel prepared for a tick period `T`: state units in, state units out.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Funnel<F> {
+pub enum SampledFunnel<F> {
     /// `end + (start - end) exp(-rate t)`.
     Exponential(Transient<F>),
     /// The same width for ever.
@@ -116,29 +116,27 @@ impl<F: Real> Widths<F> {
     }
 }
 
-impl<F: Real> Funnel<F> {
-    /// Prepares a validated configuration for tick period `tick` (s) and the law's `theta`.
-    pub fn new(config: &FunnelConfig, tick: f64, theta: f64) -> Self {
-        let factor = f64::from(config.factor);
-        match config.shape {
-            FunnelShape::Exponential { start, end, rate } => {
+impl<F: Real> SampledFunnel<F> {
+    /// Prepares a validated funnel for tick period `tick` (s) and the law's `theta`.
+    pub fn new(funnel: &Funnel<f32>, tick: f64, theta: f64) -> Self {
+        let factor = f64::from(funnel.factor);
+        match funnel.shape {
+            Shape::Exponential { start, end, rate } => {
                 let shape = (f64::from(start), f64::from(end), f64::from(rate));
                 Self::Exponential(Transient::new(shape, factor, tick, theta))
             }
-            FunnelShape::Constant { width } => {
-                Self::Constant { width: F::from_f64(factor * f64::from(width)) }
-            }
-            FunnelShape::ReciprocalTime { scale } => Self::ReciprocalTime {
+            Shape::Constant { width } => Self::Constant { width: F::from_f64(factor * f64::from(width)) },
+            Shape::ReciprocalTime { scale } => Self::ReciprocalTime {
                 per_tick: F::from_f64(factor * f64::from(scale) / tick),
                 theta: F::from_f64(theta),
             },
-            FunnelShape::FiniteTime { start, at_ns, power } => Self::FiniteTime {
+            Shape::FiniteTime { start, at_ns, power } => Self::FiniteTime {
                 start: F::from_f64(factor * f64::from(start)),
                 per_tick: F::from_f64(tick / (at_ns as f64 * 1e-9)),
                 power: F::from_f32(power),
                 theta: F::from_f64(theta),
             },
-            FunnelShape::Schedule { start, at_ns, eps, then } => {
+            Shape::Schedule { start, at_ns, eps, then } => {
                 let (start, at) = (f64::from(start), at_ns as f64 * 1e-9);
                 let shape = normalised(then);
                 let scale = factor * f64::from(eps);
@@ -189,12 +187,10 @@ impl<F: Real> Funnel<F> {
 }
 
 /// Start, end and rate (1/s) of a normalised funnel.
-fn normalised(shape: NormalisedShape) -> (f64, f64, f64) {
+fn normalised(shape: Normalised<f32>) -> (f64, f64, f64) {
     match shape {
-        NormalisedShape::Constant { width } => (f64::from(width), f64::from(width), 0.0),
-        NormalisedShape::Exponential { start, end, rate } => {
-            (f64::from(start), f64::from(end), f64::from(rate))
-        }
+        Normalised::Constant { width } => (f64::from(width), f64::from(width), 0.0),
+        Normalised::Exponential { start, end, rate } => (f64::from(start), f64::from(end), f64::from(rate)),
     }
 }
 

@@ -4,8 +4,8 @@
 //! `assumption.rs` and `law.rs` judge those by themselves.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnelnet_law::gain::{BuiltinGain, Gain, LocallyLinear, Logarithmic, Reciprocal};
-use funnelnet_node::params::{LARGEST, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST};
+use funnelnet_law::gain::{Gain, GainFunction};
+use funnelnet_law::range::{LARGEST, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST};
 use std::ops::Range;
 
 /// A prime, so that every pattern of low bits turns up in every binade: 8 million numbers in a binade, 1,600 of them.
@@ -20,23 +20,23 @@ const SCALES: [f32; 5] = [1e-9, 1e-3, 1.0, 40.0, 1e9];
 /// A gain in both precisions, with the same scale to the last bit.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
-    single: BuiltinGain<f32>,
-    double: BuiltinGain<f64>,
+    single: Gain<f32>,
+    double: Gain<f64>,
 }
 
 fn reciprocal(scale: f32) -> Pair {
-    let double = BuiltinGain::Reciprocal(Reciprocal { scale: f64::from(scale) });
-    Pair { single: BuiltinGain::Reciprocal(Reciprocal { scale }), double }
+    let double = Gain::Reciprocal { scale: f64::from(scale) };
+    Pair { single: Gain::Reciprocal { scale }, double }
 }
 
 fn logarithmic(scale: f32) -> Pair {
-    let double = BuiltinGain::Logarithmic(Logarithmic { scale: f64::from(scale) });
-    Pair { single: BuiltinGain::Logarithmic(Logarithmic { scale }), double }
+    let double = Gain::Logarithmic { scale: f64::from(scale) };
+    Pair { single: Gain::Logarithmic { scale }, double }
 }
 
 fn locally_linear(bound: f32) -> Pair {
-    let double = BuiltinGain::LocallyLinear(LocallyLinear { bound: f64::from(bound) });
-    Pair { single: BuiltinGain::LocallyLinear(LocallyLinear { bound }), double }
+    let double = Gain::LocallyLinear { bound: f64::from(bound) };
+    Pair { single: Gain::LocallyLinear { bound }, double }
 }
 
 /// The largest of something, and the input that it was seen at.

@@ -5,11 +5,12 @@
 
 use funnelnet_law::VectorField;
 use funnelnet_law::field::{AffineSines, midpoint_step};
-use funnelnet_law::funnel::Funnel;
-use funnelnet_law::gain::{Gain, Reciprocal};
+use funnelnet_law::field::{Field, Sine};
+use funnelnet_law::funnel::SampledFunnel;
+use funnelnet_law::funnel::{Funnel, Shape};
+use funnelnet_law::gain::{GainFunction, Reciprocal};
 use funnelnet_law::law::edge_wise::{EdgeTerm, EdgeWise};
 use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
-use funnelnet_protocol::config::{FieldConfig, FunnelConfig, FunnelShape, SineConfig};
 
 const NODES: usize = 5;
 const DURATION: f64 = 8.0;
@@ -25,7 +26,7 @@ enum Coupling {
 
 fn field(i: usize, tick: f64) -> AffineSines<f64> {
     let part = |seed: f64| funnelnet_law::math::sin(seed * (i as f64 + 1.0));
-    let sine = |amplitude: f64, frequency, phase| SineConfig {
+    let sine = |amplitude: f64, frequency, phase| Sine {
         component: 0,
         amplitude: amplitude as f32,
         frequency,
@@ -37,13 +38,13 @@ fn field(i: usize, tick: f64) -> AffineSines<f64> {
         sine(10.0 * part(0.7), 10.0, part(3.7)),
     ];
     let slope = (-1.0 + 0.3 * part(5.0)) as f32;
-    AffineSines::new(&FieldConfig::scalar(slope, 0.0, sines), tick)
+    AffineSines::new(&Field::scalar(slope, 0.0, sines), tick)
 }
 
 /// psi = 2 + 38 exp(-t), prepared for a tick.
-fn funnel(tick: f64) -> Funnel<f64> {
-    let shape = FunnelShape::Exponential { start: 40.0, end: 2.0, rate: 1.0 };
-    Funnel::new(&FunnelConfig { factor: 1.0, shape }, tick, THETA)
+fn funnel(tick: f64) -> SampledFunnel<f64> {
+    let shape = Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 };
+    SampledFunnel::new(&Funnel { factor: 1.0, shape }, tick, THETA)
 }
 
 /// The neighbours on the ring.

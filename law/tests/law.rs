@@ -1,12 +1,14 @@
 //! The implicit law (*) of LAW.md 3: residual, bounds, and no overflow at the corners of what a configuration allows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use funnelnet_law::gain::{Gain, LocallyLinear, Logarithmic, Reciprocal, Solution, median, newton};
-use funnelnet_node::params::{LARGEST, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST};
+use funnelnet_law::gain::{
+    Gain, GainFunction, LocallyLinear, Logarithmic, Median, Reciprocal, Solution, newton,
+};
+use funnelnet_law::range::{LARGEST, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST};
 use proptest::prelude::*;
 
 /// Residual of (*), relative to its largest term, in f64.
-fn residual(gain: &impl Gain<f64>, psi: f64, b: f64, r: f64, u: f64) -> f64 {
+fn residual(gain: &impl GainFunction<f64>, psi: f64, b: f64, r: f64, u: f64) -> f64 {
     let left = psi * gain.inverse(u) + b * u;
     (left - r).abs() / r.abs().max(1e-300)
 }
@@ -66,7 +68,7 @@ proptest! {
 
     #[test]
     fn the_median_gain_meets_the_papers_bound(eta in decades(-4, 2), eps in decades(-4, -1), more in 1.0f64..100.0) {
-        let gain = median(eta, eps);
+        let gain = Median { eta, eps };
         prop_assert!(gain.inverse(eta) >= 1.0 - eps - 1e-15);
         prop_assert!(gain.inverse(eta * more) >= 1.0 - eps - 1e-15);
         prop_assert!(gain.inverse(-eta) <= -1.0 + eps + 1e-15);
@@ -94,11 +96,12 @@ proptest! {
 
     #[test]
     fn gains_invert(scale in decades(-3, 3), s in -0.999f64..0.999) {
-        for gain in [&Reciprocal { scale } as &dyn Gain<f64>, &Logarithmic { scale }, &LocallyLinear { bound: scale }] {
+        for kind in Gain::KINDS.iter().filter(|kind| kind.keeps_funnels) {
+            let gain = (kind.build)([scale, 0.05]);
             prop_assert!((gain.inverse(gain.apply(s)) - s).abs() < 1e-12);
-            let (u, step) = (gain.apply(s), scale * 1e-6);
+            let (u, step) = (gain.apply(s), gain.slope_at_zero() * 1e-6);
             let slope = (gain.inverse(u + step) - gain.inverse(u - step)) / (2.0 * step);
-            prop_assert!((gain.inverse_slope(u) - slope).abs() <= 1e-3 * slope + 1e-9 / scale);
+            prop_assert!((gain.inverse_slope(u) - slope).abs() <= 1e-3 * slope + 1e-9 / gain.slope_at_zero());
         }
     }
 }
@@ -114,9 +117,10 @@ fn no_corner_of_the_allowed_ranges_overflows_single_precision() {
                     for state in [0.0, 1e-30, 1.0, LARGEST] {
                         let [psi, b, scale, r] =
                             [psi, 1.25 * tick * degree, scale, 4.0 * degree * state].map(|x| x as f32);
-                        assert_bounded(Reciprocal { scale }.solve(psi, b, r), [psi, b, scale, r]);
-                        assert_bounded(Logarithmic { scale }.solve(psi, b, r), [psi, b, scale, r]);
-                        assert_bounded(LocallyLinear { bound: scale }.solve(psi, b, r), [psi, b, scale, r]);
+                        for kind in Gain::KINDS.iter().filter(|kind| kind.keeps_funnels) {
+                            let gain = (kind.build)([scale, 0.05]);
+                            assert_bounded(gain.solve(psi, b, r), [psi, b, scale, r]);
+                        }
                         seen += 1;
                     }
                 }

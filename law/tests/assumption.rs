@@ -2,13 +2,13 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::gain::{
-    BuiltinGain, Constants, Gain, LocallyLinear, Logarithmic, Reciprocal, Solution, Violation, check, median,
-    newton,
+    Constants, Gain, GainFunction, LocallyLinear, Logarithmic, Median, Reciprocal, Solution, Violation,
+    check, newton,
 };
 use funnelnet_law::math::Real;
-use funnelnet_node::params::{LARGEST, SMALLEST};
+use funnelnet_law::range::{LARGEST, SMALLEST};
 
-fn holds<F: Real>(gain: impl Gain<F> + core::fmt::Debug) -> Constants<F> {
+fn holds<F: Real>(gain: impl GainFunction<F> + core::fmt::Debug) -> Constants<F> {
     check(&gain).unwrap_or_else(|violation| panic!("{gain:?}: {violation}"))
 }
 
@@ -19,11 +19,15 @@ fn every_scale_holds<F: Real>() {
         assert!((holds(Logarithmic { scale }).lowest - scale).abs() <= F::EPSILON * scale);
         let lowest = F::from_u32(4) * scale;
         assert!((holds(LocallyLinear { bound: scale }).lowest - lowest).abs() <= F::EPSILON * lowest);
-        holds(BuiltinGain::Logarithmic(Logarithmic { scale }));
+        for kind in Gain::KINDS.iter().filter(|kind| kind.keeps_funnels && kind.parameters.len() == 1) {
+            let gain = (kind.build)([scale, F::ZERO]);
+            let found = holds(gain);
+            assert!((found.lowest - gain.slope_at_zero()).abs() <= F::EPSILON * found.lowest, "{gain:?}");
+        }
     }
     for eta in [SMALLEST, 0.01, LARGEST] {
         for eps in [1e-6, 0.05, 0.9999] {
-            holds(median(F::from_f64(eta), F::from_f64(eps)));
+            holds(Median { eta: F::from_f64(eta), eps: F::from_f64(eps) });
         }
     }
 }
@@ -46,7 +50,7 @@ struct Made {
     solve: fn(&Made, f64, f64, f64) -> Solution<f64>,
 }
 
-impl Gain<f64> for Made {
+impl GainFunction<f64> for Made {
     fn inverse(&self, u: f64) -> f64 {
         (self.inverse)(u)
     }

@@ -6,10 +6,10 @@
 
 use funnelnet_law::emergent::{Agent, field};
 use funnelnet_law::field::{VectorField, midpoint_step};
-use funnelnet_law::funnel::Funnel;
-use funnelnet_law::gain::{Reciprocal, median};
+use funnelnet_law::funnel::SampledFunnel;
+use funnelnet_law::funnel::{Funnel, Shape};
+use funnelnet_law::gain::{Median, Reciprocal};
 use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
-use funnelnet_protocol::config::{FunnelConfig, FunnelShape};
 
 /// Seconds of a run: `psi` ends at 20 e^-30 = 1.9e-12.
 const DURATION: f64 = 60.0;
@@ -48,15 +48,15 @@ fn ring_with_chords(n: usize) -> Vec<Vec<usize>> {
 
 /// `eps` of the median gain, below the `2 / (N + 1)` of the paper's lemma for equal funnels.
 fn gain(n: usize) -> Reciprocal<f64> {
-    median(ETA, 0.9 * 2.0 / (n as f64 + 1.0))
+    Median { eta: ETA, eps: 0.9 * 2.0 / (n as f64 + 1.0) }.reciprocal()
 }
 
 /// The states after [`DURATION`] at ticks of `tick` (s), from states spread over [-1, 1].
 fn run(values: &[f64], tick: f64) -> Vec<f64> {
     let (n, neighbours) = (values.len(), ring_with_chords(values.len()));
     let laws: Vec<_> = neighbours.iter().map(|of| NodeWise::new(gain(n), tick, of.len() as f64)).collect();
-    let shape = FunnelShape::Exponential { start: 20.0, end: 0.0, rate: 0.5 };
-    let funnel = Funnel::new(&FunnelConfig { shape, factor: 1.0 }, tick, THETA);
+    let shape = Shape::Exponential { start: 20.0, end: 0.0, rate: 0.5 };
+    let funnel = SampledFunnel::new(&Funnel { shape, factor: 1.0 }, tick, THETA);
     let mut memories = vec![Memory::default(); n];
     let mut x: Vec<f64> = (0..n).map(|i| 2.0 * i as f64 / n as f64 - 1.0).collect();
     let (mut dx, mut carry) = (vec![0.0; n], vec![0.0; n]);
