@@ -198,6 +198,14 @@ cmd_unit() { #: unit, property and golden tests on the host
     cargo test --locked --workspace
 }
 
+cmd_doc() { #: the crates' documentation, with warnings denied
+    RUSTDOCFLAGS="-D warnings" cargo doc --quiet --locked --workspace --no-deps
+}
+
+cmd_package() { #: pack and build what can be published: law, protocol, node (dry run)
+    cargo publish --quiet --locked --dry-run --workspace --allow-dirty
+}
+
 cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of processor time, on all cores, not part of `test`
     cargo test --locked --release --package funnelnet-law --test sweep -- --include-ignored --nocapture
 }
@@ -443,7 +451,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy unit thumb firmware boards panics stack selftest parity socketcan scenarios gallery-check cost book; do
+    for name in setup fmt clippy doc unit package thumb firmware boards panics stack selftest parity socketcan scenarios gallery-check cost book; do
         say "--- $name"
         "cmd_$name"
     done

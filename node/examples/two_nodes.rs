@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut nodes = [node(1, 2, 0.0, 1.0)?, node(2, 1, 3.0, -1.0)?];
     let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
     for node in &mut nodes {
-        node.on_message(&start, 0).map_err(|refused| refused.name())?;
+        node.on_message(&start, 0)?;
     }
     for now in (0..5_000_000_000).step_by(TICK_NS as usize) {
         for from in 0..2 {
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 match action {
                     // The bus: the other node hears it at once.
                     Action::Send(message) => {
-                        nodes[1 - from].on_message(&message, now).map_err(|refused| refused.name())?;
+                        nodes[1 - from].on_message(&message, now)?;
                     }
                     Action::Report(event) => println!("{} ms: node {}: {event}", now / 1_000_000, from + 1),
                     Action::Safe | Action::Sample | Action::Actuate => {}

@@ -174,8 +174,8 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
 }
 
 fn check(field: ConfigField, index: usize, found: f64, low: f64, high: f64) -> Result<(), ConfigError> {
-    // Most values travel as f32, where 1e-9 is a little less. Written so that NaN is outside.
-    if found >= f64::from(low as f32) && found <= high {
+    // Most values travel as f32, where 1e-9 is a little less, and 0.999 a little more. Written so that NaN is outside.
+    if found >= f64::from(low as f32) && (found <= high || found <= f64::from(high as f32)) {
         Ok(())
     } else {
         Err(ConfigError::OutOfRange { field, index: index as u8, found, low, high })

@@ -125,6 +125,7 @@ fields! {
 
 /// Why a node refuses a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum ConfigError {
     /// A value is outside its range (or not a number).
     OutOfRange {

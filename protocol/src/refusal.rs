@@ -1,5 +1,7 @@
 //! Why a frame was refused. Every reason has a counter of its own, and a refused frame changes nothing else.
 
+use core::fmt;
+
 use serde::{Deserialize, Serialize};
 
 macro_rules! refusals {
@@ -8,6 +10,7 @@ macro_rules! refusals {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         #[repr(u8)]
+        #[non_exhaustive]
         pub enum Refusal { $($(#[$doc])* $name,)* }
 
         impl Refusal {
@@ -54,3 +57,11 @@ refusals! {
     /// Not in this phase (for example a state before the node is configured).
     Phase = "phase",
 }
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "refused: {}", self.name())
+    }
+}
+
+impl core::error::Error for Refusal {}

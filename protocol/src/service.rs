@@ -136,6 +136,7 @@ impl fmt::Display for ResetCause {
 
 /// Why a node has not stored, staged or erased a configuration, or not kept a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum StoreError {
     /// The node is running; flash can stall it for longer than a tick.
     Running,
@@ -165,6 +166,7 @@ impl core::error::Error for StoreError {}
 
 /// Why a node has not staged a configuration. What it had staged before may be lost then.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum StageError {
     /// It would refuse to be configured so.
     Config(ConfigError),

@@ -23,7 +23,7 @@ fn config(index: usize) -> NodeConfig {
         .funnel(Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 })
         .edges(neighbours)
         .build()
-        .unwrap()
+        .expect("room for four edges")
 }
 
 fn main() {

@@ -6,7 +6,7 @@ use funnelnet_link::{Fd, Format};
 use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::can_fd::{self, FdFrame};
-use funnelnet_protocol::config::{Breach, Coupling, EdgeConfig, Gain, NodeConfig, TickSource, scalar};
+use funnelnet_protocol::config::{EdgeConfig, NodeConfig};
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, Deframer, Frame};
 use heapless::Vec;
@@ -148,6 +148,7 @@ const fn node_id(id: u8) -> NodeId {
     NodeId::new(id).expect("an id is 1 to 127")
 }
 
+#[allow(clippy::expect_used)] // a harness, which has nothing to go on with
 fn config(sines: usize) -> NodeConfig {
     NodeConfig::builder(1, TICK_NS)
         .state([1.0])
@@ -156,7 +157,7 @@ fn config(sines: usize) -> NodeConfig {
         .funnel(law::FUNNEL)
         .edges(NEIGHBOURS.iter().map(|id| EdgeConfig { id: id.get(), weight: 1.0, edges: 4 }))
         .build()
-        .unwrap()
+        .expect("room for four edges")
 }
 
 /// Whole ticks over CAN and over the serial link.
