@@ -1,12 +1,14 @@
-//! The sans-IO node: messages and time in, actions out. Firmware, simulator and tests drive this one state machine.
+//! The sans-IO node: messages and time in, actions out. Firmware, simulator and tests drive this one state
+//! machine.
 //!
-//! Each file is one part of it: `inbox` takes messages, `clock` knows when a tick is due, `tick` runs one, `funnel` judges it, and `outbox`
-//! holds what is to go out. `life` starts, stops and fails it, `step` asks the app, `plant` takes samples and gives inputs, `adopt` takes
-//! another configuration.
+//! Each file is one part of it: `inbox` takes messages, `clock` knows when a tick is due, `tick` runs one,
+//! `funnel` judges it, and `outbox` holds what is to go out. `life` starts, stops and fails it, `step` asks
+//! the app, `plant` takes samples and gives inputs, `adopt` takes another configuration.
 //!
 //! # The state machine
 //!
-//! A node has a phase of its life, a schedule for its next tick, and a step that the app has to do for it before that.
+//! A node has a phase of its life, a schedule for its next tick, and a step that the app has to do for it
+//! before that.
 //!
 //! ```text
 //! Phase     Ready --start--> Running --stop--> Stopped --fault--> Faulted
@@ -44,9 +46,10 @@
 //! | `commit` | [`Node::take_commit`] says that the tick of a commit comes next |
 //! | `answer` | [`Node::measured`], [`Node::sample_failed`], [`Node::adopt`] or [`Node::keep_on`] answers what was asked |
 //!
-//! An answer sets the schedule only where SYNC has moved the node over the tick of a commit while it waited for its sample: the tick waits
-//! once more, and the commit comes first. Unless it runs, a node waits for no tick, and its step is `Idle` or `Stop`. A test walks
-//! through all that a node can do, and finds these arrows and no others.
+//! An answer sets the schedule only where SYNC has moved the node over the tick of a commit while it waited
+//! for its sample: the tick waits once more, and the commit comes first. Unless it runs, a node waits for no
+//! tick, and its step is `Idle` or `Stop`. A test walks through all that a node can do, and finds these
+//! arrows and no others.
 
 pub mod adopt;
 mod clock;
@@ -200,7 +203,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Report { max_ratio: self.funnel.max_ratio.to_f32(), counters: self.counters.clone() }
     }
 
-    /// Time at which [`Node::poll`] has something to do next, ns on the caller's clock; `None`: not before a message.
+    /// Time at which [`Node::poll`] has something to do next, ns on the caller's clock; `None`: not before a
+    /// message.
     pub fn poll_at(&self) -> Option<u64> {
         if !self.outbox.is_empty() {
             return Some(0);
@@ -220,9 +224,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
 
     /// Does what is due at `now` (ns) and gives the next action; call it until it gives `None`.
     ///
-    /// Bounded: at most [`CATCH_UP_LIMIT`] ticks at one `now`, in however many calls. Of the ticks that came late so many are made up
-    /// for, with a plant none, and those before them are skipped; all are counted. Of their states only the latest is worth sending. What
-    /// concerns the actuator comes first.
+    /// Bounded: at most [`CATCH_UP_LIMIT`] ticks at one `now`, in however many calls. Of the ticks that came
+    /// late so many are made up for, with a plant none, and those before them are skipped; all are counted.
+    /// Of their states only the latest is worth sending. What concerns the actuator comes first.
     pub fn poll(&mut self, now: u64) -> Option<Action> {
         self.run_due_ticks(now);
         self.check_holdover(now);

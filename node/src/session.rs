@@ -31,9 +31,11 @@ pub enum Output {
     Reply(Reply),
     /// Log this event.
     Report(Event),
-    /// Put the actuator in its safe position: the program has started, or the node has stopped, whatever the reason.
+    /// Put the actuator in its safe position: the program has started, or the node has stopped, whatever the
+    /// reason.
     Safe,
-    /// Measure the plant, and answer by [`Session::measured`] or [`Session::sample_failed`]: a tick waits for it.
+    /// Measure the plant, and answer by [`Session::measured`] or [`Session::sample_failed`]: a tick waits for
+    /// it.
     Sample,
     /// Drive the actuator with [`Session::inputs`].
     Actuate,
@@ -100,12 +102,14 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Buffer that a stored configuration is read to before [`Session::restore`]: in place, since each copy of one is 2 KiB of stack.
+    /// Buffer that a stored configuration is read to before [`Session::restore`]: in place, since each copy
+    /// of one is 2 KiB of stack.
     pub fn config_buffer(&mut self) -> &mut Option<NodeConfig> {
         &mut self.config_buffer
     }
 
-    /// Makes a node of the stored configuration in the [buffer](Session::config_buffer), as a CONFIGURE would.
+    /// Makes a node of the stored configuration in the [buffer](Session::config_buffer), as a CONFIGURE
+    /// would.
     ///
     /// # Errors
     /// As for CONFIGURE; `Malformed` where there is none. The session stays as it was.
@@ -123,7 +127,8 @@ impl<M: Model> Session<M> {
         self.node.as_ref()
     }
 
-    /// Inputs that [`Output::Actuate`] is about, state units / s, component by component; empty without a plant.
+    /// Inputs that [`Output::Actuate`] is about, state units / s, component by component; empty without a
+    /// plant.
     pub fn inputs(&self) -> &[f32] {
         self.node.as_ref().map_or(&[], Node::inputs)
     }
@@ -152,7 +157,8 @@ impl<M: Model> Session<M> {
         self.node.as_ref().map_or_else(Progress::default, Node::progress)
     }
 
-    /// Time at which [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
+    /// Time at which [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before
+    /// a frame.
     pub fn poll_at(&self) -> Option<u64> {
         let asks = self.reply.is_some() || self.storage_request.is_some() || self.refused.is_some();
         let waits = self.safe || asks;
@@ -171,17 +177,19 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Stops the node, with a safe output, where the platform cannot go on for it: its link is gone, for example.
+    /// Stops the node, with a safe output, where the platform cannot go on for it: its link is gone, for
+    /// example.
     pub fn fail(&mut self, code: FaultCode, arg: u16) {
         if let Some(node) = self.node.as_mut() {
             node.fail(code, arg);
         }
     }
 
-    /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as `Node::poll`.
+    /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as
+    /// `Node::poll`.
     ///
-    /// From the first output to that `None` time stands still, so that it comes, and the app gets back to its link and its watchdog, also
-    /// where the outputs take longer than a tick.
+    /// From the first output to that `None` time stands still, so that it comes, and the app gets back to its
+    /// link and its watchdog, also where the outputs take longer than a tick.
     pub fn poll(&mut self, now: u64) -> Option<Output> {
         let now = *self.giving.get_or_insert(now);
         let output = self.next_output(now);
@@ -222,7 +230,8 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Whether the actuator belongs in its safe position from now on; told once. It comes before any reply, which may take a while.
+    /// Whether the actuator belongs in its safe position from now on; told once. It comes before any reply,
+    /// which may take a while.
     fn take_safe(&mut self) -> bool {
         let stopped = self.node.as_mut().is_some_and(Node::take_stop);
         core::mem::take(&mut self.safe) || stopped
@@ -269,15 +278,15 @@ impl<M: Model> Session<M> {
         Ok(())
     }
 
-    /// Whether another request has to be answered first. One that comes meanwhile must not touch what that one is about: the buffer,
-    /// the configuration, the place of its answer.
+    /// Whether another request has to be answered first. One that comes meanwhile must not touch what that
+    /// one is about: the buffer, the configuration, the place of its answer.
     fn is_busy_for(&self, only_asks: bool) -> bool {
         let asked = self.storage_request.is_some() && !only_asks;
         self.reply.is_some() || self.performing.is_some() || asked
     }
 
-    /// Reads a configuration into the buffer: in place, since each copy of it is 2 KiB of stack. One that cannot be read is counted, and
-    /// answered all the same, so that no host waits for nothing.
+    /// Reads a configuration into the buffer: in place, since each copy of it is 2 KiB of stack. One that
+    /// cannot be read is counted, and answered all the same, so that no host waits for nothing.
     fn read(&mut self, bytes: &[u8]) -> Result<(), ConfigError> {
         self.config_buffer.insert(NodeConfig::empty()).read(bytes).map_err(|_| {
             self.config_buffer = None;

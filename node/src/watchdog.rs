@@ -1,15 +1,19 @@
-//! Policy for the watchdog of a node, which earns that it is fed: a function of what it has done, and of nothing else.
+//! Policy for the watchdog of a node, which earns that it is fed: a function of what it has done, and of
+//! nothing else.
 //!
-//! A node that runs by its own timer earns it by a completed tick; one that has nothing to do, by waiting for it. A tick that is due and
-//! has not run is never fed over, so that a loop that comes round without doing its work is reset.
+//! A node that runs by its own timer earns it by a completed tick; one that has nothing to do, by waiting for
+//! it. A tick that is due and has not run is never fed over, so that a loop that comes round without doing
+//! its work is reset.
 
-/// Period at which a waiting loop must come round to feed, ns. A watchdog's period has to be a few times as long.
+/// Period at which a waiting loop must come round to feed, ns. A watchdog's period has to be a few times as
+/// long.
 pub const FEED_EVERY_NS: u64 = 500_000_000;
 
 /// Progress of a node: what it has done, and what it waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Ticks that it has completed, modulo 2^32: not the tick number, which SYNC moves on over ticks that never ran.
+    /// Ticks that it has completed, modulo 2^32: not the tick number, which SYNC moves on over ticks that
+    /// never ran.
     pub completed: u32,
     /// A tick has to run now, or waits for its sample.
     pub is_due: bool,
@@ -31,7 +35,8 @@ impl Policy {
         if has_ticked {
             return true;
         }
-        // With a tick that is that far away there is time to wait; a clock that stands still comes no nearer, and is not fed.
+        // With a tick that is that far away there is time to wait; a clock that stands still comes no nearer,
+        // and is not fed.
         let waits = progress.next.is_none_or(|next| next > now.saturating_add(FEED_EVERY_NS));
         waits && !progress.is_due
     }

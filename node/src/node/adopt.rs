@@ -1,5 +1,5 @@
-//! Another configuration for a node that runs (protocol/README.md, "Commit"). What the law remembers stays, so that it goes on without a
-//! jump; the funnel is a function of the tick number and needs nothing.
+//! Another configuration for a node that runs (protocol/README.md, "Commit"). What the law remembers stays,
+//! so that it goes on without a jump; the funnel is a function of the tick number and needs nothing.
 
 use super::Node;
 use super::step::Step;
@@ -52,11 +52,13 @@ impl<F, V, G> Params<F, V, G> {
 }
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// Lets the node ask by [`Node::take_commit`] for other parameters once tick `at` comes next: its own next one, or one of the
-    /// [`COMMIT_AHEAD`] after it. A later call replaces an earlier one. `lasting` is of the configuration that they will be made of.
+    /// Lets the node ask by [`Node::take_commit`] for other parameters once tick `at` comes next: its own
+    /// next one, or one of the [`COMMIT_AHEAD`] after it. A later call replaces an earlier one. `lasting` is
+    /// of the configuration that they will be made of.
     ///
     /// # Errors
-    /// Counted, and nothing has changed: `Phase` unless it runs and knows its tick, `Value` where `lasting` is not its own, `TickWindow`.
+    /// Counted, and nothing has changed: `Phase` unless it runs and knows its tick, `Value` where `lasting`
+    /// is not its own, `TickWindow`.
     pub fn commit_at(&mut self, at: TickStamp, lasting: Lasting) -> Result<(), Refusal> {
         let tick = self.may_commit(at, lasting).inspect_err(|&reason| self.counters.refuse(reason))?;
         self.clock.commit = Some(tick);
@@ -78,13 +80,14 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         at.rebuild(next, 0, COMMIT_AHEAD).ok_or(Refusal::TickWindow)
     }
 
-    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`]. Kept: phase, tick, schedule,
-    /// state, what the law remembers, counters, and what was heard of neighbours that stay. The initial state of `params` means nothing
-    /// here. Once in a run: after a second time a law or a policy could go on from what it remembered before the first.
+    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`].
+    /// Kept: phase, tick, schedule, state, what the law remembers, counters, and what was heard of neighbours
+    /// that stay. The initial state of `params` means nothing here. Once in a run: after a second time a law
+    /// or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
-    /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant are not those of the node; it
-    /// goes on as it was. `Phase`, too, where it does not run.
+    /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant
+    /// are not those of the node; it goes on as it was. `Phase`, too, where it does not run.
     pub fn adopt(&mut self, params: Params<F, V, G>, edges: &[EdgeConfig]) -> Result<(), Refusal> {
         self.keep_on();
         self.may_adopt(&params).inspect_err(|&reason| self.counters.refuse(reason))?;
@@ -114,7 +117,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Has the new law go on from the last input, whatever the old one was. A tracker starts from the slope of its linear gain, as at a start.
+    /// Has the new law go on from the last input, whatever the old one was. A tracker starts from the slope
+    /// of its linear gain, as at a start.
     fn change_coupling(&mut self, params: &Params<F, V, G>) {
         let k = params.law.gain.apply(F::ONE);
         let has_input = self.counters.ticks != 0;
@@ -130,9 +134,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Whether the tick of [`Node::commit_at`] comes next: it waits then for [`Node::adopt`] or [`Node::keep_on`]. Told once. To be
-    /// asked when [`Node::poll`] has given `None`: what the tick before had to say is said then, and the time that an answer takes is
-    /// that of the rest of its period.
+    /// Whether the tick of [`Node::commit_at`] comes next: it waits then for [`Node::adopt`] or
+    /// [`Node::keep_on`]. Told once. To be asked when [`Node::poll`] has given `None`: what the tick before
+    /// had to say is said then, and the time that an answer takes is that of the rest of its period.
     #[inline]
     pub fn take_commit(&mut self) -> bool {
         let due = self.step == Step::Idle && self.clock.commit_is_due();

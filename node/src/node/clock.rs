@@ -133,8 +133,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Counts a tick due at `due` (ns) that comes when the next one is due already, and moves on over those that can be run no more.
-    /// Whether one is due then: not where that leads over the tick of a commit, which comes first.
+    /// Counts a tick due at `due` (ns) that comes when the next one is due already, and moves on over those
+    /// that can be run no more. Whether one is due then: not where that leads over the tick of a commit,
+    /// which comes first.
     #[cold]
     fn came_late(&mut self, now: u64, due: u64) -> bool {
         count(&mut self.counters.overruns);
@@ -150,9 +151,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         is_due
     }
 
-    /// Ticks, from the one due at `due` (ns) on, that are not run any more at `now` (ns): those whose time is over. A plant cannot be
-    /// measured in the past. A virtual node makes up for the last few: for all of a long sleep it would be away from its link and its
-    /// watchdog, and meanwhile too far behind its neighbours to hear them.
+    /// Ticks, from the one due at `due` (ns) on, that are not run any more at `now` (ns): those whose time is
+    /// over. A plant cannot be measured in the past. A virtual node makes up for the last few: for all of a
+    /// long sleep it would be away from its link and its watchdog, and meanwhile too far behind its
+    /// neighbours to hear them.
     fn beyond_making_up(&self, now: u64, due: u64) -> u32 {
         let late_by = now.saturating_sub(due);
         let over =
@@ -168,8 +170,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.counters.skipped = self.counters.skipped.saturating_add(ticks);
     }
 
-    /// Takes a SYNC, each of which marks one tick in sync mode: the one after `previous`. A repeated SYNC is a duplicate; a later one
-    /// means that ticks were missed: the node follows the master's count and says how many.
+    /// Takes a SYNC, each of which marks one tick in sync mode: the one after `previous`. A repeated SYNC is
+    /// a duplicate; a later one means that ticks were missed: the node follows the master's count and says
+    /// how many.
     pub(super) fn on_sync(&mut self, previous: TickStamp, now: u64) -> Result<(), Refusal> {
         if self.params.tick_source != TickSource::Sync {
             return Ok(());
@@ -177,7 +180,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if self.phase != Phase::Running {
             return Err(Refusal::Phase);
         }
-        // A tick that has not been run yet is overtaken; one that waits for its sample gives that to the new one.
+        // A tick that has not been run yet is overtaken; one that waits for its sample gives that to the new
+        // one.
         let waits = self.tick_waits_for_sample();
         let overtakes = waits || self.clock.schedule == Schedule::Now;
         let due = self.clock.tick.wrapping_add(u32::from(overtakes));

@@ -27,7 +27,8 @@ impl<F: Real> FunnelRecord<F> {
 }
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4), and what a breach has added to it.
+    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4), and what a
+    /// breach has added to it.
     pub(super) fn widths(&mut self, k: u32, floor: F) -> Widths<F> {
         let psi = self.floored_widths(k, floor);
         let OnBreach::Reopen { decay, partial_decay, .. } = self.params.on_breach else { return psi };
@@ -50,7 +51,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         psi.floored(floor)
     }
 
-    /// The funnel after a breach under the policy `reopen`: as much wider as the margin asks for (LAW.md 5). Otherwise the same one.
+    /// The funnel after a breach under the policy `reopen`: as much wider as the margin asks for (LAW.md 5).
+    /// Otherwise the same one.
     pub(super) fn reopen(&mut self, k: u32, ratio: F, psi: Widths<F>) -> Widths<F> {
         let OnBreach::Reopen { margin, decay, partial_decay } = self.params.on_breach else { return psi };
         let added = psi.now * (ratio * margin - F::ONE);

@@ -14,9 +14,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Takes a message that arrived at `now` (ns).
     ///
     /// # Errors
-    /// The reason for refusing it, counted; a refused message changes nothing else. A state that carries the node's own
-    /// id is refused and stops the node: two nodes with one id would each falsify the other's edges.
-    // Inlined because a decoded message never goes through memory then: 136 of 1,508 instructions per node-tick (`./ci.sh cost`).
+    /// The reason for refusing it, counted; a refused message changes nothing else. A state that carries the
+    /// node's own id is refused and stops the node: two nodes with one id would each falsify the other's
+    /// edges.
+    // Inlined because a decoded message never goes through memory then: 136 of 1,508 instructions per
+    // node-tick (`./ci.sh cost`).
     #[inline(always)]
     pub fn on_message(&mut self, message: &Message, now: u64) -> Result<(), Refusal> {
         let outcome = match *message {
@@ -71,13 +73,14 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Ok(())
     }
 
-    /// Takes a FAULT. It goes from line to line, so one with the node's own id may be its own, come back: no sign of a twin, which sends
-    /// states, too.
+    /// Takes a FAULT. It goes from line to line, so one with the node's own id may be its own, come back: no
+    /// sign of a twin, which sends states, too.
     fn on_fault(&mut self, source: NodeId) -> Result<(), Refusal> {
         if source == self.params.id { Err(Refusal::OwnId) } else { Ok(()) }
     }
 
-    /// Compares an announced weight with the node's own (paper, Assumption 1). The law goes on; people must act.
+    /// Compares an announced weight with the node's own (paper, Assumption 1). The law goes on; people must
+    /// act.
     fn on_edge(&mut self, source: NodeId, neighbour: NodeId, weight: f32) -> Result<(), Refusal> {
         // As for a FAULT: a host that hands it on to everybody hands it back.
         if source == self.params.id {

@@ -51,7 +51,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Message::Fault { source: self.params.id, code, severity, arg, tick }
     }
 
-    /// Stops, says so once on the link, and stays silent until it is configured anew. `arg` is the detail of the FAULT.
+    /// Stops, says so once on the link, and stays silent until it is configured anew. `arg` is the detail of
+    /// the FAULT.
     pub fn fail(&mut self, code: FaultCode, arg: u16) {
         if matches!(self.phase, Phase::Faulted(_)) {
             return;

@@ -12,7 +12,8 @@ use heapless::Deque;
 /// Events that wait for the app at most; more are dropped, oldest first kept.
 const EVENT_CAPACITY: usize = 8;
 
-/// Messages and events that wait. Latest value wins: states that were not fetched before the next tick are replaced.
+/// Messages and events that wait. Latest value wins: states that were not fetched before the next tick are
+/// replaced.
 #[derive(Clone, Debug)]
 pub(super) struct Outbox {
     events: Deque<Event, EVENT_CAPACITY>,
@@ -53,8 +54,8 @@ impl Outbox {
         self.announce = self.edges_left != 0;
     }
 
-    /// Empties it of what a node that has stopped does not send. A warning that waits is still true: why the node was restarted, for
-    /// example.
+    /// Empties it of what a node that has stopped does not send. A warning that waits is still true: why the
+    /// node was restarted, for example.
     pub fn halt(&mut self) {
         (self.states, self.edges_left, self.announce) = (0, 0, false);
     }

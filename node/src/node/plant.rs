@@ -10,13 +10,15 @@ use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::report::count;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// Inputs that the actuator was told last, state units / s, component by component; empty on a virtual node.
+    /// Inputs that the actuator was told last, state units / s, component by component; empty on a virtual
+    /// node.
     pub fn inputs(&self) -> &[F] {
         self.plant.as_ref().map_or(&[], Plant::inputs)
     }
 
-    /// Answers [`Action::Sample`] with the state of the plant, state units, component by component. A state that is not finite, beyond
-    /// the state limit or of another number of components is a sample that failed. Not asked for, it is ignored.
+    /// Answers [`Action::Sample`](super::Action::Sample) with the state of the plant, state units, component
+    /// by component. A state that is not finite, beyond the state limit or of another number of components is
+    /// a sample that failed. Not asked for, it is ignored.
     pub fn measured(&mut self, x: &[f32]) {
         let limit = self.params.state_limit;
         // Written so that NaN is outside.
@@ -32,7 +34,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.resume(purpose);
     }
 
-    /// Answers [`Action::Sample`] where the sensor has failed: the node goes on with its prediction, for so many ticks.
+    /// Answers [`Action::Sample`](super::Action::Sample) where the sensor has failed: the node goes on with
+    /// its prediction, for so many ticks.
     pub fn sample_failed(&mut self) {
         let (Some(plant), Step::Await(purpose)) = (&mut self.plant, self.step) else { return };
         count(&mut self.counters.coasted);
@@ -65,8 +68,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Limits the inputs to what the actuator can do. The law goes on from these and not from what it had asked for: otherwise `b u[k-1]` in (*)
-    /// would wind up (LAW.md 6).
+    /// Limits the inputs to what the actuator can do. The law goes on from these and not from what it had
+    /// asked for: otherwise `b u[k-1]` in (*) would wind up (LAW.md 6).
     pub(super) fn saturate(&mut self) {
         let Some(plant) = &mut self.plant else { return };
         let mut saturated = false;

@@ -1,5 +1,6 @@
-//! One tick `k` of a node: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is advanced to `k + 1` and sent at
-//! once, so that it has a whole period to reach the neighbours (docs/notes/2026-11-23-first-light.md).
+//! One tick `k` of a node: the states `x_j(k)` have been heard; `nu`, funnel and input follow; the state is
+//! advanced to `k + 1` and sent at once, so that it has a whole period to reach the neighbours
+//! (docs/notes/2026-11-23-first-light.md).
 
 use super::Node;
 use super::part::{Part, vector_step};
@@ -30,7 +31,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
         let ratio = nu / psi.now;
         let breach = self.judge(k, ratio);
-        // What is seen is the funnel that was left, and what the law uses the one that a breach has made of it.
+        // What is seen is the funnel that was left, and what the law uses the one that a breach has made of
+        // it.
         let left = psi.now;
         if let Some(lost) = self.too_many_lost() {
             return self.stop_at(k, left, FaultCode::NEIGHBOURS_LOST, lost);
@@ -76,8 +78,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.fail(code, arg);
     }
 
-    /// Measures the diffusive terms of all components at tick `k`; gives the largest `|x|` among the neighbours and the node itself, the largest
-    /// `|u|` of the last tick, and the largest `|nu|`.
+    /// Measures the diffusive terms of all components at tick `k`; gives the largest `|x|` among the
+    /// neighbours and the node itself, the largest `|u|` of the last tick, and the largest `|nu|`.
     fn listen(&mut self, k: u32) -> (F, F, F) {
         let (mut largest, mut input, mut nu) = (F::ZERO, F::ZERO, F::ZERO);
         for component in 0..self.parts.len() {
@@ -94,7 +96,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         (largest, input, nu)
     }
 
-    /// Finds the input of every component for edge-wise coupling, and as its diffusive term that of the edge where it is largest.
+    /// Finds the input of every component for edge-wise coupling, and as its diffusive term that of the edge
+    /// where it is largest.
     fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>) {
         let psi = EdgeFunnel { widths: self.params.funnel.widths(k), floor: law.floor };
         for (component, part) in self.parts.iter_mut().enumerate() {

@@ -1,4 +1,5 @@
-//! Requests of a session to the storage of its board: what is kept for the next start, what is staged, and what a commit makes of it.
+//! Requests of a session to the storage of its board: what is kept for the next start, what is staged, and
+//! what a commit makes of it.
 
 use super::Session;
 use crate::model::Model;
@@ -10,7 +11,8 @@ use funnelnet_protocol::message::{FaultCode, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::service::{Key, Reply, StageError, StoreError};
 
-/// Task of the app with its storage. The buffer is the session's, so that no app needs one for a whole configuration.
+/// Task of the app with its storage. The buffer is the session's, so that no app needs one for a whole
+/// configuration.
 #[derive(Debug, PartialEq)]
 pub enum Task<'a> {
     /// Keep this configuration for the next start. The key stays.
@@ -43,7 +45,8 @@ pub(super) struct Staged {
 }
 
 impl<M: Model> Session<M> {
-    /// Task that [`Output::StorageRequest`](super::Output::StorageRequest) is about; `None` where nothing was asked for.
+    /// Task that [`Output::StorageRequest`](super::Output::StorageRequest) is about; `None` where nothing was
+    /// asked for.
     pub fn task(&mut self) -> Option<Task<'_>> {
         Some(match self.performing? {
             StorageRequest::Store => Task::Store(self.config.as_ref()?),
@@ -89,8 +92,8 @@ impl<M: Model> Session<M> {
         Ok(staged.checksum)
     }
 
-    /// Has a node that runs go on with what was committed, at the tick that the commit has named; any other one is ready with it. Where the
-    /// storage has failed it goes on as it was, and says so.
+    /// Has a node that runs go on with what was committed, at the tick that the commit has named; any other
+    /// one is ready with it. Where the storage has failed it goes on as it was, and says so.
     fn note_committed(&mut self, stored: bool) {
         let expected = self.staged.take().map(|staged| staged.checksum);
         let sound = stored && expected == self.config_buffer.as_ref().map(NodeConfig::checksum);
@@ -129,7 +132,8 @@ impl<M: Model> Session<M> {
         due
     }
 
-    /// Takes a commit: a node that runs becomes what is staged later, any other one now. A blank node has no id to be meant by.
+    /// Takes a commit: a node that runs becomes what is staged later, any other one now. A blank node has no
+    /// id to be meant by.
     pub(super) fn on_commit(&mut self, target: Target, at_tick: u16) {
         let meant = self.node.as_ref().map_or(target == Target::All, |node| target.includes(node.id()));
         let running = self.is_running();

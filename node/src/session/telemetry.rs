@@ -9,7 +9,8 @@ use funnelnet_protocol::report::Telemetry;
 pub(super) struct Teller {
     /// Every so many ticks; 0 is never.
     every: u32,
-    /// Tick after the last one that telemetry was considered for, and how many components of it have been told.
+    /// Tick after the last one that telemetry was considered for, and how many components of it have been
+    /// told.
     told: (u32, u8),
 }
 
@@ -34,7 +35,8 @@ impl Teller {
         let (tick, told) = self.told;
         let component = if tick == node.tick() { told } else { 0 };
         let seen = node.observations().get(usize::from(component))?;
-        // Nothing has been seen before the first tick, nor where SYNC has moved the node on and its next tick waits.
+        // Nothing has been seen before the first tick, nor where SYNC has moved the node on and its next tick
+        // waits.
         let ran = node.tick() != 0 && seen.tick.wrapping_add(1) == node.tick();
         let wanted = self.every != 0 && ran;
         if !wanted || !seen.tick.is_multiple_of(self.every) {

@@ -32,7 +32,8 @@ impl Cut {
     }
 }
 
-/// Runs `network` through all ticks of `scenario`; `each` sees it after every tick. However it fails once there is a record, that is kept.
+/// Runs `network` through all ticks of `scenario`; `each` sees it after every tick. However it fails once
+/// there is a record, that is kept.
 ///
 /// # Errors
 /// What went wrong before there was a record, the user's interrupt among it, and what `each` says.

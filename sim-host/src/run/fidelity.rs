@@ -91,7 +91,8 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
 }
 
-/// Runs a network tick by tick; `each` sees the hub after every tick. However nodes fail once there is a tick, what was recorded is kept.
+/// Runs a network tick by tick; `each` sees the hub after every tick. However nodes fail once there is a
+/// tick, what was recorded is kept.
 pub(super) fn lockstep(
     what: &'static str,
     scenario: &Scenario,
@@ -104,8 +105,8 @@ pub(super) fn lockstep(
     Ok(with_words_of(hub, closed, outcome))
 }
 
-/// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error after so many ticks, or as the
-/// nodes were asked for their reports.
+/// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error
+/// after so many ticks, or as the nodes were asked for their reports.
 fn close(scenario: &Scenario, hub: &mut Hub, cut: Option<Cut>) -> (Vec<Option<Report>>, Option<EarlyEnd>) {
     let Cut { after, error } = match cut {
         Some(cut) => cut,
