@@ -52,7 +52,7 @@ impl Board {
                 Output::Send(message) => said.extend_from_slice(&serial::encode(&message)),
                 Output::Reply(reply) => said.extend(service(&reply, self.session.id())),
                 // A board without storage.
-                Output::Keep => self.session.performed(Err(StoreError::Absent)),
+                Output::StorageRequest => self.session.performed(Err(StoreError::Absent)),
                 Output::Report(_) => {}
                 Output::Safe | Output::Sample | Output::Actuate => {}
             }

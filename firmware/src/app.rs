@@ -3,7 +3,7 @@
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
 use funnelnet_link::Change;
-use funnelnet_node::feeding::FEED_EVERY_NS;
+use funnelnet_node::watchdog::FEED_EVERY_NS;
 use funnelnet_node::{Model, Output, Session};
 use funnelnet_plant::Plant;
 use funnelnet_protocol::WIRE_VERSION;
@@ -66,8 +66,8 @@ pub async fn run<P: Plant>(
 /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
 async fn restore<M: Model>(session: &mut Session<M>, storage: &mut impl Storage) {
     session.note_key(storage.has_key().await);
-    storage.load(session.room()).await;
-    if session.room().is_none() {
+    storage.load(session.config_buffer()).await;
+    if session.config_buffer().is_none() {
         return;
     }
     match session.restore() {
@@ -121,7 +121,7 @@ async fn drain<L: Link, S: Storage, P: Plant>(
             Output::Send(message) => link.send(&message).await,
             Output::Reply(reply) => link.reply(&reply, session.id()).await,
             Output::Report(event) => defmt::info!("{}", event),
-            Output::Keep => keep(session, storage).await,
+            Output::StorageRequest => keep(session, storage).await,
             Output::Sample => sample(session, plant),
             Output::Actuate => actuate(session, plant),
             Output::Safe => make_safe(plant),

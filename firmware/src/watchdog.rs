@@ -1,7 +1,7 @@
-//! The watchdog of a board. When it is fed is decided by `funnelnet_node::Feeding`.
+//! The watchdog of a board. When it is fed is decided by `funnelnet_node::watchdog::Policy`.
 
 use embassy_time::Duration;
-use funnelnet_node::feeding::{Feeding, Progress};
+use funnelnet_node::watchdog::{Policy, Progress};
 
 /// A node whose loop does not come round for so long is reset.
 pub const PERIOD: Duration = Duration::from_secs(2);
@@ -25,19 +25,19 @@ impl Watchdog for Absent {
 /// A watchdog that is fed when the node has earned it.
 pub struct Guard<W> {
     watchdog: W,
-    feeding: Feeding,
+    policy: Policy,
 }
 
 impl<W: Watchdog> Guard<W> {
     /// Starts the watchdog.
     pub fn start(mut watchdog: W) -> Self {
         watchdog.start();
-        Self { watchdog, feeding: Feeding::default() }
+        Self { watchdog, policy: Policy::default() }
     }
 
     /// Looks at what the node has done until `now` (ns).
     pub fn look(&mut self, progress: Progress, now: u64) {
-        if self.feeding.may_feed(progress, now) {
+        if self.policy.may_feed(progress, now) {
             self.watchdog.feed();
         }
     }

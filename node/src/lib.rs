@@ -2,7 +2,6 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-pub mod feeding;
 pub mod model;
 pub mod neighbour;
 pub mod node;
@@ -10,6 +9,7 @@ pub mod observe;
 pub mod params;
 pub mod plant;
 pub mod session;
+pub mod watchdog;
 
 pub use funnelnet_law as law;
 pub use funnelnet_protocol as protocol;

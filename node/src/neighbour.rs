@@ -1,4 +1,4 @@
-//! What a node knows of its neighbours: value, increment, age, of every component of their states by itself, since each comes, is
+//! Table of neighbours, as a node knows them: value, increment, age, of every component of their states by itself, since each comes, is
 //! lost and expires by itself.
 //!
 //! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of ticks, and then
@@ -14,9 +14,9 @@ use funnelnet_protocol::message::{Component, NodeId};
 use funnelnet_protocol::{Refusal, TickStamp};
 use heapless::Vec;
 
-/// How far back a received tick may lie.
+/// Ticks that a received one may lie back.
 pub const WINDOW_BACK: u32 = 8;
-/// How far ahead a received tick may lie.
+/// Ticks that a received one may lie ahead.
 pub const WINDOW_AHEAD: u32 = 2;
 
 /// One component of one edge, as one end sees it.
@@ -38,7 +38,7 @@ struct Edge<F> {
     last: Option<F>,
 }
 
-/// What a node knows of a neighbour.
+/// Presence of a neighbour, as a node knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
     /// Not heard yet, and not waited for too long.
@@ -49,7 +49,7 @@ pub enum Presence {
     Lost,
 }
 
-/// What a component of an edge has heard.
+/// Hearing of a component of an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Hearing {
     /// Nothing: there was no tick yet.
@@ -78,7 +78,7 @@ impl<F: Real> Edge<F> {
         self.hearing == Hearing::Known
     }
 
-    /// At tick `k`, where there is no value, or one that is too old: whether the edge is given up now. Time counts from the first tick, since
+    /// Whether the edge is given up at tick `k`, where there is no value, or one that is too old. Time counts from the first tick, since
     /// a node may join a network that runs, and get a neighbour while it does.
     #[cold]
     fn gives_up(&mut self, k: u32, extrapolate_ticks: i32) -> bool {
@@ -113,7 +113,7 @@ impl<F: Real> Edge<F> {
     }
 }
 
-/// What edge-wise coupling makes of one component at one tick.
+/// Outcome of edge-wise coupling for one component at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EdgeInputs<F> {
     /// The diffusive term of the edge where it is largest, state units.
@@ -122,7 +122,7 @@ pub struct EdgeInputs<F> {
     pub u: F,
 }
 
-/// The funnel of every edge at one tick. Each is floored by the states at its two ends, by its own input and stiffness, and by nothing
+/// Funnel of every edge at one tick. Each is floored by the states at its two ends, by its own input and stiffness, and by nothing
 /// else: both ends know these, and their inputs have to cancel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFunnel<F> {
@@ -140,7 +140,7 @@ impl<F: Real> EdgeFunnel<F> {
     }
 }
 
-/// What enters the sums of the node itself.
+/// Part of the node itself in the sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Own<F> {
     /// State as it was sent, state units. The node knows it better than an f32 does, but must not use that here: neighbours do not,
@@ -167,7 +167,7 @@ pub struct Sums<F> {
     pub lost_count: u32,
 }
 
-/// What a received state was.
+/// Kind of a received state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Heard {
     /// A newer value of a known neighbour.
@@ -190,7 +190,7 @@ pub struct Neighbours<F> {
 const NONE: u8 = u8::MAX;
 
 impl<F: Real> Neighbours<F> {
-    /// No neighbours yet. States have `components` (1 to 8).
+    /// Table without neighbours yet. States have `components` (1 to 8).
     pub fn new(components: u8) -> Self {
         Self { edges: Vec::new(), slot: [NONE; 128], components, extrapolate_ticks: 0 }
     }
@@ -217,7 +217,7 @@ impl<F: Real> Neighbours<F> {
         }
     }
 
-    /// Where the first component of each edge belongs, by node id.
+    /// Places of the first component of each edge, by node id.
     fn slots(&self, edges: &[EdgeConfig]) -> [u8; 128] {
         let mut slots = [NONE; 128];
         for (edge, first) in edges.iter().zip((0..NONE).step_by(usize::from(self.components.max(1)))) {
@@ -269,7 +269,7 @@ impl<F: Real> Neighbours<F> {
         self.edges.iter().filter(lost).count()
     }
 
-    /// What is known of neighbour `id`, by the first component of its state; `None` for a stranger.
+    /// Presence of neighbour `id`, by the first component of its state; `None` for a stranger.
     pub fn presence(&self, id: NodeId) -> Option<Presence> {
         self.of(id).first().map(Edge::presence)
     }
@@ -373,8 +373,8 @@ impl<F: Real> Neighbours<F> {
         sums
     }
 
-    /// The actuator has done only `share` (0 to 1) of the inputs that the edges have asked for in one component. Each edge goes on from
-    /// its part of that.
+    /// Takes note that the actuator has done only `share` (0 to 1) of the inputs that the edges have asked for in one component. Each
+    /// edge goes on from its part of that.
     pub fn feed_back(&mut self, component: u8, share: F) {
         for edge in self.edges.iter_mut().filter(|edge| edge.component == component) {
             edge.last = edge.last.map(|u| u * share);

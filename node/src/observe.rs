@@ -1,4 +1,4 @@
-//! What a node lets others see: its phase, its events, the last tick.
+//! Things that a node lets others see: its phase, its events, the last tick.
 
 use core::fmt;
 use funnelnet_protocol::message::{FaultCode, NodeId};
@@ -84,7 +84,7 @@ pub enum Event {
     Fault(FaultCode),
 }
 
-/// What an event says, for `core::write` and `defmt::write` alike: host and node log the same words.
+/// Writes an event by `core::write` and `defmt::write` alike: host and node log the same words.
 macro_rules! say {
     ($($write:ident)::+, $f:expr, $event:expr) => {
         match *$event {
@@ -134,7 +134,7 @@ impl defmt::Format for Event {
     }
 }
 
-/// What the law did at the last tick to one component of the state.
+/// Doings of the law at the last tick, in one component of the state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observation<F> {
     /// Tick number `k`.

@@ -9,14 +9,14 @@ use heapless::Vec;
 
 use funnelnet_protocol::config::MAX_COMPONENTS;
 
-/// What an actuator can do to one component of the state, in the units of its input: state units / s.
+/// Range of an actuator for one component of the state, in the units of its input: state units / s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InputRange {
     low: f32,
     high: f32,
 }
 
-/// Why there is no such range.
+/// Reason why there is no such range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadRange {
     /// Lower limit that was asked for, state units / s.
@@ -32,7 +32,7 @@ impl fmt::Display for BadRange {
 }
 
 impl InputRange {
-    /// From `low` to `high` (state units / s). No input at all must be possible: that is what the law gives where all agree.
+    /// The range from `low` to `high` (state units / s). No input at all must be possible: that is what the law gives where all agree.
     ///
     /// # Errors
     /// The limits, unless they are finite with `low <= 0 <= high` and `low < high`.
@@ -66,7 +66,7 @@ impl InputRange {
     }
 }
 
-/// What a node has to know of its plant.
+/// Setup of a plant, as its node has to know it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSetup {
     /// One per component of the state.
@@ -80,32 +80,6 @@ impl PlantSetup {
     pub fn new(inputs: impl IntoIterator<Item = InputRange>, coast_ticks: u32) -> Self {
         Self { inputs: collect(inputs), coast_ticks }
     }
-}
-
-/// What a sample is for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Purpose {
-    /// The announcement of the initial state.
-    Announce,
-    /// A tick, which waits for it.
-    Tick,
-}
-
-/// What the app has to do for the node before the next tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Step {
-    /// Nothing.
-    Idle,
-    /// It is to be asked for a sample.
-    Ask(Purpose),
-    /// It has been asked for one.
-    Await(Purpose),
-    /// It is to be told that there are inputs.
-    Tell,
-    /// It is to be told that the node has stopped.
-    Stop,
-    /// It has been asked for another configuration.
-    Commit,
 }
 
 /// The plant of a node.
@@ -134,7 +108,7 @@ impl<F: Real> Plant<F> {
         (self.missed > self.setup.coast_ticks).then_some(self.missed)
     }
 
-    /// What the actuator makes of the input `u` of `component` (both state units / s).
+    /// Applies the input `u` to `component` as the actuator can (both state units / s).
     pub fn apply(&mut self, component: usize, u: F) -> F {
         let u = self.setup.inputs.get(component).map_or(F::ZERO, |range| range.clamp(u));
         if let Some(slot) = self.inputs.get_mut(component) {

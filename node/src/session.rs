@@ -2,25 +2,27 @@
 //!
 //! Firmware wraps a link around it; tests drive it in memory.
 
-mod keep;
+mod storage_request;
+mod telemetry;
 
-pub use keep::Task;
+pub use storage_request::Task;
 
-use crate::feeding::Progress;
 use crate::model::{Configured, Model};
 use crate::node::{Action, Node};
 use crate::observe::{Event, Phase};
 use crate::params::Params;
+use crate::watchdog::Progress;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
 use funnelnet_protocol::message::{Command, FaultCode, Message};
 use funnelnet_protocol::refusal::Refusal;
-use funnelnet_protocol::report::{Counters, Report, Telemetry};
+use funnelnet_protocol::report::{Counters, Report};
 use funnelnet_protocol::serial::{Frame, HOST};
 use funnelnet_protocol::service::{Identity, Reply, Request, ResetCause, StageError, StoreError};
-use keep::{Keep, Staged};
+use storage_request::{Staged, StorageRequest};
+use telemetry::Teller;
 
-/// What the firmware shall do next.
+/// Next thing that the firmware shall do.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Output {
     /// Put this frame of the real-time plane on the link.
@@ -29,14 +31,16 @@ pub enum Output {
     Reply(Reply),
     /// Log this event.
     Report(Event),
-    /// Put the actuator in its safe position: the program has started, or the node has stopped, whatever the reason.
+    /// Put the actuator in its safe position: the program has started, or the node has stopped, whatever the
+    /// reason.
     Safe,
-    /// Measure the plant, and answer by [`Session::measured`] or [`Session::sample_failed`]: a tick waits for it.
+    /// Measure the plant, and answer by [`Session::measured`] or [`Session::sample_failed`]: a tick waits for
+    /// it.
     Sample,
     /// Drive the actuator with [`Session::inputs`].
     Actuate,
     /// Do [`Session::task`] with the storage, and say how that went by [`Session::performed`].
-    Keep,
+    StorageRequest,
 }
 
 /// A node that may still be blank.
@@ -45,24 +49,23 @@ pub struct Session<M: Model = Configured> {
     identity: Identity,
     model: M,
     node: Option<Node<f32, M::Field>>,
-    /// What the node was made of.
+    /// The configuration that the node was made of.
     config: Option<NodeConfig>,
-    /// For a configuration on its way to the storage or from there.
-    room: Option<NodeConfig>,
+    /// Buffer for a configuration on its way to the storage or from there.
+    config_buffer: Option<NodeConfig>,
     staged: Option<Staged>,
     /// Counters of a blank node.
     counters: Counters,
-    telemetry_every: u32,
-    /// Tick after the last one that telemetry was considered for, and how many components of it have been told.
-    reported: (u32, u8),
+    teller: Teller,
     reply: Option<Reply>,
-    keep: Option<Keep>,
-    /// What the app has been asked to do with its storage.
-    performing: Option<Keep>,
+    /// Request that the app is to be given.
+    storage_request: Option<StorageRequest>,
+    /// Request that the app has been given, and has not answered yet.
+    performing: Option<StorageRequest>,
     /// The kind of a request that came before the one before it was answered, until that is said.
     refused: Option<u8>,
     /// Argument of the FAULT that says why the node was gone, until it has an id to say it with.
-    confession: Option<u16>,
+    restart_fault: Option<u16>,
     /// The app is to be told that the actuator belongs in its safe position.
     safe: bool,
     /// Time of the outputs that are being given, ns, from the first one to the `None` that ends them.
@@ -85,27 +88,28 @@ impl<M: Model> Session<M> {
             model,
             node: None,
             config: None,
-            room: None,
+            config_buffer: None,
             staged: None,
             counters,
-            telemetry_every: 0,
-            reported: (0, 0),
+            teller: Teller::default(),
             reply: None,
-            keep: None,
+            storage_request: None,
             performing: None,
             refused: None,
-            confession: confession(identity.reset),
+            restart_fault: restart_fault(identity.reset),
             safe: true,
             giving: None,
         }
     }
 
-    /// Where a stored configuration is read to before [`Session::restore`]: in place, since each copy of one is 2 KiB of stack.
-    pub fn room(&mut self) -> &mut Option<NodeConfig> {
-        &mut self.room
+    /// Buffer that a stored configuration is read to before [`Session::restore`]: in place, since each copy
+    /// of one is 2 KiB of stack.
+    pub fn config_buffer(&mut self) -> &mut Option<NodeConfig> {
+        &mut self.config_buffer
     }
 
-    /// Makes a node of the stored configuration in the [room](Session::room), as a CONFIGURE would.
+    /// Makes a node of the stored configuration in the [buffer](Session::config_buffer), as a CONFIGURE
+    /// would.
     ///
     /// # Errors
     /// As for CONFIGURE; `Malformed` where there is none. The session stays as it was.
@@ -123,7 +127,8 @@ impl<M: Model> Session<M> {
         self.node.as_ref()
     }
 
-    /// What [`Output::Actuate`] is about, state units / s, component by component; empty without a plant.
+    /// Inputs that [`Output::Actuate`] is about, state units / s, component by component; empty without a
+    /// plant.
     pub fn inputs(&self) -> &[f32] {
         self.node.as_ref().map_or(&[], Node::inputs)
     }
@@ -147,14 +152,16 @@ impl<M: Model> Session<M> {
         self.node.as_ref().map_or(HOST, |node| node.id().get())
     }
 
-    /// What its node has done and waits for, for the watchdog; a blank one waits.
+    /// Ticks that its node has completed and waits for, for the watchdog; a blank one waits.
     pub fn progress(&self) -> Progress {
         self.node.as_ref().map_or_else(Progress::default, Node::progress)
     }
 
-    /// When [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before a frame.
+    /// Time at which [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before
+    /// a frame.
     pub fn poll_at(&self) -> Option<u64> {
-        let waits = self.safe || self.reply.is_some() || self.keep.is_some() || self.refused.is_some();
+        let asks = self.reply.is_some() || self.storage_request.is_some() || self.refused.is_some();
+        let waits = self.safe || asks;
         if waits { Some(0) } else { self.node.as_ref()?.poll_at() }
     }
 
@@ -170,17 +177,19 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// The platform cannot go on for the node: its link is gone, for example. The node stops, with a safe output.
+    /// Stops the node, with a safe output, where the platform cannot go on for it: its link is gone, for
+    /// example.
     pub fn fail(&mut self, code: FaultCode, arg: u16) {
         if let Some(node) = self.node.as_mut() {
             node.fail(code, arg);
         }
     }
 
-    /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as `Node::poll`.
+    /// Does what is due at `now` (ns) and gives the next output; call it until it gives `None`. Bounded as
+    /// `Node::poll`.
     ///
-    /// From the first output to that `None` time stands still, so that it comes, and the app gets back to its link and its watchdog, also
-    /// where the outputs take longer than a tick.
+    /// From the first output to that `None` time stands still, so that it comes, and the app gets back to its
+    /// link and its watchdog, also where the outputs take longer than a tick.
     pub fn poll(&mut self, now: u64) -> Option<Output> {
         let now = *self.giving.get_or_insert(now);
         let output = self.next_output(now);
@@ -197,9 +206,9 @@ impl<M: Model> Session<M> {
         if let Some(reply) = self.reply.take() {
             return Some(Output::Reply(reply));
         }
-        if self.keep.is_some() {
-            self.performing = self.keep.take();
-            return Some(Output::Keep);
+        if self.storage_request.is_some() {
+            self.performing = self.storage_request.take();
+            return Some(Output::StorageRequest);
         }
         // After the answer to the one before, since a host takes answers in order.
         if self.performing.is_none()
@@ -214,14 +223,15 @@ impl<M: Model> Session<M> {
             Some(Action::Safe) => Some(Output::Safe),
             Some(Action::Sample) => Some(Output::Sample),
             Some(Action::Actuate) => Some(Output::Actuate),
-            None => match self.telemetry() {
+            None => match self.teller.next(node) {
                 Some(telemetry) => Some(Output::Reply(Reply::Telemetry(telemetry))),
-                None => self.take_commit().then_some(Output::Keep),
+                None => self.take_commit().then_some(Output::StorageRequest),
             },
         }
     }
 
-    /// Whether the actuator belongs in its safe position from now on; told once. It comes before any reply, which may take a while.
+    /// Whether the actuator belongs in its safe position from now on; told once. It comes before any reply,
+    /// which may take a while.
     fn take_safe(&mut self) -> bool {
         let stopped = self.node.as_mut().is_some_and(Node::take_stop);
         core::mem::take(&mut self.safe) || stopped
@@ -249,37 +259,37 @@ impl<M: Model> Session<M> {
             Request::Hello => Reply::Identity(Identity { id: self.id(), ..self.identity }),
             Request::Stage(bytes) => {
                 match self.read(bytes).map_err(StageError::Config).and_then(|()| self.may_stage()) {
-                    Ok(()) => return self.keep(Keep::Stage),
+                    Ok(()) => return self.request_storage(StorageRequest::Stage),
                     Err(reason) => Reply::Staged(Err(reason)),
                 }
             }
             Request::Key(_) if self.is_running() => Reply::Keyed(Err(StoreError::Running)),
-            Request::Key(key) => return self.keep(Keep::Key(key)),
+            Request::Key(key) => return self.request_storage(StorageRequest::Key(key)),
             Request::Report => Reply::Report(self.report()),
             Request::Configure(bytes) => Reply::Configured(self.read(bytes).and_then(|()| self.configure())),
             Request::Store => match self.may_store() {
-                Ok(()) => return self.keep(Keep::Store),
+                Ok(()) => return self.request_storage(StorageRequest::Store),
                 Err(reason) => Reply::Stored(Err(reason)),
             },
             Request::Erase if self.is_running() => Reply::Erased(Err(StoreError::Running)),
-            Request::Erase => return self.keep(Keep::Erase),
+            Request::Erase => return self.request_storage(StorageRequest::Erase),
         };
         self.reply = Some(reply);
         Ok(())
     }
 
-    /// Whether another request has to be answered first. One that comes meanwhile must not touch what that one is about: the room, the
-    /// configuration, the place of its answer.
+    /// Whether another request has to be answered first. One that comes meanwhile must not touch what that
+    /// one is about: the buffer, the configuration, the place of its answer.
     fn is_busy_for(&self, only_asks: bool) -> bool {
-        let keeps = self.keep.is_some() && !only_asks;
-        self.reply.is_some() || self.performing.is_some() || keeps
+        let asked = self.storage_request.is_some() && !only_asks;
+        self.reply.is_some() || self.performing.is_some() || asked
     }
 
-    /// Reads a configuration into the room: in place, since each copy of it is 2 KiB of stack. One that cannot be read is counted, and
-    /// answered all the same, so that no host waits for nothing.
+    /// Reads a configuration into the buffer: in place, since each copy of it is 2 KiB of stack. One that
+    /// cannot be read is counted, and answered all the same, so that no host waits for nothing.
     fn read(&mut self, bytes: &[u8]) -> Result<(), ConfigError> {
-        self.room.insert(NodeConfig::empty()).read(bytes).map_err(|_| {
-            self.room = None;
+        self.config_buffer.insert(NodeConfig::empty()).read(bytes).map_err(|_| {
+            self.config_buffer = None;
             self.refuse(Refusal::Value);
             ConfigError::Malformed
         })
@@ -289,36 +299,36 @@ impl<M: Model> Session<M> {
         self.node.as_ref().is_some_and(|node| node.phase() == Phase::Running)
     }
 
-    /// Makes a node of what is in the room, which is empty then.
+    /// Makes a node of what is in the buffer, which is empty then.
     fn configure(&mut self) -> Result<(), ConfigError> {
         let made = if self.is_running() { Err(ConfigError::Running) } else { self.make_node() };
-        self.room = None;
+        self.config_buffer = None;
         made
     }
 
-    // Not into its callers, which would have room on their stacks for this and for what else they do.
+    // Not inlined because its callers would need stack for this beside all else that they do.
     #[inline(never)]
     fn make_node(&mut self) -> Result<(), ConfigError> {
-        let config = self.room.as_ref().ok_or(ConfigError::Malformed)?;
+        let config = self.config_buffer.as_ref().ok_or(ConfigError::Malformed)?;
         let params = Params::of_model(config, &self.model)?;
         // The old one may have stopped just now.
         let stopped = self.node.as_mut().is_some_and(Node::take_stop);
         self.safe |= stopped;
         let node = self.node.insert(Node::alone(params));
         node.meet(&config.neighbours);
-        if let Some(arg) = self.confession.take() {
+        if let Some(arg) = self.restart_fault.take() {
             node.warn(FaultCode::PANIC, arg);
         }
-        self.reported = (0, 0);
+        self.teller.restart();
         self.settle();
         Ok(())
     }
 
-    /// What is in the room is what the node is now.
+    /// Makes what is in the buffer the configuration that the node has.
     fn settle(&mut self) {
-        core::mem::swap(&mut self.config, &mut self.room);
+        core::mem::swap(&mut self.config, &mut self.config_buffer);
         if let Some(config) = &self.config {
-            self.telemetry_every = config.telemetry_every;
+            self.teller.tell_every(config.telemetry_every);
             self.identity.checksum = config.checksum();
         }
     }
@@ -330,22 +340,6 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Telemetry of the last tick, once per tick and component, where the configuration asks for it.
-    fn telemetry(&mut self) -> Option<Telemetry> {
-        let node = self.node.as_ref()?;
-        let (tick, told) = self.reported;
-        let component = if tick == node.tick() { told } else { 0 };
-        let seen = node.observations().get(usize::from(component))?;
-        // Nothing has been seen before the first tick, nor where SYNC has moved the node on and its next tick waits.
-        let ran = node.tick() != 0 && seen.tick.wrapping_add(1) == node.tick();
-        let wanted = self.telemetry_every != 0 && ran;
-        if !wanted || !seen.tick.is_multiple_of(self.telemetry_every) {
-            return None;
-        }
-        self.reported = (node.tick(), component + 1);
-        Some(Telemetry { tick: seen.tick, component, nu: seen.nu, psi: seen.psi, u: seen.u })
-    }
-
     fn refuse(&mut self, reason: Refusal) {
         match self.node.as_mut() {
             Some(node) => node.refuse(reason),
@@ -354,8 +348,8 @@ impl<M: Model> Session<M> {
     }
 }
 
-/// What the other nodes are to know of the last restart (protocol/README.md, fault code 3).
-fn confession(reset: ResetCause) -> Option<u16> {
+/// Argument of the FAULT that tells other nodes of the last restart (protocol/README.md, fault code 3).
+fn restart_fault(reset: ResetCause) -> Option<u16> {
     match reset {
         ResetCause::Panic => Some(1),
         ResetCause::HardFault => Some(2),

@@ -81,7 +81,7 @@ impl<M: Model> Board<M> {
     fn drain(&mut self, now: u64) -> Vec<Output> {
         while let Some(output) = self.session.poll(now) {
             match output {
-                Output::Keep => self.keep(),
+                Output::StorageRequest => self.keep(),
                 Output::Sample => self.session.measured(&[self.measured]),
                 _ => {}
             }
@@ -619,7 +619,7 @@ fn the_commit_is_asked_for_right_after_the_tick_before() {
     assert_eq!(board.session.poll_at(), Some(2 * MS));
     let said = board.drain(2 * MS);
     let place = |wanted: fn(&Output) -> bool| said.iter().position(wanted).unwrap();
-    let committed = place(|output| *output == Output::Keep);
+    let committed = place(|output| *output == Output::StorageRequest);
     assert!(place(|output| matches!(output, Output::Send(Message::State { .. }))) < committed, "{said:?}");
     assert!(place(|output| matches!(output, Output::Reply(Reply::Telemetry(_)))) < committed, "{said:?}");
     assert_eq!(said.last(), Some(&Output::Report(Event::Adopted { tick: 2 })));

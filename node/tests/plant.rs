@@ -5,7 +5,7 @@ mod heaters;
 
 use funnelnet_law::gain::Reciprocal;
 use funnelnet_law::law::node_wise::{Memory, NodeWise};
-use funnelnet_node::feeding::Feeding;
+use funnelnet_node::watchdog::Policy;
 use funnelnet_node::{Event, InputRange, Output, Params, Phase, PlantSetup, Session};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{Breach, ConfigError, ConfigField, Coupling, Field, TickSource};
@@ -314,7 +314,7 @@ fn a_virtual_node_that_stops_says_so_too() {
     tell(&mut node, command(Command::Start));
     while node.poll(0).is_some() {}
     tell(&mut node, command(Command::Stop));
-    *node.room() = Some(config(1, &[2]));
+    *node.config_buffer() = Some(config(1, &[2]));
     node.restore().unwrap();
     assert_eq!((node.poll(0), node.poll(0)), (Some(Output::Safe), None));
 }
@@ -355,14 +355,14 @@ fn a_sync_that_comes_before_the_sample_takes_it_over() {
 #[test]
 fn a_tick_that_never_gets_its_sample_is_not_fed_over_by_the_syncs_that_follow() {
     let mut node = started();
-    let mut feeding = Feeding::default();
+    let mut policy = Policy::default();
     for k in 0..20 {
         tell(&mut node, sync(k));
         while node.poll(0).is_some() {}
-        assert!(!feeding.may_feed(node.progress(), 0), "fed at SYNC {k}, and no tick has run");
+        assert!(!policy.may_feed(node.progress(), 0), "fed at SYNC {k}, and no tick has run");
     }
     node.measured(&[20.0]);
-    assert!(feeding.may_feed(node.progress(), 0), "the one that has run");
+    assert!(policy.may_feed(node.progress(), 0), "the one that has run");
     assert_eq!(node.node().unwrap().counters().ticks, 1);
 }
 
@@ -410,7 +410,7 @@ fn a_plant_with_another_number_of_components_is_refused_by_name() {
     known.plant.inputs = [InputRange::new(-1.0, 1.0).unwrap(); 2].into_iter().collect();
     let identity = funnelnet_protocol::service::Identity { wire_version: 1, ..Default::default() };
     let mut session = Session::with_model(identity, known);
-    *session.room() = Some(config(1, &[2]));
+    *session.config_buffer() = Some(config(1, &[2]));
     let refused = session.restore();
     let expected =
         ConfigError::OutOfRange { field: ConfigField::Components, index: 0, found: 1.0, low: 2.0, high: 2.0 };

@@ -143,13 +143,13 @@ fn a_configured_node_asks_the_app_to_store_and_passes_the_answer_on() {
     let blank = ask(&mut session, &Request::Store);
     assert_eq!(blank, [Output::Reply(Reply::Stored(Err(StoreError::Blank)))]);
     ask(&mut session, &Request::Configure(config()));
-    assert_eq!(ask(&mut session, &Request::Store), [Output::Keep]);
+    assert_eq!(ask(&mut session, &Request::Store), [Output::StorageRequest]);
     assert_eq!(session.task(), Some(Task::Store(&config())));
     assert_eq!(session.poll_at(), None, "it waits for the app");
     session.performed(Ok(7));
     assert_eq!(session.task(), None);
     assert_eq!(outputs(&mut session), [Output::Reply(Reply::Stored(Ok(7)))]);
-    assert_eq!(ask(&mut session, &Request::Erase), [Output::Keep]);
+    assert_eq!(ask(&mut session, &Request::Erase), [Output::StorageRequest]);
     assert_eq!(session.task(), Some(Task::Erase));
     session.performed(Err(StoreError::Failed));
     assert_eq!(outputs(&mut session), [Output::Reply(Reply::Erased(Err(StoreError::Failed)))]);
@@ -183,10 +183,10 @@ fn a_running_node_neither_stores_nor_erases() {
 fn a_restored_node_is_ready_with_its_id() {
     let mut session = blank();
     assert_eq!(session.restore(), Err(ConfigError::Malformed), "nothing was stored");
-    *session.room() = Some(NodeConfig { tick_ns: 0, ..config() });
+    *session.config_buffer() = Some(NodeConfig { tick_ns: 0, ..config() });
     assert!(session.restore().is_err());
     assert_eq!((session.id(), session.config()), (0, None), "blank as before");
-    *session.room() = Some(config());
+    *session.config_buffer() = Some(config());
     session.restore().unwrap();
     let identity = Identity { id: 3, checksum: config().checksum(), ..IDENTITY };
     assert_eq!(ask(&mut session, &Request::Hello), [Output::Reply(Reply::Identity(identity))]);
@@ -197,7 +197,7 @@ fn a_restored_node_is_ready_with_its_id() {
 #[test]
 fn why_it_was_restarted_is_said_even_if_it_is_stopped_first() {
     let mut session = Session::new(Identity { reset: ResetCause::Panic, ..IDENTITY });
-    *session.room() = Some(config());
+    *session.config_buffer() = Some(config());
     session.restore().unwrap();
     let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
     let outputs = tell(&mut session, stop);
@@ -217,7 +217,7 @@ fn after_a_panic_it_says_so_once_it_has_its_id_and_does_not_run_by_itself() {
     ] {
         let mut session = Session::new(Identity { reset, ..IDENTITY });
         assert_eq!(outputs(&mut session), [Output::Safe]);
-        *session.room() = Some(config());
+        *session.config_buffer() = Some(config());
         session.restore().unwrap();
         let restored = outputs(&mut session);
         let fault = |output: &Output| match output {
@@ -250,7 +250,7 @@ fn kept(session: &mut Session) -> (Option<NodeConfig>, Vec<Reply>) {
     let (mut staged, mut replies) = (None, Vec::new());
     while let Some(output) = session.poll(0) {
         match output {
-            Output::Keep => {
+            Output::StorageRequest => {
                 if let Some(Task::Stage(config) | Task::Store(config)) = session.task() {
                     staged = Some(config.clone());
                 }

@@ -54,7 +54,7 @@ struct Part {
     x: f32,
     carry: f32,
     dx: f32,
-    /// What neighbours see of it, and how much that changed over the last tick.
+    /// State as neighbours see it, and how much that changed over the last tick.
     seen: f32,
     increment: f32,
     nu: f32,
@@ -124,18 +124,23 @@ impl Central {
         &self.observations
     }
 
-    /// What is known of each node at the last tick, by index.
+    /// Observations of the nodes at the last tick, by index and then by component.
+    pub fn observations(&self) -> &[Observation<f32>] {
+        &self.observations
+    }
+
+    /// Presence of each node at the last tick, by index.
     pub fn presence(&self) -> Vec<Presence> {
         let presence = if self.stood_still { Presence::Stopped } else { Presence::Ran };
         vec![presence; self.members.len()]
     }
 
-    /// What nodes reported so far.
+    /// Events that the nodes reported so far.
     pub fn events(&self) -> &[NodeEvent] {
         &self.events
     }
 
-    /// What nodes would report now, by index.
+    /// Reports that the nodes would give now, by index.
     pub fn reports(&self) -> Vec<Report> {
         let report =
             |member: &Member| Report { max_ratio: member.max_ratio, counters: member.counters.clone() };
@@ -177,7 +182,7 @@ impl Central {
         }
     }
 
-    /// When the next tick is over, ns.
+    /// Time at which the next tick is over, ns.
     fn now(&self) -> u64 {
         (u64::from(self.tick) + 1) * self.members.first().map_or(0, |member| member.params.tick_ns)
     }

@@ -1,7 +1,6 @@
 //! The command line: arguments in, exit code out.
 
 mod arguments;
-mod text;
 mod words;
 
 use std::ffi::OsString;
@@ -20,13 +19,12 @@ use crate::host_node::{self, End};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
-use crate::record::{Expectation, Summary, is_standard_output};
+use crate::record::{Summary, failures, is_standard_output};
 use crate::run::{self, Claim, Fidelity, RunError, RunOptions, Verbosity, Wanted};
 use crate::scenario::{Override, Scenario, format_duration};
 
 pub use arguments::Cli;
 use arguments::{BenchArgs, CheckArgs, Command, NodeArgs, OutputArgs, RunArgs, Settings, Source};
-use text::text;
 use words::{command, repeat};
 
 /// A message for standard error, and how the program ends.
@@ -214,7 +212,7 @@ fn execute(
     let is_taken = [wanted.json, wanted.junit].into_iter().flatten().any(is_standard_output);
     if options.verbosity > Verbosity::Quiet && !is_taken {
         // The verdict stands where nobody reads the summary.
-        if let Err(failure) = print(&printable_lines(&text(&summary))).map_err(Failure::from) {
+        if let Err(failure) = print(&printable_lines(&summary.to_string())).map_err(Failure::from) {
             complain(&failure.message);
             return Ok(exit.worst(failure.exit));
         }
@@ -264,14 +262,7 @@ fn verdict(summary: &Summary, repeat: &str) -> Exit {
     if summary.passes() {
         return Exit::Success;
     }
-    let failed = summary.expect.iter().filter(|expectation| !expectation.pass);
-    for Expectation { name, limit, value, .. } in failed {
-        let value = value.map_or("not measured".to_owned(), |value| value.to_string());
-        complain(&format!("failed: {name} = {value} must stay below {limit}"));
-    }
-    for check in summary.checks.iter().filter(|check| !check.pass) {
-        complain(&format!("failed: {}: {}", check.name, check.text));
-    }
+    failures(summary).iter().for_each(|failure| complain(failure));
     complain(&format!("seed {}; repeat with: {repeat}", summary.seed));
     Exit::ExpectationFailed
 }
@@ -329,6 +320,7 @@ fn complain(message: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::Expectation;
 
     #[test]
     fn the_definition_is_sound() {

@@ -16,7 +16,7 @@ pub struct NodeEvent {
     pub at: u64,
     /// Index of the node.
     pub node: usize,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
@@ -28,7 +28,7 @@ pub struct Engine {
     nodes: Vec<Node>,
     bus: IdealBus<CanFrame>,
     noise: Noise,
-    /// When each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
+    /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
     wakes: Vec<u64>,
     /// Node by node, and the components of each in order.
     observations: Vec<Observation<f32>>,
@@ -73,12 +73,12 @@ impl Engine {
         Some(&self.observations)
     }
 
-    /// What the nodes saw at their last tick, by index and then by component.
+    /// Observations of the nodes at their last tick, by index and then by component.
     pub fn observations(&self) -> &[Observation<f32>] {
         &self.observations
     }
 
-    /// What is known of each node at the tick that all were due at last, by index.
+    /// Presence of each node at tick `k`, at which all were due last, by index.
     pub fn presence(&self, k: u64) -> Vec<Presence> {
         let components = self.nodes.first().map_or(1, Node::components);
         let of = |seen: &[Observation<f32>]| match seen.first() {
@@ -94,7 +94,7 @@ impl Engine {
         &self.nodes
     }
 
-    /// What the nodes reported so far.
+    /// Events that the nodes reported so far.
     pub fn events(&self) -> &[NodeEvent] {
         &self.events
     }
@@ -134,7 +134,7 @@ impl Engine {
     }
 }
 
-/// What a node does with a frame from its link: decode, count what cannot be decoded, and take the rest.
+/// Hands a node a frame from its link: decodes it, or counts that it could not be decoded.
 fn receive(nodes: &mut [Node], index: usize, frame: &CanFrame, now: u64) {
     let Some(node) = nodes.get_mut(index) else { return };
     match can::decode(frame.id(), frame.data()) {

@@ -222,7 +222,7 @@ impl HostNode {
                 Output::Send(message) => self.send(&message)?,
                 Output::Reply(reply) => self.reply(&reply)?,
                 Output::Report(event) => log(&event),
-                Output::Keep => self.keep(),
+                Output::StorageRequest => self.keep(),
                 // It has no plant.
                 Output::Sample | Output::Actuate | Output::Safe => {}
             }
@@ -236,11 +236,11 @@ impl HostNode {
     /// As a board does at its start: what cannot be used is said, and the node is blank.
     fn restore(&mut self) {
         let Some(storage) = &mut self.storage else { return };
-        match storage.load(self.session.room()) {
+        match storage.load(self.session.config_buffer()) {
             Ok(has_key) => self.session.note_key(has_key),
             Err(error) => return log(&format_args!("storage: {error}")),
         }
-        if self.session.room().is_some()
+        if self.session.config_buffer().is_some()
             && let Err(error) = self.session.restore()
         {
             log(&format_args!("the stored configuration: {error}"));

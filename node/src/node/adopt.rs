@@ -1,10 +1,10 @@
-//! Another configuration for a node that runs (protocol/README.md, "Commit"). What the law remembers stays, so that it goes on without a
-//! jump; the funnel is a function of the tick number and needs nothing.
+//! Another configuration for a node that runs (protocol/README.md, "Commit"). What the law remembers stays,
+//! so that it goes on without a jump; the funnel is a function of the tick number and needs nothing.
 
 use super::Node;
+use super::step::Step;
 use crate::observe::{Event, Phase};
 use crate::params::Params;
-use crate::plant::Step;
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::Law;
@@ -16,10 +16,10 @@ use funnelnet_protocol::message::TickStamp;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::count;
 
-/// How far ahead the tick of a commit may lie: what its 16 bits can tell from one that is past.
+/// Ticks that a commit may lie ahead: what its 16 bits can tell from one that is past.
 pub const COMMIT_AHEAD: u32 = (1 << 15) - 1;
 
-/// What cannot change while a node runs.
+/// Part of a configuration that cannot change while a node runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lasting {
     id: u8,
@@ -29,7 +29,7 @@ pub struct Lasting {
 }
 
 impl Lasting {
-    /// That of a configuration.
+    /// Takes it from a configuration.
     pub fn of(config: &NodeConfig) -> Self {
         Self {
             id: config.id,
@@ -52,14 +52,16 @@ impl<F, V, G> Params<F, V, G> {
 }
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// Lets the node ask by [`Node::take_commit`] for other parameters once tick `at` comes next: its own next one, or one of the
-    /// [`COMMIT_AHEAD`] after it. A later call replaces an earlier one. `lasting` is of the configuration that they will be made of.
+    /// Lets the node ask by [`Node::take_commit`] for other parameters once tick `at` comes next: its own
+    /// next one, or one of the [`COMMIT_AHEAD`] after it. A later call replaces an earlier one. `lasting` is
+    /// of the configuration that they will be made of.
     ///
     /// # Errors
-    /// Counted, and nothing has changed: `Phase` unless it runs and knows its tick, `Value` where `lasting` is not its own, `TickWindow`.
+    /// Counted, and nothing has changed: `Phase` unless it runs and knows its tick, `Value` where `lasting`
+    /// is not its own, `TickWindow`.
     pub fn commit_at(&mut self, at: TickStamp, lasting: Lasting) -> Result<(), Refusal> {
         let tick = self.may_commit(at, lasting).inspect_err(|&reason| self.counters.refuse(reason))?;
-        self.commit = Some(tick);
+        self.clock.commit = Some(tick);
         count(&mut self.counters.accepted);
         Ok(())
     }
@@ -74,17 +76,18 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             return Err(Refusal::Value);
         }
         // A tick that waits for its sample has begun.
-        let next = self.tick.wrapping_add(u32::from(self.tick_waits_for_sample()));
+        let next = self.clock.tick.wrapping_add(u32::from(self.tick_waits_for_sample()));
         at.rebuild(next, 0, COMMIT_AHEAD).ok_or(Refusal::TickWindow)
     }
 
-    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`]. Kept: phase, tick, schedule,
-    /// state, what the law remembers, counters, and what was heard of neighbours that stay. The initial state of `params` means nothing
-    /// here. Once in a run: after a second time a law or a policy could go on from what it remembered before the first.
+    /// Answers [`Node::take_commit`] with the parameters and the edges to go on with, as for [`Node::new`].
+    /// Kept: phase, tick, schedule, state, what the law remembers, counters, and what was heard of neighbours
+    /// that stay. The initial state of `params` means nothing here. Once in a run: after a second time a law
+    /// or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
-    /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant are not those of the node; it
-    /// goes on as it was. `Phase`, too, where it does not run.
+    /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant
+    /// are not those of the node; it goes on as it was. `Phase`, too, where it does not run.
     pub fn adopt(&mut self, params: Params<F, V, G>, edges: &[EdgeConfig]) -> Result<(), Refusal> {
         self.keep_on();
         self.may_adopt(&params).inspect_err(|&reason| self.counters.refuse(reason))?;
@@ -93,7 +96,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
         self.params = params;
         self.meet(edges);
-        self.report_event(Event::Adopted { tick: self.tick });
+        self.outbox.report(Event::Adopted { tick: self.clock.tick });
         Ok(())
     }
 
@@ -114,7 +117,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Whatever the law was, it goes on from the last input. A tracker starts from the slope of its linear gain, as at a start.
+    /// Has the new law go on from the last input, whatever the old one was. A tracker starts from the slope
+    /// of its linear gain, as at a start.
     fn change_coupling(&mut self, params: &Params<F, V, G>) {
         let k = params.law.gain.apply(F::ONE);
         let has_input = self.counters.ticks != 0;
@@ -130,20 +134,14 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// The next tick is that of the commit, or later: SYNC may have skipped it.
-    #[inline]
-    pub(super) fn commit_is_due(&self) -> bool {
-        self.commit.is_some_and(|at| self.tick.wrapping_sub(at) as i32 >= 0)
-    }
-
-    /// Whether the tick of [`Node::commit_at`] comes next: it waits then for [`Node::adopt`] or [`Node::keep_on`]. Told once. To be
-    /// asked when [`Node::poll`] has given `None`: what the tick before had to say is said then, and the time that an answer takes is
-    /// that of the rest of its period.
+    /// Whether the tick of [`Node::commit_at`] comes next: it waits then for [`Node::adopt`] or
+    /// [`Node::keep_on`]. Told once. To be asked when [`Node::poll`] has given `None`: what the tick before
+    /// had to say is said then, and the time that an answer takes is that of the rest of its period.
     #[inline]
     pub fn take_commit(&mut self) -> bool {
-        let due = self.step == Step::Idle && self.commit_is_due();
+        let due = self.step == Step::Idle && self.clock.commit_is_due();
         if due {
-            (self.commit, self.step) = (None, Step::Commit);
+            (self.clock.commit, self.step) = (None, Step::Commit);
         }
         due
     }

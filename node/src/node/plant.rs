@@ -1,7 +1,8 @@
-//! What a node does with its plant: samples, inputs, and what it asks the app for.
+//! Samples and inputs of a node with a plant.
 
-use super::{Action, Node, Schedule};
-use crate::plant::{Plant, Purpose, Step};
+use super::step::{Purpose, Step};
+use super::{Node, Schedule};
+use crate::plant::Plant;
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
@@ -9,13 +10,15 @@ use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::report::count;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// What the actuator was told last, state units / s, component by component; empty on a virtual node.
+    /// Inputs that the actuator was told last, state units / s, component by component; empty on a virtual
+    /// node.
     pub fn inputs(&self) -> &[F] {
         self.plant.as_ref().map_or(&[], Plant::inputs)
     }
 
-    /// Answers [`Action::Sample`] with the state of the plant, state units, component by component. A state that is not finite, beyond
-    /// the state limit or of another number of components is a sample that failed. Not asked for, it is ignored.
+    /// Answers [`Action::Sample`](super::Action::Sample) with the state of the plant, state units, component
+    /// by component. A state that is not finite, beyond the state limit or of another number of components is
+    /// a sample that failed. Not asked for, it is ignored.
     pub fn measured(&mut self, x: &[f32]) {
         let limit = self.params.state_limit;
         // Written so that NaN is outside.
@@ -31,7 +34,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.resume(purpose);
     }
 
-    /// Answers [`Action::Sample`] where the sensor has failed: the node goes on with its prediction, for so many ticks.
+    /// Answers [`Action::Sample`](super::Action::Sample) where the sensor has failed: the node goes on with
+    /// its prediction, for so many ticks.
     pub fn sample_failed(&mut self) {
         let (Some(plant), Step::Await(purpose)) = (&mut self.plant, self.step) else { return };
         count(&mut self.counters.coasted);
@@ -41,10 +45,6 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    pub(super) fn tick_waits_for_sample(&self) -> bool {
-        matches!(self.step, Step::Ask(Purpose::Tick) | Step::Await(Purpose::Tick))
-    }
-
     /// Takes up what has waited for a sample, with it or without.
     fn resume(&mut self, purpose: Purpose) {
         self.step = Step::Idle;
@@ -52,24 +52,24 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             Purpose::Announce => {
                 // Before the first tick nothing has changed.
                 self.parts.iter_mut().for_each(|part| part.dx = F::ZERO);
-                self.outgoing.states = self.all_components();
+                self.outbox.send_state(self.parts.len());
             }
             // SYNC has moved it over the tick of a commit, which comes first.
-            Purpose::Tick if self.commit_is_due() => self.schedule = Schedule::Now,
+            Purpose::Tick if self.clock.commit_is_due() => self.clock.schedule = Schedule::Now,
             Purpose::Tick => self.run_tick(),
         }
     }
 
-    /// The initial state goes out; that of a plant has to be measured first.
+    /// Has the initial state go out; that of a plant has to be measured first.
     pub(super) fn announce(&mut self) {
         match self.plant {
             Some(_) => self.step = Step::Ask(Purpose::Announce),
-            None => self.outgoing.states = self.all_components(),
+            None => self.outbox.send_state(self.parts.len()),
         }
     }
 
-    /// Inputs as the actuator can do them. The law goes on from these and not from what it had asked for: otherwise `b u[k-1]` in (*)
-    /// would wind up (LAW.md 6).
+    /// Limits the inputs to what the actuator can do. The law goes on from these and not from what it had
+    /// asked for: otherwise `b u[k-1]` in (*) would wind up (LAW.md 6).
     pub(super) fn saturate(&mut self) {
         let Some(plant) = &mut self.plant else { return };
         let mut saturated = false;
@@ -86,26 +86,5 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if saturated {
             count(&mut self.counters.saturated);
         }
-    }
-
-    /// Whether the app is to be told that the node has stopped; told once.
-    pub(crate) fn take_stop(&mut self) -> bool {
-        let stopped = self.step == Step::Stop;
-        if stopped {
-            self.step = Step::Idle;
-        }
-        stopped
-    }
-
-    /// What to ask of the app now, each once.
-    pub(super) fn demand(&mut self) -> Option<Action> {
-        let (action, next) = match self.step {
-            Step::Idle | Step::Await(_) | Step::Commit => return None,
-            Step::Ask(purpose) => (Action::Sample, Step::Await(purpose)),
-            Step::Tell => (Action::Actuate, Step::Idle),
-            Step::Stop => (Action::Safe, Step::Idle),
-        };
-        self.step = next;
-        Some(action)
     }
 }

@@ -119,7 +119,7 @@ pub fn session<M: Model>(model: M, config: NodeConfig) -> Session<M> {
         model,
     );
     assert_eq!(session.poll(0), Some(Output::Safe), "at the start of the program");
-    *session.room() = Some(config);
+    *session.config_buffer() = Some(config);
     session.restore().unwrap();
     session
 }

@@ -8,6 +8,7 @@ mod number;
 mod reference;
 mod rights;
 mod summary;
+mod summary_text;
 mod temporary;
 mod trace_hash;
 mod trajectory;
@@ -22,6 +23,7 @@ pub use summary::{
     Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface,
     ReferenceSummary, Summary, SyncSummary, WiresSummary,
 };
+pub use summary_text::failures;
 pub use temporary::remove_abandoned;
 pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

@@ -1,19 +1,18 @@
 //! Drives networks of f32 nodes: in this program, or on emulators.
 
-use super::collect::Collector;
+use super::drive::{Cut, Record, drive};
 use super::error::RunError;
 use super::heard;
-use super::options::{RunOptions, Verbosity};
+use super::network::Network;
+use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
-use super::reference;
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
 use crate::engine::Engine;
-use crate::hub::{Hub, HubError};
+use crate::hub::Hub;
 use crate::noise::Noise;
-use crate::progress::Progress;
 use crate::record::BusSummary;
 use crate::scenario::{Coupling, Scenario};
 use funnelnet_node::{Node, Params};
@@ -33,34 +32,14 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         return central(scenario, options);
     }
     let mut engine = engine(scenario)?;
-    let exact = reference::where_expected(scenario, options)?;
-    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
-    let progress = progress("loopback", scenario, options);
-    engine.start();
-    // One tick more than the run has: it is what makes the diffusive terms at the end.
-    let mut early = None;
-    for k in 0..=scenario.time.ticks {
-        if let Err(interrupted) = check_interrupt(options) {
-            let Some(last) = last_of(k) else { return Err(interrupted) };
-            collector.end_at(last, engine.observations(), &engine.presence(last));
-            early = Some(EarlyEnd::after(k, scenario, interrupted));
-            break;
-        }
-        // `None` where all nodes have stopped by themselves: what they saw last stays.
-        let _ = engine.advance();
-        collector.tick(k, engine.observations(), &engine.presence(k));
-        progress.at(k as f64 * scenario.time.tick_s());
-    }
-    let reports: Vec<_> = engine.nodes().iter().map(Node::report).collect();
-    let bus = Some(bus_record(engine.traffic(), &reports));
-    let events = engine.events().to_vec();
+    let record = drive("loopback", scenario, options, &mut engine, |_, _| Ok(()))?;
     // Of a run that was cut off nobody knows who would still have been heard.
-    let (unheard, silent) = match early {
+    let (unheard, silent) = match record.cut {
         Some(_) => (Vec::new(), Vec::new()),
         None => heard::unheard_and_silent(scenario, &engine),
     };
-    let outcome = collector.finish().with_reports(reports);
-    Ok(Outcome { bus, events, unheard, silent, ended_early: early, ..outcome })
+    let reports = engine.nodes().iter().map(Node::report).collect();
+    Ok(Outcome { unheard, silent, ..with_reports(reports, scenario, &engine, record) })
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.
@@ -71,7 +50,7 @@ pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
     Ok(Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario)))
 }
 
-/// What the nodes make of their configurations.
+/// Parameters that the nodes make of their configurations.
 fn accepted(configs: &[NodeConfig]) -> Result<Vec<Params<f32>>, RunError> {
     let params = |config: &NodeConfig| {
         Params::new(config).map_err(|error| {
@@ -84,26 +63,21 @@ fn accepted(configs: &[NodeConfig]) -> Result<Vec<Params<f32>>, RunError> {
 /// Weakly-centralised coupling, in one loop over all nodes and without a bus.
 fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?)?;
-    let exact = reference::where_expected(scenario, options)?;
-    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
-    let progress = progress("loopback", scenario, options);
-    let (mut seen, mut early) = (Vec::new(), None);
-    for k in 0..=scenario.time.ticks {
-        if let Err(interrupted) = check_interrupt(options) {
-            let Some(last) = last_of(k) else { return Err(interrupted) };
-            collector.end_at(last, &seen, &central.presence());
-            early = Some(EarlyEnd::after(k, scenario, interrupted));
-            break;
-        }
-        seen = central.advance().to_vec();
-        collector.tick(k, &seen, &central.presence());
-        progress.at(k as f64 * scenario.time.tick_s());
-    }
-    let reports = central.reports();
-    let bus = Some(bus_record(Traffic::default(), &reports));
-    let events = central.events().to_vec();
-    Ok(Outcome { bus, events, ended_early: early, ..collector.finish().with_reports(reports) })
+    let record = drive("loopback", scenario, options, &mut central, |_, _| Ok(()))?;
+    Ok(with_reports(central.reports(), scenario, &central, record))
+}
+
+/// Adds what a network in this program says at the end to what was recorded of it.
+fn with_reports(
+    reports: Vec<Report>,
+    scenario: &Scenario,
+    network: &impl Network,
+    Record { outcome, cut }: Record,
+) -> Outcome {
+    let bus = Some(bus_record(network.traffic(), &reports));
+    let (events, ended_early) = (network.events().to_vec(), cut.map(|cut| cut.told(scenario)));
+    Outcome { bus, events, ended_early, ..outcome.with_reports(reports) }
 }
 
 /// Fidelity `emulator`.
@@ -117,63 +91,35 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
 }
 
-/// Runs a network tick by tick; `each` sees the hub after every tick. However nodes fail once there is a tick, what was recorded is kept.
+/// Runs a network tick by tick; `each` sees the hub after every tick. However nodes fail once there is a
+/// tick, what was recorded is kept.
 pub(super) fn lockstep(
     what: &'static str,
     scenario: &Scenario,
     options: &RunOptions,
     hub: &mut Hub,
-    mut each: impl FnMut(u64, &mut Hub) -> Result<(), RunError>,
+    each: impl FnMut(u64, &mut Hub) -> Result<(), RunError>,
 ) -> Result<Outcome, RunError> {
-    let exact = reference::where_expected(scenario, options)?;
-    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
-    let progress = progress(what, scenario, options);
-    hub.start()?;
-    let (mut seen, mut presence, mut failed) = (Vec::new(), Vec::new(), None);
-    for k in 0..=scenario.time.ticks {
-        let ran =
-            if options.interrupt.is_set() { Err(HubError::Interrupted) } else { hub.advance().map(drop) };
-        if let Err(error) = ran {
-            let Some(last) = last_of(k) else { return Err(RunError::in_the_run(error)) };
-            // An observation may be of the tick that has failed.
-            collector.end_at(last, &seen, &presence);
-            failed = Some((k, error));
-            break;
-        }
-        seen.clear();
-        seen.extend_from_slice(hub.observations());
-        presence.clear();
-        presence.extend_from_slice(hub.presence());
-        collector.tick(k, &seen, &presence);
-        each(k, hub)?;
-        progress.at(k as f64 * scenario.time.tick_s());
-    }
-    let closed = close(scenario, hub, failed);
-    Ok(with_words_of(hub, closed, collector.finish()))
+    let Record { outcome, cut } = drive(what, scenario, options, hub, each)?;
+    let closed = close(scenario, hub, cut);
+    Ok(with_words_of(hub, closed, outcome))
 }
 
-/// The last of so many ticks, where that is enough for a record: a picture takes two.
-fn last_of(ticks: u64) -> Option<u64> {
-    ticks.checked_sub(1).filter(|&last| last > 0)
-}
-
-/// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error after so many ticks, or as the
-/// nodes were asked for their reports.
-fn close(
-    scenario: &Scenario,
-    hub: &mut Hub,
-    failed: Option<(u64, HubError)>,
-) -> (Vec<Option<Report>>, Option<EarlyEnd>) {
-    let (recorded, error) = match failed {
-        Some(failed) => failed,
+/// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error
+/// after so many ticks, or as the nodes were asked for their reports.
+fn close(scenario: &Scenario, hub: &mut Hub, cut: Option<Cut>) -> (Vec<Option<Report>>, Option<EarlyEnd>) {
+    let Cut { after, error } = match cut {
+        Some(cut) => cut,
         None => match hub.finish() {
             Ok(reports) => return (reports, None),
-            Err(error) => (scenario.time.ticks.saturating_add(1), error),
+            Err(error) => {
+                Cut { after: scenario.time.ticks.saturating_add(1), error: RunError::in_the_run(error) }
+            }
         },
     };
     let halted = hub.halt();
-    let error = RunError::in_the_run(error).and(&halted);
-    (halted.reports, Some(EarlyEnd::after(recorded, scenario, error)))
+    let cut = Cut { after, error: error.and(&halted) };
+    (halted.reports, Some(cut.told(scenario)))
 }
 
 /// With all that the nodes have said beside their ticks.
@@ -212,14 +158,6 @@ pub(super) fn bus_between<P>(scenario: &Scenario, carries: impl Fn(usize, usize)
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
     IdealBus::new(params, scenario.seed, listeners)
-}
-
-fn progress(what: &'static str, scenario: &Scenario, options: &RunOptions) -> Progress {
-    Progress::new(what, scenario.time.end_s(), options.verbosity == Verbosity::Quiet)
-}
-
-fn check_interrupt(options: &RunOptions) -> Result<(), RunError> {
-    if options.interrupt.is_set() { Err(RunError::interrupted()) } else { Ok(()) }
 }
 
 fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report>) -> BusSummary {

@@ -217,7 +217,7 @@ impl Played {
                 Output::Send(message) => self.send(&message),
                 Output::Reply(reply) => self.reply(&reply),
                 // A bench never asks for these.
-                Output::Keep => {}
+                Output::StorageRequest => {}
                 Output::Report(_) => {}
                 Output::Safe | Output::Sample | Output::Actuate => {}
             }

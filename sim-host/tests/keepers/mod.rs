@@ -56,7 +56,7 @@ impl Keeper {
     pub fn configured(config: NodeConfig, flaw: Flaw) -> Self {
         let id = config.id;
         let mut session = session();
-        *session.room() = Some(config);
+        *session.config_buffer() = Some(config);
         session.restore().unwrap();
         Self::with_session(id, flaw, Interrupt::default(), session)
     }
@@ -65,7 +65,7 @@ impl Keeper {
     pub fn running(config: NodeConfig) -> Self {
         let id = config.id;
         let mut session = session();
-        *session.room() = Some(config);
+        *session.config_buffer() = Some(config);
         session.restore().unwrap();
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
         session.on_frame(Ok(Frame::RealTime(start)), 0);
@@ -150,7 +150,7 @@ impl Played {
     fn drain(&mut self) -> io::Result<()> {
         while let Some(output) = self.session.poll(0) {
             match output {
-                Output::Keep => self.keep()?,
+                Output::StorageRequest => self.keep()?,
                 Output::Reply(reply) => {
                     let reply = self.altered(reply);
                     let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);

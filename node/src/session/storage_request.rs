@@ -1,4 +1,5 @@
-//! What a session does with the storage of its board: what is kept for the next start, what is staged, and what a commit makes of it.
+//! Requests of a session to the storage of its board: what is kept for the next start, what is staged, and
+//! what a commit makes of it.
 
 use super::Session;
 use crate::model::Model;
@@ -10,7 +11,8 @@ use funnelnet_protocol::message::{FaultCode, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::service::{Key, Reply, StageError, StoreError};
 
-/// What the app shall do with its storage. A room is the session's, so that no app needs one for a whole configuration.
+/// Task of the app with its storage. The buffer is the session's, so that no app needs one for a whole
+/// configuration.
 #[derive(Debug, PartialEq)]
 pub enum Task<'a> {
     /// Keep this configuration for the next start. The key stays.
@@ -19,15 +21,15 @@ pub enum Task<'a> {
     Erase,
     /// Keep this configuration beside the stored one, which stays.
     Stage(&'a NodeConfig),
-    /// Make what is staged the stored one, and put it into the room. A tick may wait for it.
+    /// Make what is staged the stored one, and put it into the buffer. A tick may wait for it.
     Commit(&'a mut Option<NodeConfig>),
-    /// Keep this key. The stored configuration stays, and can be put into the room meanwhile.
+    /// Keep this key. The stored configuration stays, and can be put into the buffer meanwhile.
     Key(Key, &'a mut Option<NodeConfig>),
 }
 
-/// The same, without what it is about.
+/// A [`Task`] without what it is about.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Keep {
+pub(super) enum StorageRequest {
     Store,
     Erase,
     Stage,
@@ -35,7 +37,7 @@ pub(super) enum Keep {
     Key(Key),
 }
 
-/// What there is to know of the configuration that waits in the storage for a commit.
+/// Mark of the configuration that waits in the storage for a commit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Staged {
     checksum: u32,
@@ -43,37 +45,38 @@ pub(super) struct Staged {
 }
 
 impl<M: Model> Session<M> {
-    /// What [`Output::Keep`](super::Output::Keep) is about; `None` where nothing was asked for.
+    /// Task that [`Output::StorageRequest`](super::Output::StorageRequest) is about; `None` where nothing was
+    /// asked for.
     pub fn task(&mut self) -> Option<Task<'_>> {
         Some(match self.performing? {
-            Keep::Store => Task::Store(self.config.as_ref()?),
-            Keep::Erase => Task::Erase,
-            Keep::Stage => Task::Stage(self.room.as_ref()?),
-            Keep::Commit => Task::Commit(&mut self.room),
-            Keep::Key(key) => Task::Key(key, &mut self.room),
+            StorageRequest::Store => Task::Store(self.config.as_ref()?),
+            StorageRequest::Erase => Task::Erase,
+            StorageRequest::Stage => Task::Stage(self.config_buffer.as_ref()?),
+            StorageRequest::Commit => Task::Commit(&mut self.config_buffer),
+            StorageRequest::Key(key) => Task::Key(key, &mut self.config_buffer),
         })
     }
 
-    /// How the [task](Self::task) went: the epoch of what is stored now, or why not.
+    /// Takes how the [task](Self::task) went: the epoch of what is stored now, or why not.
     pub fn performed(&mut self, outcome: Result<u32, StoreError>) {
-        let Some(keep) = self.performing.take() else { return };
-        self.reply = match keep {
-            Keep::Store => Some(Reply::Stored(outcome)),
-            Keep::Erase => {
+        let Some(request) = self.performing.take() else { return };
+        self.reply = match request {
+            StorageRequest::Store => Some(Reply::Stored(outcome)),
+            StorageRequest::Erase => {
                 self.identity.has_key &= outcome.is_err();
                 Some(Reply::Erased(outcome.map(|_| ())))
             }
-            Keep::Key(_) => {
+            StorageRequest::Key(_) => {
                 self.identity.has_key |= outcome.is_ok();
                 Some(Reply::Keyed(outcome))
             }
-            Keep::Stage => Some(Reply::Staged(self.note_staged(outcome))),
-            Keep::Commit => {
+            StorageRequest::Stage => Some(Reply::Staged(self.note_staged(outcome))),
+            StorageRequest::Commit => {
                 self.note_committed(outcome.is_ok());
                 None
             }
         };
-        self.room = None;
+        self.config_buffer = None;
     }
 
     /// Whether the storage keeps a key, for IDENTITY.
@@ -83,17 +86,17 @@ impl<M: Model> Session<M> {
 
     fn note_staged(&mut self, outcome: Result<u32, StoreError>) -> Result<u32, StageError> {
         outcome.map_err(StageError::Store)?;
-        let config = self.room.as_ref().ok_or(StageError::Store(StoreError::Failed))?;
+        let config = self.config_buffer.as_ref().ok_or(StageError::Store(StoreError::Failed))?;
         let staged = Staged { checksum: config.checksum(), lasting: Lasting::of(config) };
         self.staged = Some(staged);
         Ok(staged.checksum)
     }
 
-    /// A node that runs goes on with what was committed, at the tick that the commit has named; any other one is ready with it. Where the
-    /// storage has failed it goes on as it was, and says so.
+    /// Has a node that runs go on with what was committed, at the tick that the commit has named; any other
+    /// one is ready with it. Where the storage has failed it goes on as it was, and says so.
     fn note_committed(&mut self, stored: bool) {
         let expected = self.staged.take().map(|staged| staged.checksum);
-        let sound = stored && expected == self.room.as_ref().map(NodeConfig::checksum);
+        let sound = stored && expected == self.config_buffer.as_ref().map(NodeConfig::checksum);
         let done = sound && if self.is_running() { self.adopt() } else { self.configure().is_ok() };
         match self.node.as_mut() {
             _ if done => {}
@@ -106,16 +109,16 @@ impl<M: Model> Session<M> {
         }
     }
 
-    // Not into its caller, which would have room on its stack for this and for what else it does.
+    // Not inlined because its caller would need stack for this beside all else that it does.
     #[inline(never)]
     fn adopt(&mut self) -> bool {
-        let (Some(config), Some(node)) = (&self.room, self.node.as_mut()) else { return false };
+        let (Some(config), Some(node)) = (&self.config_buffer, self.node.as_mut()) else { return false };
         let Ok(params) = Params::of_model(config, &self.model) else { return false };
         if node.adopt(params, &config.neighbours).is_err() {
             return false;
         }
         // Of the tick before there is nothing more to tell.
-        self.reported = (node.tick(), u8::MAX);
+        self.teller.pass_over(node.tick());
         self.settle();
         true
     }
@@ -124,24 +127,25 @@ impl<M: Model> Session<M> {
     pub(super) fn take_commit(&mut self) -> bool {
         let due = self.node.as_mut().is_some_and(|node| node.take_commit());
         if due {
-            self.performing = Some(Keep::Commit);
+            self.performing = Some(StorageRequest::Commit);
         }
         due
     }
 
-    /// One that runs becomes what is staged later, any other one now. A blank node has no id to be meant by.
+    /// Takes a commit: a node that runs becomes what is staged later, any other one now. A blank node has no
+    /// id to be meant by.
     pub(super) fn on_commit(&mut self, target: Target, at_tick: u16) {
         let meant = self.node.as_ref().map_or(target == Target::All, |node| target.includes(node.id()));
         let running = self.is_running();
         match (self.staged, self.node.as_mut()) {
             _ if !meant => {}
-            _ if self.keep.is_some() || self.performing.is_some() => self.refuse(Refusal::Phase),
+            _ if self.storage_request.is_some() || self.performing.is_some() => self.refuse(Refusal::Phase),
             (None, _) => self.refuse(Refusal::Phase),
             // The node counts what it refuses.
             (Some(Staged { lasting, .. }), Some(node)) if running => {
                 let _ = node.commit_at(TickStamp::low(at_tick.into(), 16), lasting);
             }
-            _ => self.keep = Some(Keep::Commit),
+            _ => self.storage_request = Some(StorageRequest::Commit),
         }
     }
 
@@ -153,20 +157,20 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Whether what is in the room can be staged.
+    /// Whether what is in the buffer can be staged.
     #[inline(never)]
     pub(super) fn may_stage(&self) -> Result<(), StageError> {
         if self.is_running() {
             return Err(StageError::Store(StoreError::Running));
         }
-        let config = self.room.as_ref().ok_or(StageError::Config(ConfigError::Malformed))?;
+        let config = self.config_buffer.as_ref().ok_or(StageError::Config(ConfigError::Malformed))?;
         Params::of_model(config, &self.model).map(|_| ()).map_err(StageError::Config)
     }
 
-    /// All of them use the half of the storage in which something may be staged.
-    pub(super) fn keep(&mut self, keep: Keep) -> Result<(), Refusal> {
+    /// Has the app asked. All requests use the half of the storage in which something may be staged.
+    pub(super) fn request_storage(&mut self, request: StorageRequest) -> Result<(), Refusal> {
         self.staged = None;
-        self.keep = Some(keep);
+        self.storage_request = Some(request);
         Ok(())
     }
 }

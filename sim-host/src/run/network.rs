@@ -1,0 +1,115 @@
+//! Networks of f32 nodes as a run drives them, whatever carries their frames.
+
+use super::error::RunError;
+use crate::bus::ideal::Traffic;
+use crate::central::Central;
+use crate::engine::{Engine, NodeEvent};
+use crate::hub::Hub;
+use crate::presence::Presence;
+use funnelnet_node::Observation;
+
+/// Nodes that tick together.
+pub(super) trait Network {
+    /// Starts all nodes.
+    fn start(&mut self) -> Result<(), RunError>;
+
+    /// Runs the next tick of all nodes. Those that have stopped by themselves stay as they are.
+    fn advance(&mut self) -> Result<(), RunError>;
+
+    /// Observations of the nodes at their last tick, by index and then by component.
+    fn observations(&self) -> &[Observation<f32>];
+
+    /// Presence of each node at tick `k`, which was the last to run, by index.
+    fn presence(&self, k: u64) -> Vec<Presence>;
+
+    /// Events that the nodes reported so far.
+    fn events(&self) -> &[NodeEvent];
+
+    /// Frame counts so far.
+    fn traffic(&self) -> Traffic;
+}
+
+/// Loopback: nodes on a bus in this program.
+impl Network for Engine {
+    fn start(&mut self) -> Result<(), RunError> {
+        Self::start(self);
+        Ok(())
+    }
+
+    fn advance(&mut self) -> Result<(), RunError> {
+        // `None` where all nodes have stopped by themselves: what they saw last stays.
+        let _ = Self::advance(self);
+        Ok(())
+    }
+
+    fn observations(&self) -> &[Observation<f32>] {
+        self.observations()
+    }
+
+    fn presence(&self, k: u64) -> Vec<Presence> {
+        self.presence(k)
+    }
+
+    fn events(&self) -> &[NodeEvent] {
+        self.events()
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.traffic()
+    }
+}
+
+/// Weakly-centralised coupling: one loop over all nodes, without a bus.
+impl Network for Central {
+    fn start(&mut self) -> Result<(), RunError> {
+        Ok(())
+    }
+
+    fn advance(&mut self) -> Result<(), RunError> {
+        Self::advance(self);
+        Ok(())
+    }
+
+    fn observations(&self) -> &[Observation<f32>] {
+        self.observations()
+    }
+
+    fn presence(&self, _: u64) -> Vec<Presence> {
+        self.presence()
+    }
+
+    fn events(&self) -> &[NodeEvent] {
+        self.events()
+    }
+
+    fn traffic(&self) -> Traffic {
+        Traffic::default()
+    }
+}
+
+/// Emulated nodes and those of a bench: this program is their bus.
+impl Network for Hub {
+    fn start(&mut self) -> Result<(), RunError> {
+        Ok(Self::start(self)?)
+    }
+
+    fn advance(&mut self) -> Result<(), RunError> {
+        Self::advance(self).map(drop).map_err(RunError::in_the_run)
+    }
+
+    fn observations(&self) -> &[Observation<f32>] {
+        self.observations()
+    }
+
+    fn presence(&self, _: u64) -> Vec<Presence> {
+        self.presence().to_vec()
+    }
+
+    fn events(&self) -> &[NodeEvent] {
+        self.events()
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.traffic()
+    }
+}
