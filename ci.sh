@@ -206,6 +206,11 @@ cmd_package() { #: pack and build what can be published: law, protocol, node (dr
     cargo publish --quiet --locked --dry-run --workspace --allow-dirty
 }
 
+cmd_fuzz() { #: half a minute of fuzzing for each decoder, the node, the session, storage and the scenario reader
+    have g++ || { say "SKIPPED fuzzing: no g++ here, which libFuzzer is compiled with"; return; }
+    fuzz/run.sh --seconds 30
+}
+
 cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of processor time, on all cores, not part of `test`
     cargo test --locked --release --package funnelnet-law --test sweep -- --include-ignored --nocapture
 }
@@ -451,11 +456,17 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy doc unit package thumb firmware boards panics stack selftest parity socketcan scenarios gallery-check cost book; do
+    for name in setup fmt clippy doc unit package thumb firmware boards panics stack selftest parity socketcan scenarios gallery-check cost fuzz book; do
         say "--- $name"
         "cmd_$name"
     done
     say "all checks passed"
+}
+
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, ten million fuzzed inputs per target; an hour
+    cmd_sweep
+    fuzz/run.sh --runs 10000000 can can_fd node serial service session store
+    fuzz/run.sh --runs 1000000 scenario
 }
 
 cmd_help() { #: list the sub-commands

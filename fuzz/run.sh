@@ -28,8 +28,10 @@ failed=0
 for target in "${targets[@]}"; do
     mkdir -p "corpus/$target" "artifacts/$target" "../target/fuzz/corpus/$target"
     log=../target/fuzz/$target.log
+    seeds=("corpus/$target")
+    [[ $target != scenario ]] || seeds+=(../scenarios)
     # New inputs go to the first folder, which is not the repository's.
-    if "../target/fuzz/$host/release/$target" "../target/fuzz/corpus/$target" "corpus/$target" $limit -print_final_stats=1 \
+    if "../target/fuzz/$host/release/$target" "../target/fuzz/corpus/$target" "${seeds[@]}" $limit -print_final_stats=1 \
         -artifact_prefix="artifacts/$target/" -rss_limit_mb=2048 > "$log" 2>&1; then
         runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
         cover=$(grep -o 'cov: [0-9]*' "$log" | tail -1)

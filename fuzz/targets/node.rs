@@ -1,21 +1,74 @@
 //! A node with any configuration that is accepted, and any messages: no panic, no state or input that is not finite, a bounded number of actions.
 #![no_main]
 
+use funnelnet_law::field::{Field, Sine};
+use funnelnet_law::funnel::{Funnel, Normalised, Shape};
+use funnelnet_law::gain::Gain;
+use funnelnet_law::{Breach, Coupling};
 use funnelnet_node::{Action, Node, Params, Phase};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::can;
+use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::{Command, Message, Target};
 use libfuzzer_sys::fuzz_target;
 
 /// More actions at one time than a node of 8 components and 126 neighbours can have.
 const MOST_ACTIONS: usize = 2_000;
 
-fuzz_target!(|input: (Vec<u8>, Vec<(u16, [u8; 8], u8, u32)>)| {
-    let (bytes, script) = input;
-    let mut config = NodeConfig::empty();
-    if config.read(&bytes).is_err() {
-        return;
-    }
+/// Kinds, numbers and neighbours of a configuration.
+type Draw = ([u8; 8], [f32; 12], u32, Vec<(u8, f32)>);
+
+/// The configuration that a draw stands for, or none.
+fn config((kinds, numbers, tick_ns, neighbours): Draw) -> Option<NodeConfig> {
+    let [a, b, c, d, e, f, slope, offset, x, limit, amplitude, weight] = numbers;
+    let gains = Gain::<f32>::KINDS;
+    let gain = (gains[usize::from(kinds[0]) % gains.len()].build)([a, b]);
+    let then = Normalised::Exponential { start: c, end: d, rate: e };
+    let shape = match kinds[1] % 5 {
+        0 => Shape::Exponential { start: c, end: d, rate: e },
+        1 => Shape::Constant { width: c },
+        2 => Shape::ReciprocalTime { scale: c },
+        3 => Shape::FiniteTime { start: c, at_ns: u64::from(tick_ns) * 3, power: d },
+        _ => Shape::Schedule { start: c, at_ns: u64::from(tick_ns) * 2, eps: f, then },
+    };
+    let coupling = match kinds[2] % 5 {
+        0 => Coupling::NodeWise,
+        1 => Coupling::MaxGain,
+        2 => Coupling::EdgeWise,
+        3 => Coupling::LambdaTracker { eta: f },
+        _ => Coupling::None,
+    };
+    let breach = match kinds[3] % 3 {
+        0 => Breach::Ride,
+        1 => Breach::Reopen { margin: e, rate: d },
+        _ => Breach::Stop,
+    };
+    let components = 1 + usize::from(kinds[4] % 3);
+    let sine = Sine { component: 0, amplitude, frequency: f64::from(e), phase: 0.0 };
+    let field = Field {
+        slope: [slope].into_iter().collect(),
+        offset: (0..components).map(|_| offset).collect(),
+        sines: [sine].into_iter().collect(),
+    };
+    let source = if kinds[5] % 2 == 0 { TickSource::Timer } else { TickSource::Sync };
+    let builder = NodeConfig::builder(1, tick_ns)
+        .tick_source(source)
+        .state((0..components).map(|_| x))
+        .state_limit(limit)
+        .field(field)
+        .gain(gain)
+        .funnel(Funnel { factor: weight, shape })
+        .coupling(coupling)
+        .on_breach(breach)
+        .extrapolate_ticks(kinds[6])
+        .lost_neighbours(kinds[7])
+        .telemetry_every(1);
+    neighbours.into_iter().fold(builder, |builder, (id, weight)| builder.edge(id, weight)).build().ok()
+}
+
+fuzz_target!(|input: (Draw, Vec<(u16, [u8; 8], u8, u32)>)| {
+    let (draw, script) = input;
+    let Some(config) = config(draw) else { return };
     let Ok(params) = Params::<f32>::new(&config) else { return };
     let mut node = Node::new(params, &config.neighbours);
     let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };

@@ -15,7 +15,10 @@ fuzz_target!(|bytes: &[u8]| {
     // A zero ends whatever the noise was; then a good frame is heard.
     let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
     deframer.push(0);
-    let heard = serial::encode(&start).iter().filter_map(|&byte| deframer.push(byte).map(|frame| frame.is_ok())).collect::<Vec<_>>();
+    let heard = serial::encode(&start)
+        .iter()
+        .filter_map(|&byte| deframer.push(byte).map(|frame| frame.is_ok()))
+        .collect::<Vec<_>>();
     assert!(heard.contains(&true), "{heard:?}");
 });
 
