@@ -305,3 +305,27 @@ fn a_reader_that_goes_away_is_no_panic() {
         assert_eq!((child.wait().unwrap().code(), err.as_str()), (Some(0), ""), "{arguments:?}");
     }
 }
+
+/// What is called as the emulator is may be anything: one that never answers is given up, and is not left behind.
+#[cfg(unix)]
+#[test]
+fn an_emulator_that_never_answers_is_given_up() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let fake = folder.path().join("qemu-system-arm");
+    let pid = folder.path().join("pid");
+    std::fs::write(&fake, format!("#!/bin/sh\necho $$ > {}\nexec sleep 1000\n", pid.display())).unwrap();
+    std::fs::set_permissions(&fake, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios/five-agents.toml");
+    let output = sim_host()
+        .env("PATH", path)
+        .args(["run", scenario, "--on", "emulator", "--image", scenario, "--set", "time.duration=10ms"])
+        .output()
+        .unwrap();
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{words}");
+    assert!(words.contains("node 1 did not answer"), "{words}");
+    let pid = std::fs::read_to_string(pid).unwrap();
+    assert!(!std::path::Path::new(&format!("/proc/{}", pid.trim())).exists(), "process {pid} is left");
+}

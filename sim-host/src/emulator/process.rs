@@ -183,9 +183,14 @@ fn command(qemu: &str, image: &Path, folder: &Path, lines: &[String]) -> Command
     command
 }
 
-/// Whether the emulator can be started at all; `setpriv` would hide that it cannot.
+/// Whether the emulator can be started at all; `setpriv` would hide that it cannot. It is not waited for: what is called so may be anything, and
+/// may never end.
 fn runs(qemu: &str) -> bool {
     let mut command = Command::new(qemu);
     command.arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    command.status().is_ok()
+    let Ok(mut child) = command.spawn() else { return false };
+    // Already ended is as good.
+    let _ = child.kill();
+    let _ = child.wait();
+    true
 }
