@@ -13,18 +13,19 @@ use clap::{CommandFactory, Parser};
 
 use crate::bench::{self, BenchFile};
 use crate::check;
+use crate::compare::{Recorded, compare, overlay_svg};
 use crate::exit::Exit;
 use crate::flash_file::FileStorage;
 use crate::host_node::{self, End};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
-use crate::record::{Summary, failures, is_standard_output};
+use crate::record::{Summary, failures, is_standard_output, write_atomic};
 use crate::run::{self, Claim, Fidelity, RunError, RunOptions, Verbosity, Wanted};
 use crate::scenario::{Override, Scenario, format_duration};
 
 pub use arguments::Cli;
-use arguments::{BenchArgs, CheckArgs, Command, NodeArgs, OutputArgs, RunArgs, Settings, Source};
+use arguments::{BenchArgs, CheckArgs, Command, DiffArgs, NodeArgs, OutputArgs, RunArgs, Settings, Source};
 use words::{command, repeat};
 
 /// A message for standard error, and how the program ends.
@@ -97,6 +98,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Bench(args) => bench_command(&args, arguments),
         Command::Node(args) => node_command(&args),
         Command::Check(args) => check_command(&args),
+        Command::Diff(args) => diff_command(&args),
         Command::Completions { shell } => completions(shell),
     };
     result.unwrap_or_else(|failure| {
@@ -277,6 +279,31 @@ fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
         print(&printable_lines(&report.to_string()))?;
     }
     Ok(if report.pass { Exit::Success } else { Exit::BadInput })
+}
+
+fn diff_command(args: &DiffArgs) -> Result<Exit, Failure> {
+    let read = |path: &Path| Recorded::read(path).map_err(Failure::bad_input);
+    let (a, b) = (read(&args.a)?, read(&args.b)?);
+    let found = compare(&a, &b);
+    if let Some(path) = &args.plot {
+        if let Some(read) = [&a, &b].into_iter().find_map(|recorded| recorded.is_read_from(path)) {
+            let message =
+                format!("--plot {}: would overwrite {}, which is compared", path.display(), read.display());
+            return Err(Failure::bad_input(message));
+        }
+        let title = format!("A: {}, B: {}", args.a.display(), args.b.display());
+        let svg =
+            overlay_svg(&title, &a.table, &b.table).map_err(|error| Failure::bad_input(error.to_string()))?;
+        write_atomic(path, svg.as_bytes()).map_err(|error| Failure::bad_input(error.to_string()))?;
+    }
+    if args.json {
+        let text = serde_json::to_string_pretty(&found)
+            .map_err(|error| Failure { message: error.to_string(), exit: Exit::Defect })?;
+        print(&text)?;
+    } else {
+        print(&printable_lines(&found.to_string()))?;
+    }
+    Ok(if found.equal { Exit::Success } else { Exit::ExpectationFailed })
 }
 
 fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {

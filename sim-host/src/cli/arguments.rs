@@ -60,6 +60,17 @@ Examples:
   sim-host check scenarios/five-agents.toml
   sim-host check scenarios/five-agents.toml --set time.tick=20ms --json";
 
+const DIFF_HELP: &str = "\
+Compares what --out has left in two folders, or two trajectory.csv: values to the bit and columns by their names, \
+then the figures of the summaries, but for times of the machine, commands and versions.
+
+Exit codes: 0 equal, 1 different, 2 not to be read.
+
+Examples:
+  sim-host diff out/yesterday out/today
+  sim-host diff out/loopback out/bench --plot both.svg
+  sim-host diff a/trajectory.csv b/trajectory.csv --json";
+
 const COMPLETIONS_HELP: &str = "\
 Examples:
   source <(sim-host completions bash)
@@ -87,6 +98,9 @@ pub(super) enum Command {
     /// Check a scenario's assumptions, bounds and capacity without running it
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
+    /// Compare two recorded runs: where they differ first, and how far apart they come
+    #[command(after_help = DIFF_HELP)]
+    Diff(DiffArgs),
     /// Print a completion script for a shell
     #[command(after_help = COMPLETIONS_HELP)]
     Completions {
@@ -207,6 +221,22 @@ pub(super) struct CheckArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub(super) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct DiffArgs {
+    /// A folder that --out has filled, or a trajectory.csv
+    #[arg(value_name = "A")]
+    pub(super) a: PathBuf,
+    /// The other one
+    #[arg(value_name = "B")]
+    pub(super) b: PathBuf,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Draw the states of both into one picture (SVG)
+    #[arg(long, value_name = "FILE")]
+    pub(super) plot: Option<PathBuf>,
 }
 
 /// Clap names the option and the value itself, so only what is allowed is left to say.

@@ -10,6 +10,7 @@ mod funnels;
 mod legend;
 mod marks;
 mod notes;
+mod overlay;
 mod panel;
 mod states;
 mod style;
@@ -19,6 +20,7 @@ mod trace;
 
 pub use funnels::funnels_svg;
 pub use marks::Kind as MarkKind;
+pub use overlay::Overlay;
 pub use states::states_svg;
 pub use trace::Trace;
 
