@@ -23,6 +23,7 @@ pub(crate) struct Log {
 
 impl Log {
     /// Notes a mistake; one that is already there (a shared default) is not repeated.
+    #[allow(clippy::boxed_local)] // as everyone has one who makes one
     pub fn report(&self, diagnostic: Box<Diagnostic>) {
         if self.seen.borrow_mut().insert((*diagnostic).clone()) {
             self.all.borrow_mut().push(*diagnostic);
