@@ -1,4 +1,5 @@
 //! The CAN port of a node with a controller that is played here, by hand: no clock, no bus.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_link::bus::{FIRST_WAIT_MS, RESTART_MS};
 use funnelnet_link::port::LOOK_EVERY_NS;

@@ -1,7 +1,7 @@
 //! A plant whose sensor does not come back.
 
-use funnelnet_law::field::State;
 use funnelnet_law::AffineSines;
+use funnelnet_law::field::State;
 use funnelnet_node::{Configured, InputRange, Model, PlantSetup};
 use funnelnet_plant::Failure;
 use funnelnet_protocol::NodeConfig;

@@ -2,8 +2,8 @@
 
 use core::hint::black_box;
 
-use funnelnet_node::{Action, Node, Params};
 use funnelnet_link::{Fd, Format};
+use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::can_fd::{self, FdFrame};
 use funnelnet_protocol::config::{
