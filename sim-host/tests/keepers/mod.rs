@@ -144,11 +144,9 @@ impl Clock for NoTime {
         0
     }
 
-    fn wait_until(self, at: u64) -> impl Future<Output = ()> {
-        async move {
-            if at > 0 {
-                pending().await
-            }
+    async fn wait_until(self, at: u64) {
+        if at > 0 {
+            pending().await
         }
     }
 }
