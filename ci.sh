@@ -217,7 +217,7 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
 
 cmd_thumb() { #: the crates of a node alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnelnet-law funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store; do
+    for package in funnelnet-law funnelnet-app funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done
@@ -363,13 +363,13 @@ image_storage() { # PATH BOARD
 # Calls in sequential-storage that can end in a panic, in an image at most: checks of its own that nothing here is known to fail.
 readonly DEPENDENCY_PANICS=sequential-storage=12
 
-cmd_panics() { #: check that no code of core, link, plant, protocol and store in the images leads to a panic
+cmd_panics() { #: check that no code of app, law, link, node, plant, protocol and store in the images leads to a panic
     local image paths=()
     for image in $(images); do
         image_build "$image"
         paths+=("$(image_path "$image")")
     done
-    python3 firmware/panics.py "$ROOT" core,link,protocol plant,store "$DEPENDENCY_PANICS" "${paths[@]}"
+    python3 firmware/panics.py "$ROOT" law,link,node,protocol app,plant,store "$DEPENDENCY_PANICS" "${paths[@]}"
 }
 
 cmd_stack() { #: the deepest stack of every image, against a budget and the room that it has

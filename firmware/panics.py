@@ -44,6 +44,8 @@ class Owners:
         self.dependency = f"/{dependency}-"
 
     def of(self, chain):
+        # Without a line, a row of the table names the file of whatever was compiled before it.
+        chain = [frame for frame in chain if frame[2] not in "?0"]
         if any(file.startswith(self.strict) for _, file, _ in chain):
             return "strict"
         file = next((file for _, file, _ in chain if not LIBRARY.search(file)), None)

@@ -1,7 +1,7 @@
 //! The node on a microcontroller.
 //!
-//! The core decides and the protocol encodes; what is here only moves bytes and time. One async [`app`] is generic over its
-//! [`link`]; a board adds its peripherals and a binary of some 100 lines in `src/bin`. Exactly one board feature chooses it.
+//! The node decides and the protocol encodes; what is here only moves bytes and time. The async app is `funnelnet_app`, which a computer runs,
+//! too; [`app`] puts it on a chip, and a board adds its peripherals and a binary of some 100 lines in `src/bin`. Exactly one board feature chooses it.
 //!
 //! `unsafe` is allowed in ten files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
 //! table), `executor.rs` (polling), `priority.rs` (the NVIC), `panic.rs` (the fault handler),
@@ -12,7 +12,6 @@
 pub mod app;
 pub mod executor;
 pub mod heater;
-pub mod link;
 #[cfg(feature = "mps2-an386")]
 pub mod mps2;
 #[cfg(feature = "nrf52840-dk")]

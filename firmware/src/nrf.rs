@@ -5,7 +5,8 @@ use embassy_nrf::wdt::{self, WatchdogHandle};
 use embassy_nrf::{Peri, pac, peripherals::WDT};
 use funnelnet_protocol::service::ResetCause;
 
-use crate::watchdog::{PERIOD, Watchdog};
+use crate::watchdog::PERIOD;
+use funnelnet_app::watchdog::Watchdog;
 
 /// Counts of the watchdog's clock per second.
 const COUNTS_PER_S: u32 = 32_768;

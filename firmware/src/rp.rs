@@ -5,7 +5,8 @@ use embassy_rp::peripherals::{FLASH, WATCHDOG};
 use embassy_rp::{Peri, pac, watchdog};
 use funnelnet_protocol::service::ResetCause;
 
-use crate::watchdog::{PERIOD, Watchdog};
+use crate::watchdog::PERIOD;
+use funnelnet_app::watchdog::Watchdog;
 
 /// Of the Pico's external flash, bytes.
 const FLASH_SIZE: usize = 2 << 20;

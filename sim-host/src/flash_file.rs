@@ -3,10 +3,12 @@
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
+use funnelnet_app::storage::Storage;
 use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::StoreError;
 use funnelnet_store::Store;
+use std::fmt::Display;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read};
 use std::os::unix::fs::FileExt;
@@ -136,27 +138,26 @@ impl FileStorage {
         let store = ready(Store::open(FlashFile::open(path)?, 0..LENGTH as u32));
         store.map(Self).map_err(|error| format!("the storage {}: {error}", path.display()))
     }
+}
 
-    /// Puts the stored configuration into `room`; whether there is a key beside it.
-    ///
-    /// # Errors
-    /// It cannot be read, in words.
-    pub fn load(&mut self, room: &mut Option<NodeConfig>) -> Result<bool, String> {
-        ready(self.0.load(room)).map_err(|error| error.to_string())?;
-        let key = ready(self.0.key()).map_err(|error| error.to_string())?;
-        Ok(key.is_some())
+/// What goes wrong is on standard error.
+impl Storage for FileStorage {
+    async fn load(&mut self, room: &mut Option<NodeConfig>) {
+        *room = None;
+        let _ = self.0.load(room).await.inspect_err(complain);
     }
 
-    /// Does what a session asks for.
-    ///
-    /// # Errors
-    /// The file did not take it; the reason is on standard error.
-    pub fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
-        ready(self.0.perform(task)).map_err(|error| {
-            eprintln!("storage: {error}");
-            StoreError::Failed
-        })
+    async fn has_key(&mut self) -> bool {
+        matches!(self.0.key().await.inspect_err(complain), Ok(Some(_)))
     }
+
+    async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
+        self.0.perform(task).await.inspect_err(complain).map_err(|_| StoreError::Failed)
+    }
+}
+
+fn complain(error: &impl Display) {
+    eprintln!("storage: {error}");
 }
 
 /// The result of a future that never waits, as those of a file's store.

@@ -4,6 +4,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -15,10 +16,10 @@ use embassy_rp::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::heater::{self, Block};
-use firmware::link::serial::Serial;
 use firmware::rp::{self, Timer};
-use firmware::storage::Absent;
 use firmware::{panic, reset};
+use funnelnet_app::link::serial::Serial;
+use funnelnet_app::storage::Absent;
 use funnelnet_node::Fixed;
 use funnelnet_plant::{Sampled, Source};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -55,7 +56,7 @@ async fn node(uart: BufferedUart, converter: Converter, pwm: Pwm<'static>, chip:
     static SESSION: StaticCell<SessionOf<Plant>> = StaticCell::new();
     static LINK: StaticCell<Serial<BufferedUart>> = StaticCell::new();
     let plant = heater::plant(converter, pwm, heater::MODEL);
-    app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, plant, chip).await
+    pin!(app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, plant, chip)).await
 }
 
 /// The pin low, whatever the PWM does: its function back to a disabled one, its pull-down as after a reset.

@@ -8,6 +8,7 @@
 use core::cell::Cell;
 use core::convert::Infallible;
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use critical_section::Mutex;
@@ -16,13 +17,13 @@ use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::heater::{self, Block, FULL, SENSOR};
-use firmware::link::serial::Serial;
 use firmware::mps2::{
     time,
     uart::{UART_0, Uart},
 };
 use firmware::panic;
-use firmware::storage::Absent;
+use funnelnet_app::link::serial::Serial;
+use funnelnet_app::storage::Absent;
 use funnelnet_node::Model;
 use funnelnet_plant::{Sampled, Source};
 use funnelnet_protocol::NodeConfig;
@@ -134,7 +135,7 @@ async fn node(uart: Uart) {
     static SESSION: StaticCell<SessionOf<Sampled<Converter, Pin, Placed>>> = StaticCell::new();
     static LINK: StaticCell<Serial<Uart>> = StaticCell::new();
     let plant = heater::plant(Converter, Pin, Placed);
-    app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, plant, Chip::UNKNOWN).await
+    pin!(app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, plant, Chip::UNKNOWN)).await
 }
 
 #[entry]

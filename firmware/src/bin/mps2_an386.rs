@@ -3,19 +3,21 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::serial::Serial;
 use firmware::mps2::{
     time,
     uart::{UART_0, Uart},
 };
+use firmware::panic;
 use firmware::reset::{self, Start};
-use firmware::storage::Absent;
-use firmware::{panic, watchdog};
+use funnelnet_app::link::serial::Serial;
+use funnelnet_app::storage::Absent;
+use funnelnet_app::watchdog;
 use funnelnet_plant::Virtual;
 use funnelnet_protocol::service::ResetCause;
 use static_cell::StaticCell;
@@ -29,7 +31,7 @@ async fn node(uart: Uart, start: Start) {
     static LINK: StaticCell<Serial<Uart>> = StaticCell::new();
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
-    app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, Virtual, chip).await
+    pin!(app::run(&SESSION, LINK.init_with(|| Serial::new(uart)), &mut Absent, Virtual, chip)).await
 }
 
 #[entry]

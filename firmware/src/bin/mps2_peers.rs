@@ -3,17 +3,19 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_semihosting as _;
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::peers::Peers;
 use firmware::mps2::time;
 use firmware::mps2::uart::{Receiver, Transmitter, UART_0, UART_1, UART_2, UART_3, UART_4, Uart};
+use firmware::panic;
 use firmware::reset::{self, Start};
-use firmware::storage::Absent;
-use firmware::{panic, watchdog};
+use funnelnet_app::link::peers::Peers;
+use funnelnet_app::storage::Absent;
+use funnelnet_app::watchdog;
 use funnelnet_link::Junction;
 use funnelnet_plant::Virtual;
 use funnelnet_protocol::service::ResetCause;
@@ -33,7 +35,7 @@ async fn node(host: Halves, peers: [Halves; 4], start: Start) {
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
     let link = Peers::make(&LINK, host, peers, JUNCTION.take());
-    app::run(&SESSION, link, &mut Absent, Virtual, chip).await
+    pin!(app::run(&SESSION, link, &mut Absent, Virtual, chip)).await
 }
 
 #[entry]

@@ -3,6 +3,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -11,10 +12,10 @@ use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, peripherals, uarte};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::serial::Serial;
 use firmware::nrf::{self, Wdt};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
+use funnelnet_app::link::serial::Serial;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -30,7 +31,7 @@ async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>, chip: Chip<Wdt
     let link = LINK.init_with(|| Serial::new(uart));
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 #[entry]

@@ -4,6 +4,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -14,10 +15,10 @@ use embassy_nrf::pac::gpio::vals::Pull;
 use embassy_nrf::{bind_interrupts, peripherals, uarte};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::nrf::{self, Wdt};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
+use funnelnet_app::link::peers::{PeerBuffers, Peers};
 use funnelnet_link::Junction;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -44,7 +45,7 @@ async fn node(host: Halves, peer: Halves, flash: Nvmc<'static>, chip: Chip<Wdt>)
     let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 /// The half that writes first.

@@ -3,6 +3,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -19,14 +20,14 @@ use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Config, bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::can::CanNode;
-use firmware::link::serial::Serial;
 use firmware::panic;
 use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::sectors::Sectors;
 use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
+use funnelnet_app::link::can::CanNode;
+use funnelnet_app::link::serial::Serial;
 use funnelnet_plant::Virtual;
 use funnelnet_store::split::Split;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -51,7 +52,7 @@ async fn node(can: BxCan, uart: BufferedUart<'static>, flash: Sectors, chip: Chi
     let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart)));
     let storage = STORAGE.init_with(|| InFlash::new(Split(Blocking(flash)), region(FLASH_BASE as u32)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.

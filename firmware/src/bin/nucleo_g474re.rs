@@ -3,6 +3,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -13,14 +14,14 @@ use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::can::CanNode;
-use firmware::link::serial::Serial;
 use firmware::panic;
 use firmware::stm32::clocks::clocks;
 use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
+use funnelnet_app::link::can::CanNode;
+use funnelnet_app::link::serial::Serial;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -49,7 +50,7 @@ async fn node(
     let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart)));
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 #[entry]

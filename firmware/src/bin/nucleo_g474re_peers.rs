@@ -4,6 +4,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -13,12 +14,12 @@ use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx, C
 use embassy_stm32::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::panic;
 use firmware::stm32::clocks::clocks;
 use firmware::stm32::line;
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::storage::flash::{Blocking, InFlash, region};
+use funnelnet_app::link::peers::{PeerBuffers, Peers};
 use funnelnet_link::Junction;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -56,7 +57,7 @@ async fn node(
     let link = Peers::make(&LINK, host, peers, JUNCTION.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 #[entry]

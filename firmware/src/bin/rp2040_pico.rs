@@ -3,6 +3,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -11,10 +12,10 @@ use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::serial::Serial;
 use firmware::rp::{self, PicoFlash, Timer};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
+use funnelnet_app::link::serial::Serial;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -33,7 +34,7 @@ async fn node(uart: BufferedUart, flash: PicoFlash, chip: Chip<Timer>) {
     let link = LINK.init_with(|| Serial::new(uart));
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 #[entry]

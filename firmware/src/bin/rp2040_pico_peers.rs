@@ -4,6 +4,7 @@
 #![no_main]
 
 use core::panic::PanicInfo;
+use core::pin::pin;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -12,10 +13,10 @@ use embassy_rp::uart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_rp::{bind_interrupts, flash, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::link::peers::{PeerBuffers, Peers};
 use firmware::rp::{self, PicoFlash, Timer};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
+use funnelnet_app::link::peers::{PeerBuffers, Peers};
 use funnelnet_link::Junction;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -42,7 +43,7 @@ async fn node(host: Halves, peer: Halves, flash: PicoFlash, chip: Chip<Timer>) {
     let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
-    app::run(&SESSION, link, storage, Virtual, chip).await
+    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
 }
 
 #[entry]

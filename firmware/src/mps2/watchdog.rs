@@ -6,7 +6,8 @@ use funnelnet_protocol::service::ResetCause;
 use super::CLOCK_HZ;
 use super::register::{self, Register};
 use crate::reset;
-use crate::watchdog::{PERIOD, Watchdog};
+use crate::watchdog::PERIOD;
+use funnelnet_app::watchdog::Watchdog;
 
 /// CMSDK APB watchdog, as far as it is used.
 #[repr(C)]

@@ -6,7 +6,7 @@ use core::marker::PhantomData;
 use funnelnet_link::{BusState, Format, Frame};
 use funnelnet_protocol::can::function;
 
-use crate::link::can::{Controller, Exchange, Received};
+use funnelnet_app::link::can::{Controller, Exchange, Received};
 
 /// States after which the controller goes off the bus, once.
 const STATES: u32 = 50;

@@ -16,8 +16,8 @@ use funnelnet_protocol::service::Request;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::app::{self, Chip, SessionOf};
-use crate::link::serial::Serial;
-use crate::storage::Absent;
+use funnelnet_app::link::serial::Serial;
+use funnelnet_app::storage::Absent;
 
 /// Nodes of the network.
 pub const NODES: usize = 5;

@@ -8,6 +8,7 @@ mod hour;
 mod stuck;
 
 use core::hint::black_box;
+use core::pin::pin;
 
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
@@ -16,11 +17,11 @@ use funnelnet_plant::Virtual;
 use static_cell::StaticCell;
 
 use crate::app::{self, Chip, SessionOf};
-use crate::link::can::CanNode;
-use crate::link::serial::Serial;
-use crate::storage::{Absent, Storage};
-use crate::watchdog::Watchdog;
 use crate::{panic, priority};
+use funnelnet_app::link::can::CanNode;
+use funnelnet_app::link::serial::Serial;
+use funnelnet_app::storage::{Absent, Storage};
+use funnelnet_app::watchdog::Watchdog;
 
 /// Ticks of the timing test.
 pub const TICKS: u32 = 1000;
@@ -61,8 +62,8 @@ pub async fn run<L: Read + Write>(
         b'p' => deliberate_panic(),
         b'c' => on_can::<Classic>(link).await,
         b'd' => on_can::<Fd>(link).await,
-        b's' => app::run(&SESSION, &mut Serial::new(link), storage, Virtual, chip).await,
-        b'x' => app::run(&STUCK, &mut Serial::new(link), storage, stuck::Plant::default(), chip).await,
+        b's' => pin!(app::run(&SESSION, &mut Serial::new(link), storage, Virtual, chip)).await,
+        b'x' => pin!(app::run(&STUCK, &mut Serial::new(link), storage, stuck::Plant::default(), chip)).await,
         b'P' => {
             restart_with_safe_output();
             deliberate_panic()
@@ -89,7 +90,7 @@ pub async fn run<L: Read + Write>(
 /// A node on a bus in one of the formats.
 async fn on_can<F: Format>(link: impl Read + Write) -> ! {
     let mut node = CanNode::new(can::Scripted::<F>::default(), Serial::new(link));
-    app::run(&SESSION, &mut node, &mut Absent, Virtual, Chip::UNKNOWN).await
+    pin!(app::run(&SESSION, &mut node, &mut Absent, Virtual, Chip::UNKNOWN)).await
 }
 
 fn restart_with_safe_output() {

@@ -13,7 +13,7 @@ use funnelnet_link::BusState;
 use funnelnet_protocol::can::CanFrame;
 
 use super::{received, width};
-use crate::link::can::{Controller, Exchange};
+use funnelnet_app::link::can::{Controller, Exchange};
 
 /// Received frames that wait for the task: the controller itself holds three. 16 are 1 ms of a full bus at 1 Mbit/s.
 pub const RECEIVE_BUFFER: usize = 16;

@@ -19,7 +19,7 @@ use embedded_can::StandardId;
 use funnelnet_link::{BusState, Frame};
 
 use super::{received, width};
-use crate::link::can::{Controller, Exchange, FrameOf};
+use funnelnet_app::link::can::{Controller, Exchange, FrameOf};
 
 /// What it is built for: all nodes of a bus have the same format.
 #[cfg(feature = "can-fd")]

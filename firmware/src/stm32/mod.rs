@@ -1,4 +1,4 @@
-//! What the STM32 boards share: their CAN controllers behind [`crate::link::can::Controller`], the service plane's line, and the chip's number.
+//! What the STM32 boards share: their CAN controllers behind [`funnelnet_app::link::can::Controller`], the service plane's line, and the chip's number.
 
 #[cfg(feature = "nucleo-f446re")]
 pub mod bxcan;
@@ -18,7 +18,7 @@ use embassy_stm32::can::frame::Header;
 use embassy_stm32::usart;
 use embedded_can::Id;
 
-use crate::link::can::Received;
+use funnelnet_app::link::can::Received;
 
 /// The chip's unique number, folded from 96 bits: wafer and lot, with the place on the wafer over them.
 fn uid() -> u64 {

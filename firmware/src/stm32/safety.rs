@@ -9,7 +9,8 @@ use funnelnet_protocol::service::ResetCause;
 use super::uid;
 use crate::app::Chip;
 use crate::reset;
-use crate::watchdog::{PERIOD, Watchdog};
+use crate::watchdog::PERIOD;
+use funnelnet_app::watchdog::Watchdog;
 
 /// What the chip gives its node: number, start, and watchdog. Called once.
 pub fn begin(iwdg: Peri<'static, IWDG>) -> Chip<Iwdg> {

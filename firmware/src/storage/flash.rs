@@ -5,12 +5,11 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use embedded_storage::nor_flash as blocking;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use funnelnet_app::storage::Storage;
 use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::StoreError;
 use funnelnet_store::{Error, Store};
-
-use super::Storage;
 
 #[allow(unsafe_code)] // Declared, and never read.
 unsafe extern "C" {

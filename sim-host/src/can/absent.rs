@@ -1,6 +1,7 @@
 //! Where there is no SocketCAN.
 
-use super::{CanError, Heard, Own, PortFrame};
+use super::{CanError, Heard, Own};
+use funnelnet_link::Frame;
 use std::io;
 use std::time::Duration;
 
@@ -37,7 +38,7 @@ impl CanPort {
     ///
     /// # Errors
     /// None.
-    pub fn send(&self, _: &PortFrame) -> io::Result<bool> {
+    pub fn send(&self, _: &impl Frame) -> io::Result<bool> {
         match *self {}
     }
 }

@@ -1,7 +1,7 @@
 //! SocketCAN (Linux).
 
-use super::{CanError, Heard, Own, PortFrame, Traffic};
-use funnelnet_link::Frame as _;
+use super::{CanError, Heard, Own, Traffic};
+use funnelnet_link::Frame;
 use socketcan::id::FdFlags;
 use socketcan::{
     CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanSocket, EmbeddedFrame, Id,
@@ -92,7 +92,7 @@ impl CanPort {
     ///
     /// # Errors
     /// The operating system's: the interface is down or gone.
-    pub fn send(&self, frame: &PortFrame) -> io::Result<bool> {
+    pub fn send(&self, frame: &impl Frame) -> io::Result<bool> {
         let id = StandardId::new(frame.id()).ok_or(ErrorKind::InvalidInput)?;
         let written = match self {
             Self::Classic(socket) => {

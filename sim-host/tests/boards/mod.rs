@@ -1,4 +1,4 @@
-//! Played boards: the firmware's session in this process, behind a pseudo-terminal, with a script of what goes wrong.
+//! Played boards: the app of every board in this process, behind a pseudo-terminal, with a script of what goes wrong.
 #![allow(dead_code, reason = "each file of tests has its own use for this")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
@@ -6,17 +6,26 @@ mod bench;
 
 pub use bench::*;
 
-use funnelnet_node::{Output, Phase, Session};
+use funnelnet_app::link::{Health, Input};
+use funnelnet_app::storage::Storage;
+use funnelnet_app::{App, Clock, Link, Platform, watchdog};
+use funnelnet_node::{Phase, Session, Task};
+use funnelnet_plant::Virtual;
+use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::WIRE_VERSION;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
-use funnelnet_protocol::service::{Identity, Reply};
+use funnelnet_protocol::service::{Identity, Reply, StoreError};
 use rustix::fs::OFlags;
 use rustix::pty::{self, OpenptFlags};
 use std::fs::File;
+use std::future::{pending, poll_fn};
 use std::io::{ErrorKind, Read, Write};
+use std::ops::Range;
+use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::task::{Context, Poll, Waker};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -110,21 +119,18 @@ impl Board {
         let port = File::from(port);
         let (quit, states) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
         let noise = Arc::new(AtomicU64::new(0));
-        let session = Session::new(identity);
         let mut played = Played {
             port,
             deframer: Deframer::new(),
-            session,
+            bytes: [0; 256],
+            unread: 0..0,
             part,
             states: states.clone(),
             noise: noise.clone(),
             hung: false,
             quit: quit.clone(),
         };
-        let thread = std::thread::spawn(move || {
-            played.run();
-            played.session.node().map(|node| node.phase())
-        });
+        let thread = std::thread::spawn(move || played.run(identity));
         Self { path, quit, states, noise, thread }
     }
 
@@ -169,10 +175,13 @@ impl Part {
     }
 }
 
+/// The link of a board.
 struct Played {
     port: File,
     deframer: Deframer,
-    session: Session,
+    bytes: [u8; 256],
+    /// Bytes that were received and not read yet.
+    unread: Range<usize>,
     part: Part,
     states: Arc<AtomicU32>,
     noise: Arc<AtomicU64>,
@@ -180,83 +189,92 @@ struct Played {
     quit: Arc<AtomicBool>,
 }
 
+/// A clock that is `rate` times as fast as it should be.
+#[derive(Clone, Copy)]
+struct BoardClock {
+    begin: Instant,
+    rate: f64,
+}
+
+impl Clock for BoardClock {
+    fn now(self) -> u64 {
+        (self.begin.elapsed().as_nanos() as f64 * self.rate) as u64
+    }
+
+    fn wait_until(self, at: u64) -> impl Future<Output = ()> {
+        poll_fn(move |_| if self.now() >= at { Poll::Ready(()) } else { Poll::Pending })
+    }
+}
+
+/// A storage that is never done: a board that is asked for it says nothing any more.
+struct Stuck;
+
+impl Storage for Stuck {
+    async fn load(&mut self, _: &mut Option<NodeConfig>) {}
+
+    async fn has_key(&mut self) -> bool {
+        false
+    }
+
+    async fn perform(&mut self, _: Task<'_>) -> Result<u32, StoreError> {
+        pending().await
+    }
+}
+
 impl Played {
-    fn run(&mut self) {
-        let mut bytes = [0; 256];
-        let begin = Instant::now();
-        while !self.quit.load(Ordering::Relaxed) {
-            let length = match self.port.read(&mut bytes) {
-                Ok(length) => length,
-                // Nothing has come, or nobody has opened the terminal.
-                Err(_) => {
-                    std::thread::sleep(PAUSE);
-                    0
-                }
-            };
-            let rate = self.part.rate;
-            let now = || (begin.elapsed().as_nanos() as f64 * rate) as u64;
-            if self.session.poll_at().is_some_and(|at| at <= now()) {
-                self.drain(now());
-            }
-            for &byte in &bytes[..length] {
-                let now = now();
-                if let Some(frame) = self.deframer.push(byte) {
-                    if self.part.deaf && matches!(frame, Ok(Frame::RealTime(Message::State { .. }))) {
-                        continue;
-                    }
-                    self.session.on_frame(frame, now);
-                    self.drain(now);
-                }
+    /// Until it is unplugged; the phase that its node ends in.
+    fn run(&mut self, identity: Identity) -> Option<Phase> {
+        let mut session = Session::new(identity);
+        let clock = BoardClock { begin: Instant::now(), rate: self.part.rate };
+        let platform = Platform { watchdog: watchdog::Absent, clock, log: () };
+        let quit = self.quit.clone();
+        {
+            let mut storage = Stuck;
+            let mut app = App::new(&mut session, self, &mut storage, Virtual, platform);
+            let mut node = pin!(app.run());
+            while !quit.load(Ordering::Relaxed) {
+                let pending = node.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending();
+                assert!(pending, "a node runs for ever");
+                std::thread::sleep(PAUSE);
             }
         }
+        session.node().map(|node| node.phase())
     }
 
-    fn drain(&mut self, now: u64) {
-        while let Some(output) = self.session.poll(now) {
-            match output {
-                Output::Send(message) => self.send(&message),
-                Output::Reply(reply) => self.reply(&reply),
-                // A bench never asks for these.
-                Output::StorageRequest => {}
-                Output::Report(_) => {}
-                Output::Safe | Output::Sample | Output::Actuate => {}
-            }
+    /// Whether something has come.
+    fn receive(&mut self) -> bool {
+        if self.unread.is_empty() && !self.quit.load(Ordering::Relaxed) {
+            // An error: nothing has come, or nobody has opened the terminal.
+            self.unread = 0..self.port.read(&mut self.bytes).unwrap_or(0);
         }
+        !self.unread.is_empty()
     }
 
-    fn send(&mut self, message: &Message) {
-        if let Message::State { .. } = message {
-            let act = (self.part.script)(self.states.fetch_add(1, Ordering::Relaxed));
-            match act {
-                Act::Send => {}
-                Act::Noise(bytes) => self.put(&bytes),
-                Act::Hear(bytes) => {
-                    for &byte in &bytes {
-                        let _ = self.deframer.push(byte);
-                    }
+    /// Does what the script says before a state. A board that is unplugged then says nothing.
+    fn act(&mut self) {
+        let act = (self.part.script)(self.states.fetch_add(1, Ordering::Relaxed));
+        match act {
+            Act::Send => {}
+            Act::Noise(bytes) => self.put(&bytes),
+            Act::Hear(bytes) => {
+                for &byte in &bytes {
+                    let _ = self.deframer.push(byte);
                 }
-                Act::Vanish => self.quit.store(true, Ordering::Relaxed),
-                Act::Hang => self.hung = true,
-                Act::Babble(bytes) => {
-                    while !self.quit.load(Ordering::Relaxed) {
-                        self.put(&bytes);
-                    }
+            }
+            Act::Vanish => self.quit.store(true, Ordering::Relaxed),
+            Act::Hang => self.hung = true,
+            Act::Babble(bytes) => {
+                while !self.quit.load(Ordering::Relaxed) {
+                    self.put(&bytes);
                 }
-                Act::Flood => {
-                    while !self.quit.load(Ordering::Relaxed) {
-                        self.put(&[0x55; 200]);
-                        self.noise.fetch_add(200, Ordering::Relaxed);
-                    }
+            }
+            Act::Flood => {
+                while !self.quit.load(Ordering::Relaxed) {
+                    self.put(&[0x55; 200]);
+                    self.noise.fetch_add(200, Ordering::Relaxed);
                 }
             }
         }
-        if !self.quit.load(Ordering::Relaxed) {
-            self.say(Says::Message(*message));
-        }
-    }
-
-    fn reply(&mut self, reply: &Reply) {
-        self.say(Says::Reply(self.session.id(), reply.clone()));
     }
 
     fn say(&mut self, said: Says) {
@@ -282,6 +300,42 @@ impl Played {
                 Err(_) => return,
             }
         }
+    }
+}
+
+impl Link for Played {
+    async fn wait(&mut self, _: impl Clock) {
+        poll_fn(|_| if self.receive() { Poll::Ready(()) } else { Poll::Pending }).await;
+    }
+
+    fn next(&mut self, _: u64) -> Option<Input<'_>> {
+        while let Some(byte) = self.unread.next().map(|at| self.bytes[at]) {
+            if byte == 0 {
+                let frame = self.deframer.push(byte)?;
+                let unheard = self.part.deaf && matches!(frame, Ok(Frame::RealTime(Message::State { .. })));
+                return (!unheard).then_some(Input::Frame(frame));
+            }
+            let _ = self.deframer.push(byte);
+        }
+        None
+    }
+
+    async fn send(&mut self, message: &Message, _: u64) {
+        if let Message::State { .. } = message {
+            self.act();
+        }
+        if self.quit.load(Ordering::Relaxed) {
+            return pending().await;
+        }
+        self.say(Says::Message(*message));
+    }
+
+    async fn reply(&mut self, reply: &Reply, source: u8) {
+        self.say(Says::Reply(source, reply.clone()));
+    }
+
+    fn health(&self) -> Health {
+        Health::default()
     }
 }
 

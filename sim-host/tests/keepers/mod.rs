@@ -1,7 +1,11 @@
-//! Played nodes that keep their configuration: the firmware's session in a thread, behind a pair of sockets, with what goes wrong as it is
+//! Played nodes that keep their configuration: the app of every node in a thread, behind a pair of sockets, with what goes wrong as it is
 //! commissioned.
 
-use funnelnet_node::{Output, Session, Task};
+use funnelnet_app::link::{self, Health, Input};
+use funnelnet_app::storage::Storage;
+use funnelnet_app::{App, Clock, Platform, watchdog};
+use funnelnet_node::{Session, Task};
+use funnelnet_plant::Virtual;
 use funnelnet_protocol::config::{Field, NodeConfig, Shape, TickSource};
 use funnelnet_protocol::message::{Command, Message, Target};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
@@ -9,10 +13,14 @@ use funnelnet_protocol::service::{Identity, Reply, StoreError};
 use funnelnet_protocol::{Refusal, WIRE_VERSION};
 use sim_host::hub::{Attached, Device, Link, Stream};
 use sim_host::interrupt::Interrupt;
+use std::future::pending;
 use std::io::{self, Read, Write};
+use std::ops::Range;
 use std::os::unix::net::UnixStream;
+use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::task::{Context, Waker};
 
 /// What goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,8 +85,9 @@ impl Keeper {
         ours.set_read_timeout(Some(sim_host::hub::SLICE)).unwrap();
         let (kept, answered) = (Kept::default(), Arc::new(AtomicBool::new(false)));
         let line = Line { stream: ours, answered: answered.clone(), interrupt: interrupt.clone() };
-        let played = Played { line: theirs, session, flaw, staged: None, kept: kept.clone(), answered };
-        std::thread::spawn(move || played.run());
+        let link = Played { line: theirs, flaw, deframer: Deframer::new(), bytes: [0; 512], unread: 0..0 };
+        let storage = PlayedStorage { flaw, staged: None, kept: kept.clone(), answered };
+        std::thread::spawn(move || run(session, link, storage));
         let link = Link::new(id, "the played node".to_owned(), Box::new(line), interrupt);
         let attached = Attached { link, device: Box::new(PlayedDevice), uid: None };
         Self { kept, attached }
@@ -116,67 +125,115 @@ fn session() -> Session {
     Session::new(Identity { wire_version: WIRE_VERSION, ..Identity::default() })
 }
 
+/// Time stands still.
+#[derive(Clone, Copy)]
+struct NoTime;
+
+impl Clock for NoTime {
+    fn now(self) -> u64 {
+        0
+    }
+
+    async fn wait_until(self, at: u64) {
+        if at > 0 {
+            pending().await
+        }
+    }
+}
+
+/// Runs a node until its line is closed, or it dies.
+fn run(mut session: Session, mut link: Played, mut storage: PlayedStorage) {
+    let platform = Platform { watchdog: watchdog::Absent, clock: NoTime, log: () };
+    let mut app = App::new(&mut session, &mut link, &mut storage, Virtual, platform);
+    // It waits for its line by blocking, so whatever else it waits for is its end.
+    let _ = pin!(app.run()).poll(&mut Context::from_waker(Waker::noop()));
+}
+
 struct Played {
     line: UnixStream,
-    session: Session,
+    flaw: Flaw,
+    deframer: Deframer<MAX_RAW>,
+    bytes: [u8; 512],
+    /// Bytes that were received and not read yet.
+    unread: Range<usize>,
+}
+
+impl Played {
+    fn hears(flaw: Flaw, frame: &Result<Frame<'_>, Refusal>) -> bool {
+        let commit = matches!(frame, Ok(Frame::RealTime(Message::Ctrl { command: Command::Commit, .. })));
+        !commit || flaw != Flaw::HearsNoCommit
+    }
+
+    fn altered(&self, reply: &Reply) -> Reply {
+        match reply {
+            Reply::Staged(Ok(checksum)) if self.flaw == Flaw::StagesAnother => {
+                Reply::Staged(Ok(checksum ^ 1))
+            }
+            reply => reply.clone(),
+        }
+    }
+
+    async fn write(&mut self, bytes: &[u8]) {
+        if self.line.write_all(bytes).is_err() {
+            pending().await
+        }
+    }
+}
+
+impl link::Link for Played {
+    async fn wait(&mut self, _: impl Clock) {
+        if self.unread.is_empty() {
+            match self.line.read(&mut self.bytes) {
+                Ok(length @ 1..) => self.unread = 0..length,
+                _ => pending().await,
+            }
+        }
+    }
+
+    fn next(&mut self, _: u64) -> Option<Input<'_>> {
+        while let Some(byte) = self.unread.next().map(|at| self.bytes[at]) {
+            if byte == 0 {
+                let frame = self.deframer.push(byte)?;
+                return Self::hears(self.flaw, &frame).then_some(Input::Frame(frame));
+            }
+            let _ = self.deframer.push(byte);
+        }
+        None
+    }
+
+    async fn send(&mut self, message: &Message, _: u64) {
+        self.write(&serial::encode(message)).await;
+    }
+
+    async fn reply(&mut self, reply: &Reply, source: u8) {
+        let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
+        let length = serial::encode_service(&self.altered(reply), source, &mut scratch, &mut frame).unwrap();
+        self.write(&frame[..length]).await;
+    }
+
+    fn health(&self) -> Health {
+        Health::default()
+    }
+}
+
+struct PlayedStorage {
     flaw: Flaw,
     staged: Option<NodeConfig>,
     kept: Kept,
     answered: Arc<AtomicBool>,
 }
 
-impl Played {
-    /// Until its line is closed, or it dies.
-    fn run(mut self) {
-        let (mut deframer, mut bytes) = (Deframer::<MAX_RAW>::new(), [0; 512]);
-        while let Ok(length @ 1..) = self.line.read(&mut bytes) {
-            for &byte in &bytes[..length] {
-                let Some(frame) = deframer.push(byte) else { continue };
-                if self.hears(&frame) {
-                    self.session.on_frame(frame, 0);
-                }
-                if self.drain().is_err() {
-                    return;
-                }
-            }
-        }
+impl Storage for PlayedStorage {
+    /// The session has been restored already.
+    async fn load(&mut self, _: &mut Option<NodeConfig>) {}
+
+    async fn has_key(&mut self) -> bool {
+        false
     }
 
-    fn hears(&self, frame: &Result<Frame<'_>, Refusal>) -> bool {
-        let commit = matches!(frame, Ok(Frame::RealTime(Message::Ctrl { command: Command::Commit, .. })));
-        !commit || self.flaw != Flaw::HearsNoCommit
-    }
-
-    fn drain(&mut self) -> io::Result<()> {
-        while let Some(output) = self.session.poll(0) {
-            match output {
-                Output::StorageRequest => self.keep()?,
-                Output::Reply(reply) => {
-                    let reply = self.altered(reply);
-                    let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
-                    let id = self.session.id();
-                    let length = serial::encode_service(&reply, id, &mut scratch, &mut frame).unwrap();
-                    self.line.write_all(&frame[..length])?;
-                }
-                Output::Send(message) => self.line.write_all(&serial::encode(&message))?,
-                Output::Report(_) | Output::Safe | Output::Sample | Output::Actuate => {}
-            }
-        }
-        Ok(())
-    }
-
-    fn altered(&self, reply: Reply) -> Reply {
-        match reply {
-            Reply::Staged(Ok(checksum)) if self.flaw == Flaw::StagesAnother => {
-                Reply::Staged(Ok(checksum ^ 1))
-            }
-            reply => reply,
-        }
-    }
-
-    /// Does what the session wants of a storage; fails where that is the end of the node.
-    fn keep(&mut self) -> io::Result<()> {
-        let (fails, kept, at) = match self.session.task().unwrap() {
+    /// Does what the session wants; waits for ever where that is the end of the node.
+    async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
+        let (fails, kept, at) = match task {
             Task::Stage(config) => {
                 self.staged = Some(config.clone());
                 (false, "staged", Flaw::InterruptedAtStage)
@@ -192,9 +249,10 @@ impl Played {
             *self.kept.lock().unwrap() = kept;
         }
         self.answered.store(self.flaw == at, Ordering::Relaxed);
-        self.session.performed(if fails { Err(StoreError::Failed) } else { Ok(1) });
-        let dies = self.flaw == Flaw::Dies && kept != "staged";
-        if dies { Err(io::ErrorKind::BrokenPipe.into()) } else { Ok(()) }
+        if self.flaw == Flaw::Dies && kept != "staged" {
+            pending::<()>().await;
+        }
+        if fails { Err(StoreError::Failed) } else { Ok(1) }
     }
 }
 

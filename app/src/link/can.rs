@@ -1,9 +1,8 @@
 //! The real-time plane on CAN, and the service plane on a serial line beside it.
 
 use embassy_futures::select::{Either, select};
-use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
-use funnelnet_link::{Bus, BusState, Change, Format, Mailbox, Put, Step};
+use funnelnet_link::{BusState, CanPort, Format, Heard, Request};
 use funnelnet_protocol::can_fd::MAX_DATA;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
@@ -12,9 +11,7 @@ use funnelnet_protocol::service::Reply;
 
 use super::serial::Serial;
 use super::{Health, Input, Link};
-
-/// How often the controller's error state is looked at: drivers wake nobody when it changes.
-const LOOK_EVERY: Duration = Duration::from_millis(10);
+use crate::clock::Clock;
 
 /// A received data frame with an 11-bit identifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,8 +40,10 @@ impl Received {
 
 /// What a controller has done.
 pub enum Exchange {
-    /// It has received a frame; `None` for one that is not of this plane (29-bit identifier, remote frame).
+    /// It has received a frame; `None` for one that is not of this plane (29-bit identifier, remote frame) and of which nobody keeps count.
     Received(Option<Received>),
+    /// It has received a frame that the node refuses, and counts, for this reason.
+    Refused(Refusal),
     /// It has taken the frame that it was given.
     Taken,
     /// It reports an error on the bus. Its error counters decide what follows.
@@ -80,103 +79,75 @@ pub type FrameOf<C> = <<C as Controller>::Format as Format>::Frame;
 pub struct CanNode<C: Controller, U> {
     controller: C,
     service: Serial<U>,
-    format: C::Format,
-    mailbox: Mailbox<FrameOf<C>>,
-    bus: Bus,
-    next_look: Instant,
-    change: Option<Change>,
-    failures: u32,
+    port: CanPort<C::Format>,
 }
 
 impl<C: Controller, U: Read + Write> CanNode<C, U> {
     /// A node on this controller, with its service plane on this line.
     pub fn new(controller: C, service: Serial<U>) -> Self {
-        Self {
-            controller,
-            service,
-            format: C::Format::default(),
-            mailbox: Mailbox::new(),
-            bus: Bus::new(),
-            next_look: Instant::now(),
-            change: None,
-            failures: 0,
-        }
+        Self { controller, service, port: CanPort::new() }
     }
 
     fn note(&mut self, exchange: Exchange) {
         match exchange {
-            Exchange::Received(Some(frame)) => self.format.receive(frame.id, frame.data()),
+            Exchange::Received(Some(frame)) => self.port.on_frame(frame.id, frame.data()),
             Exchange::Received(None) => {}
-            Exchange::Taken => self.mailbox.taken(),
-            Exchange::Error => self.failures = self.failures.saturating_add(1),
+            Exchange::Refused(reason) => self.port.on_refused(reason),
+            Exchange::Taken => self.port.on_taken(),
+            Exchange::Error => self.port.on_error(),
         }
     }
 
-    /// Lets a frame wait for the controller.
-    fn put(&mut self, frame: FrameOf<C>) {
-        // A frame that has waited for so long that its successor is here: those that the controller holds are older still.
-        if self.mailbox.put(frame) == Put::Replaced {
-            self.controller.cancel();
+    /// Does what the port asks of the controller.
+    fn obey(&mut self, request: Option<Request>) {
+        match request {
+            Some(Request::Cancel) => self.controller.cancel(),
+            Some(Request::Restart) => self.controller.restart(),
+            None => {}
         }
     }
 
     /// The session has nothing more to say for now.
     fn flush(&mut self) {
-        if let Some(frame) = self.format.flush() {
-            self.put(frame);
-        }
+        let request = self.port.flush();
+        self.obey(request);
     }
 
     /// Looks at the error state where that is due.
-    fn look(&mut self) {
-        let now = Instant::now();
-        if now < self.next_look {
-            return;
-        }
-        self.next_look = now + LOOK_EVERY;
-        match self.bus.observe(self.controller.state(), now.as_millis()) {
-            Step::Report(change) => self.change = change.or(self.change),
-            Step::Silence(change) => {
-                self.mailbox.clear();
-                drop(self.format.flush());
-                // States of before the recovery are old: ticks on CAN have eight bits, or sixteen, so one might pass for a new one.
-                self.controller.cancel();
-                self.change = Some(change);
-            }
-            Step::Restart => self.controller.restart(),
+    fn look(&mut self, now: u64) {
+        if now >= self.port.look_at() {
+            let request = self.port.on_state(self.controller.state(), now);
+            self.obey(request);
         }
     }
 }
 
 impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
-    async fn wait(&mut self) {
+    async fn wait(&mut self, clock: impl Clock) {
         self.flush();
-        let next = self.mailbox.next().filter(|_| self.bus.is_on());
-        let can = select(self.controller.exchange(next), Timer::at(self.next_look));
-        match select(can, self.service.wait()).await {
+        let can =
+            select(self.controller.exchange(self.port.next_frame()), clock.wait_until(self.port.look_at()));
+        match select(can, self.service.wait(clock)).await {
             Either::First(Either::First(exchange)) => self.note(exchange),
             Either::First(Either::Second(())) | Either::Second(()) => {}
         }
-        self.look();
+        self.look(clock.now());
     }
 
-    fn next(&mut self) -> Option<Input<'_>> {
+    fn next(&mut self, now: u64) -> Option<Input<'_>> {
         self.flush();
-        if let Some(change) = self.change.take() {
-            return Some(Input::Change(change));
+        match self.port.hear() {
+            Some(Heard::Change(change)) => Some(Input::Change(change)),
+            Some(Heard::Message(message)) => Some(Input::Frame(message.map(Frame::RealTime))),
+            None => self.service.next(now).map(for_the_service_line),
         }
-        if let Some(heard) = self.format.unpack() {
-            return Some(Input::Frame(heard.map(Frame::RealTime)));
-        }
-        self.service.next().map(for_the_service_line)
     }
 
-    async fn send(&mut self, message: &Message) {
-        for frame in self.format.pack(message).into_iter().flatten() {
-            self.put(frame);
-        }
+    async fn send(&mut self, message: &Message, now: u64) {
+        let request = self.port.send(message);
+        self.obey(request);
         if matches!(message, Message::Fault { .. }) {
-            self.service.send(message).await;
+            self.service.send(message, now).await;
         }
     }
 
@@ -186,10 +157,10 @@ impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
 
     fn health(&self) -> Health {
         Health {
-            state: self.bus.state(),
-            bus_offs: self.bus.offs(),
+            state: self.port.state(),
+            bus_offs: self.port.offs(),
             counters: self.controller.counters(),
-            failures: self.failures.saturating_add(self.service.health().failures),
+            failures: self.port.errors().saturating_add(self.service.health().failures),
         }
     }
 }

@@ -2,13 +2,14 @@
 
 use core::ops::Range;
 
-use embassy_time::Timer;
 use embedded_io_async::Read;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::serial::{Deframer, Frame};
 
-/// Pause after a failed read: one that fails at once, again and again, must leave time for the ticks.
-const PAUSE_MS: u64 = 1;
+use crate::clock::Clock;
+
+/// Pause after a failed read, ns: one that fails at once, again and again, must leave time for the ticks.
+const PAUSE_NS: u64 = 1_000_000;
 
 /// Takes frames of up to `LONGEST` bytes from a UART whose `read` loses nothing when it is dropped.
 pub struct Receiving<const LONGEST: usize> {
@@ -33,7 +34,7 @@ impl<const LONGEST: usize> Receiving<LONGEST> {
     }
 
     /// Waits for bytes, unless some wait already.
-    pub async fn wait(&mut self, uart: &mut impl Read) {
+    pub async fn wait(&mut self, uart: &mut impl Read, clock: impl Clock) {
         if self.has_bytes() {
             return;
         }
@@ -41,7 +42,7 @@ impl<const LONGEST: usize> Receiving<LONGEST> {
             Ok(count) => self.waiting = 0..count,
             Err(_) => {
                 self.failures = self.failures.saturating_add(1);
-                Timer::after_millis(PAUSE_MS).await;
+                clock.wait_until(clock.now() + PAUSE_NS).await;
             }
         }
     }

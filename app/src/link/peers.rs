@@ -5,7 +5,6 @@ use core::ops::Range;
 
 use embassy_futures::poll_once;
 use embassy_futures::select::{select, select_array};
-use embassy_time::Instant;
 use embedded_io_async::{Read, Write};
 use funnelnet_link::{HOST_LINE, Junction};
 use funnelnet_protocol::message::Message;
@@ -17,6 +16,7 @@ use static_cell::StaticCell;
 use super::receiving::Receiving;
 use super::serial::{MAX_REPLY, encode_reply};
 use super::{Health, Input, Link};
+use crate::clock::Clock;
 
 /// A line to a neighbour, which carries the real-time plane alone.
 type PeerLine<R, W> = Line<R, W, MAX_REAL_TIME_FRAME, MAX_REAL_TIME_FRAME>;
@@ -56,10 +56,10 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
     }
 
     /// Takes what has come on every line, so that none that never falls silent keeps the others out.
-    fn read(&mut self) {
-        let _ = poll_once(self.host.reading.read());
+    fn read(&mut self, clock: impl Clock) {
+        let _ = poll_once(self.host.reading.read(clock));
         for peer in &mut self.peers {
-            let _ = poll_once(peer.reading.read());
+            let _ = poll_once(peer.reading.read(clock));
         }
     }
 
@@ -69,12 +69,12 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
     }
 
     /// The next thing that neighbours have said. Before the host: a state goes before the SYNC that came after it.
-    fn next_of_peers(&mut self) -> Option<Result<Message, Refusal>> {
+    fn next_of_peers(&mut self, now: u64) -> Option<Result<Message, Refusal>> {
         let Self { peers, junction, .. } = self;
         for (peer, line) in peers.iter_mut().zip(HOST_LINE + 1..) {
             while let Some(frame) = peer.reading.receiving.next() {
                 match frame {
-                    Ok(Frame::RealTime(message)) if !hear(junction, line, &message) => {}
+                    Ok(Frame::RealTime(message)) if !hear(junction, line, &message, now) => {}
                     Ok(Frame::RealTime(message)) => return Some(Ok(message)),
                     Ok(Frame::Service { .. }) => return Some(Err(Refusal::Kind)),
                     Err(reason) => return Some(Err(reason)),
@@ -85,35 +85,35 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
     }
 
     /// The same for the host. After a copy there is none, and the next wait is none either.
-    fn next_of_host(&mut self) -> Option<Result<Frame<'_>, Refusal>> {
+    fn next_of_host(&mut self, now: u64) -> Option<Result<Frame<'_>, Refusal>> {
         let Self { host, junction, .. } = self;
         let frame = host.reading.receiving.next()?;
         match frame {
-            Ok(Frame::RealTime(message)) if !hear(junction, HOST_LINE, &message) => None,
+            Ok(Frame::RealTime(message)) if !hear(junction, HOST_LINE, &message, now) => None,
             frame => Some(frame),
         }
     }
 }
 
 impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Link for Peers<HR, HW, R, W, PEERS> {
-    async fn wait(&mut self) {
+    async fn wait(&mut self, clock: impl Clock) {
         self.write();
         if !self.has_bytes() {
-            let peers = select_array(self.peers.each_mut().map(Line::work));
-            select(self.host.work(), peers).await;
+            let peers = select_array(self.peers.each_mut().map(|peer| peer.work(clock)));
+            select(self.host.work(clock), peers).await;
         }
-        self.read();
+        self.read(clock);
     }
 
-    fn next(&mut self) -> Option<Input<'_>> {
-        match self.next_of_peers() {
+    fn next(&mut self, now: u64) -> Option<Input<'_>> {
+        match self.next_of_peers(now) {
             Some(message) => Some(Input::Frame(message.map(Frame::RealTime))),
-            None => self.next_of_host().map(Input::Frame),
+            None => self.next_of_host(now).map(Input::Frame),
         }
     }
 
-    async fn send(&mut self, message: &Message) {
-        self.junction.send(message, now());
+    async fn send(&mut self, message: &Message, now: u64) {
+        self.junction.send(message, ms(now));
     }
 
     async fn reply(&mut self, reply: &Reply, source: u8) {
@@ -153,19 +153,26 @@ impl PeerBuffers {
     }
 }
 
-/// Whether a message is for the node, which is told where there was no room to pass it on.
-fn hear<const PEERS: usize>(junction: &mut Junction<PEERS>, line: usize, message: &Message) -> bool {
+/// Whether a message of `now` (ns) is for the node. It goes into the log where there was no room to pass it on.
+fn hear<const PEERS: usize>(
+    junction: &mut Junction<PEERS>,
+    line: usize,
+    message: &Message,
+    now: u64,
+) -> bool {
+    #[cfg(feature = "defmt")]
     let before = junction.dropped();
-    let is_new = junction.hear(line, message, now());
+    let is_new = junction.hear(line, message, ms(now));
+    #[cfg(feature = "defmt")]
     if junction.dropped() != before {
         defmt::warn!("no room to pass on: {}", message);
     }
     is_new
 }
 
-/// Time since the start, ms.
-fn now() -> u64 {
-    Instant::now().as_millis()
+/// A time in ns, in ms.
+fn ms(ns: u64) -> u64 {
+    ns / 1_000_000
 }
 
 /// One UART, with frames of up to `LONGEST` bytes that come and `LONGEST_SENT` that go.
@@ -196,8 +203,8 @@ impl<R: Read, W: Write, const LONGEST: usize, const LONGEST_SENT: usize> Line<R,
     }
 
     /// Waits until something has come or was written.
-    async fn work(&mut self) {
-        select(self.writing.write(), self.reading.read()).await;
+    async fn work(&mut self, clock: impl Clock) {
+        select(self.writing.write(), self.reading.read(clock)).await;
     }
 
     fn failures(&self) -> u32 {
@@ -207,8 +214,8 @@ impl<R: Read, W: Write, const LONGEST: usize, const LONGEST_SENT: usize> Line<R,
 
 impl<R: Read, const LONGEST: usize> Reading<R, LONGEST> {
     /// Waits for bytes, unless some wait already.
-    async fn read(&mut self) {
-        self.receiving.wait(&mut self.reader).await;
+    async fn read(&mut self, clock: impl Clock) {
+        self.receiving.wait(&mut self.reader, clock).await;
     }
 }
 

@@ -12,6 +12,8 @@ use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::Reply;
 
+use crate::clock::Clock;
+
 /// Something that came from a link.
 pub enum Input<'a> {
     /// A frame, or the reason for refusing one.
@@ -21,7 +23,8 @@ pub enum Input<'a> {
 }
 
 /// How a link is doing. All counters saturate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Health {
     /// Error state; a serial line is always active.
     pub state: BusState,
@@ -37,14 +40,14 @@ pub struct Health {
 #[allow(async_fn_in_trait)] // One executor, one task: nobody needs the futures to be `Send`.
 pub trait Link {
     /// Waits until there may be an [input](Self::next). Dropping the future loses nothing.
-    async fn wait(&mut self);
+    async fn wait(&mut self, clock: impl Clock);
 
-    /// The next input, without waiting.
-    fn next(&mut self) -> Option<Input<'_>>;
+    /// The next input at `now` (ns), without waiting.
+    fn next(&mut self, now: u64) -> Option<Input<'_>>;
 
-    /// Takes a frame of the real-time plane to send. Frames are not queued: of two with the same identifier that wait, the
+    /// Takes a frame of the real-time plane to send, at `now` (ns). Frames are not queued: of two with the same identifier that wait, the
     /// latest wins.
-    async fn send(&mut self, message: &Message);
+    async fn send(&mut self, message: &Message, now: u64);
 
     /// Sends a frame of the service plane, which comes from the node `source`, 0 while blank.
     async fn reply(&mut self, reply: &Reply, source: u8);

@@ -7,6 +7,7 @@ use funnelnet_protocol::service::{MAX_REPLY_BODY, Reply};
 
 use super::receiving::Receiving;
 use super::{Health, Input, Link};
+use crate::clock::Clock;
 
 /// Longest reply before COBS: kind, source, body, CRC.
 const MAX_RAW: usize = 2 + MAX_REPLY_BODY + 2;
@@ -40,6 +41,7 @@ impl<U: Read + Write> Serial<U> {
 /// Puts a reply of the node `source` into `frame`; gives its length.
 pub(super) fn encode_reply(reply: &Reply, source: u8, frame: &mut [u8; MAX_REPLY]) -> usize {
     let length = serial::encode_service(reply, source, &mut [0; MAX_RAW], frame);
+    #[cfg(feature = "defmt")]
     if length.is_none() {
         defmt::error!("a reply does not fit its frame; not sent");
     }
@@ -47,15 +49,15 @@ pub(super) fn encode_reply(reply: &Reply, source: u8, frame: &mut [u8; MAX_REPLY
 }
 
 impl<U: Read + Write> Link for Serial<U> {
-    async fn wait(&mut self) {
-        self.receiving.wait(&mut self.uart).await;
+    async fn wait(&mut self, clock: impl Clock) {
+        self.receiving.wait(&mut self.uart, clock).await;
     }
 
-    fn next(&mut self) -> Option<Input<'_>> {
+    fn next(&mut self, _: u64) -> Option<Input<'_>> {
         self.receiving.next().map(Input::Frame)
     }
 
-    async fn send(&mut self, message: &Message) {
+    async fn send(&mut self, message: &Message, _: u64) {
         self.write(&serial::encode(message)).await;
     }
 

@@ -1,0 +1,164 @@
+//! The loop of every node: it waits for the link or for the next tick, and does what the session asks for.
+
+use embassy_futures::select::select;
+use funnelnet_link::Change;
+use funnelnet_node::watchdog::FEED_EVERY_NS;
+use funnelnet_node::{Output, Session};
+use funnelnet_plant::Plant;
+use funnelnet_protocol::message::FaultCode;
+
+use crate::clock::Clock;
+use crate::link::{Input, Link};
+use crate::log::Log;
+use crate::storage::Storage;
+use crate::watchdog::{Guard, Watchdog};
+
+/// The session of a node with this plant.
+pub type SessionOf<P> = Session<<P as Plant>::Model>;
+
+/// The rest of a platform, beside link, storage and plant.
+pub struct Platform<W, C, G> {
+    /// Its watchdog, not started yet.
+    pub watchdog: W,
+    /// Its clock.
+    pub clock: C,
+    /// Its log.
+    pub log: G,
+}
+
+/// A node: a session on a link, with a storage and a plant, on a platform.
+///
+/// What is large is passed by reference: a future that holds it is moved through the stack whenever another one awaits it.
+pub struct App<'a, P: Plant, L, S, W, C, G> {
+    session: &'a mut SessionOf<P>,
+    link: &'a mut L,
+    storage: &'a mut S,
+    plant: P,
+    guard: Guard<W>,
+    clock: C,
+    log: G,
+}
+
+impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P, L, S, W, C, G> {
+    /// A node that has not begun. The session is a new one, with the model of this plant.
+    pub fn new(
+        session: &'a mut SessionOf<P>,
+        link: &'a mut L,
+        storage: &'a mut S,
+        plant: P,
+        platform: Platform<W, C, G>,
+    ) -> Self {
+        let Platform { watchdog, clock, log } = platform;
+        Self { session, link, storage, plant, guard: Guard::new(watchdog), clock, log }
+    }
+
+    /// Runs the node for ever.
+    pub async fn run(&mut self) -> ! {
+        self.begin().await;
+        loop {
+            self.step().await;
+        }
+    }
+
+    /// Makes the output safe, then a node of what the storage keeps; starts the watchdog.
+    async fn begin(&mut self) {
+        // Before anything else: the session asks for a safe output.
+        self.drain().await;
+        self.log.ready();
+        self.restore().await;
+        self.guard.start();
+    }
+
+    /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
+    async fn restore(&mut self) {
+        self.session.note_key(self.storage.has_key().await);
+        self.storage.load(self.session.config_buffer()).await;
+        if self.session.config_buffer().is_none() {
+            return;
+        }
+        match self.session.restore() {
+            Ok(()) => self.log.restored(self.session.id()),
+            Err(why) => self.log.unusable(why),
+        }
+    }
+
+    /// Waits for the link or for the next tick, and does what follows.
+    async fn step(&mut self) {
+        // The watchdog wants to see the loop come round.
+        let latest = self.clock.now() + FEED_EVERY_NS;
+        let at = self.session.poll_at().map_or(latest, |at| at.min(latest));
+        select(self.link.wait(self.clock), self.clock.wait_until(at)).await;
+        while let Some(input) = self.link.next(self.clock.now()) {
+            match input {
+                Input::Frame(frame) => self.session.on_frame(frame, self.clock.now()),
+                Input::Change(change) => self.on_change(change),
+            }
+            self.drain().await;
+            // Here, too: a line that never falls silent keeps the loop in here, and the ticks run.
+            self.look();
+        }
+        self.drain().await;
+        self.look();
+    }
+
+    /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is configured anew.
+    fn on_change(&mut self, change: Change) {
+        self.log.link(change, self.link.health());
+        if let Change::Off { count, .. } = change {
+            self.session.fail(FaultCode::BUS_OFF, count);
+        }
+    }
+
+    /// Puts everything that the session has to say on the link, into the log and into the storage, and does what it asks of the plant.
+    async fn drain(&mut self) {
+        loop {
+            let now = self.clock.now();
+            let Some(output) = self.session.poll(now) else { return };
+            match output {
+                Output::Send(message) => self.link.send(&message, now).await,
+                Output::Reply(reply) => self.link.reply(&reply, self.session.id()).await,
+                Output::Report(event) => self.log.event(&event),
+                Output::StorageRequest => self.keep().await,
+                Output::Sample => self.sample(),
+                Output::Actuate => self.actuate(),
+                Output::Safe => self.make_safe(),
+            }
+        }
+    }
+
+    /// The session is told either way, and counts what fails.
+    fn sample(&mut self) {
+        match self.plant.measure() {
+            Ok(x) => self.session.measured(&x),
+            Err(failure) => {
+                self.log.not_measured(failure);
+                self.session.sample_failed();
+            }
+        }
+    }
+
+    /// A node that cannot drive its plant stops: its neighbours must not rely on it.
+    fn actuate(&mut self) {
+        if let Err(failure) = self.plant.actuate(self.session.inputs()) {
+            self.log.not_driven(failure);
+            self.session.fail(FaultCode::PLANT, 0);
+        }
+    }
+
+    fn make_safe(&mut self) {
+        if let Err(failure) = self.plant.safe() {
+            self.log.not_safe(failure);
+        }
+    }
+
+    async fn keep(&mut self) {
+        if let Some(task) = self.session.task() {
+            let outcome = self.storage.perform(task).await;
+            self.session.performed(outcome);
+        }
+    }
+
+    fn look(&mut self) {
+        self.guard.look(self.session.progress(), self.clock.now());
+    }
+}

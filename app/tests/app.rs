@@ -1,0 +1,322 @@
+//! The app of a node with everything around it played here. Nothing in it knows the time by itself, so a second is over at once.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
+mod bench;
+
+use bench::{Bus, Line, MS, Said, Time, config, start};
+use embassy_futures::join::join;
+use funnelnet_app::link::can::CanNode;
+use funnelnet_app::link::serial::Serial;
+use funnelnet_app::link::{Health, Link};
+use funnelnet_app::storage::{Absent, Storage};
+use funnelnet_app::watchdog::{self, Watchdog};
+use funnelnet_app::{App, Log, Platform};
+use funnelnet_law::AffineSines;
+use funnelnet_law::field::State;
+use funnelnet_link::{Change, Classic, Fd, Format};
+use funnelnet_node::watchdog::FEED_EVERY_NS;
+use funnelnet_node::{Configured, Event, InputRange, Model, PlantSetup, Session, Task};
+use funnelnet_plant::{Failure, Plant, Virtual};
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::ConfigError;
+use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, Target};
+use funnelnet_protocol::service::{Identity, Reply, Request, StoreError};
+use std::cell::{Cell, RefCell};
+use std::pin::pin;
+
+/// What a log has been told, in short.
+#[derive(Default)]
+struct Words(RefCell<Vec<String>>);
+
+impl Words {
+    fn push(&self, word: impl Into<String>) {
+        self.0.borrow_mut().push(word.into());
+    }
+
+    fn has(&self, word: &str) -> bool {
+        self.0.borrow().iter().any(|each| each == word)
+    }
+}
+
+impl Log for &Words {
+    fn ready(&mut self) {
+        self.push("ready");
+    }
+
+    fn restored(&mut self, id: u8) {
+        self.push(format!("restored {id}"));
+    }
+
+    fn unusable(&mut self, why: ConfigError) {
+        self.push(format!("unusable: {why}"));
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.push(event.to_string());
+    }
+
+    fn link(&mut self, change: Change, _: Health) {
+        self.push(format!("{change:?}"));
+    }
+
+    fn not_measured(&mut self, why: Failure) {
+        self.push(format!("not measured: {why}"));
+    }
+
+    fn not_driven(&mut self, why: Failure) {
+        self.push(format!("not driven: {why}"));
+    }
+}
+
+fn session<M: Model>(model: M) -> Session<M> {
+    Session::with_model(Identity { wire_version: 1, uid: 7, ..Identity::default() }, model)
+}
+
+/// A virtual node, for ever.
+async fn node(time: &Time, mut link: impl Link, mut storage: impl Storage, log: &Words) {
+    let platform = Platform { watchdog: watchdog::Absent, clock: time, log };
+    App::new(&mut session(Configured), &mut link, &mut storage, Virtual, platform).run().await
+}
+
+fn said(replies: impl IntoIterator<Item = Reply>) -> Vec<Said> {
+    replies.into_iter().map(Said::Reply).collect()
+}
+
+fn stop() -> Message {
+    Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 }
+}
+
+#[test]
+fn a_host_gets_its_answers_in_order() {
+    let (time, log) = (Time::default(), Words::default());
+    let line = Line::new(&time);
+    let mut node = pin!(node(&time, Serial::new(&line), Absent, &log));
+    for request in [Request::Hello, Request::Configure(config(1)), Request::Store] {
+        line.ask(&request);
+    }
+    time.run(node.as_mut(), MS);
+    let identity = Identity { wire_version: 1, uid: 7, ..Identity::default() };
+    let answers =
+        [Reply::Identity(identity), Reply::Configured(Ok(())), Reply::Stored(Err(StoreError::Absent))];
+    assert_eq!(line.heard(), said(answers));
+    assert!(log.has("ready"));
+}
+
+/// Two nodes on a bus until `off` (ms), when the second one's controller goes off the bus, and 900 ms more.
+fn on_a_bus<F: Format>(off: u64) -> ([Vec<Said>; 2], Vec<u16>, [Words; 2]) {
+    let (time, words) = (Time::default(), [Words::default(), Words::default()]);
+    let (lines, bus) = ([Line::new(&time), Line::new(&time)], Bus::<2>::new(&time));
+    let link = |index: usize| CanNode::new(bus.tap::<F>(index), Serial::new(&lines[index]));
+    let [first, second] = [0, 1].map(|index| node(&time, link(index), Absent, &words[index]));
+    let mut nodes = pin!(join(first, second));
+    for (line, id) in lines.iter().zip(1..) {
+        line.ask(&Request::Configure(config(id)));
+    }
+    lines[0].tell(&start());
+    // Each hears the other between two of its own ticks.
+    time.run(nodes.as_mut(), 2 * MS / 5);
+    lines[1].tell(&start());
+    time.run(nodes.as_mut(), off * MS);
+    for line in &lines {
+        assert_eq!(line.heard(), said([Reply::Configured(Ok(()))]));
+    }
+    let [first, second] = lines.each_ref().map(|line| line.report(nodes.as_mut()).counters);
+    assert_eq!((first.ticks, second.ticks), (off as u32, off as u32 - 1));
+    assert_eq!((first.extrapolated, second.extrapolated), (0, 0), "they hear each other");
+    bus.off[1].set(true);
+    time.run(nodes.as_mut(), (off + 900) * MS);
+    let sent = bus.sent.take();
+    let words = words.each_ref().map(|words| Words(RefCell::new(words.0.take())));
+    (lines.each_ref().map(Line::heard), sent, words)
+}
+
+#[test]
+fn nodes_on_a_bus_tick_by_their_timers_and_stop_where_it_is_lost() {
+    fn check<F: Format>() {
+        let ([first, second], sent, [of_first, of_second]) = on_a_bus::<F>(50);
+        let fault = |said: &Said| match said {
+            Said::Message(Message::Fault { source, code, severity: Severity::Stopped, arg, .. }) => {
+                (source.get(), *code, *arg)
+            }
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(second.iter().map(fault).collect::<Vec<_>>(), [(2, FaultCode::BUS_OFF, 1)]);
+        assert_eq!(first, []);
+        assert!(of_second.has("Off { count: 1, wait_ms: 100 }") && of_second.has("Back"));
+        // The fault comes on the bus when its node is back there, and nothing else of it does.
+        let lost = sent.iter().rposition(|id| id & 0x7F == 2).unwrap();
+        assert_eq!(sent.iter().filter(|&&id| id == sent[lost]).count(), 1);
+        assert!(!of_first.has("Back"));
+    }
+    check::<Classic>();
+    check::<Fd>();
+}
+
+#[test]
+fn the_same_nodes_say_the_same_in_every_run() {
+    assert_eq!(on_a_bus::<Fd>(20).1, on_a_bus::<Fd>(20).1);
+}
+
+/// A storage with a configuration in it.
+struct Stored(NodeConfig);
+
+impl Storage for Stored {
+    async fn load(&mut self, room: &mut Option<NodeConfig>) {
+        *room = Some(self.0.clone());
+    }
+
+    async fn has_key(&mut self) -> bool {
+        false
+    }
+
+    async fn perform(&mut self, _: Task<'_>) -> Result<u32, StoreError> {
+        Ok(3)
+    }
+}
+
+#[test]
+fn a_node_is_what_its_storage_keeps() {
+    let (time, log) = (Time::default(), Words::default());
+    let line = Line::new(&time);
+    let mut node = pin!(node(&time, Serial::new(&line), Stored(config(2)), &log));
+    line.ask(&Request::Store);
+    time.run(node.as_mut(), MS);
+    assert!(log.has("restored 2"));
+    assert_eq!(line.heard(), said([Reply::Stored(Ok(3))]));
+    assert_eq!(line.report(node.as_mut()).counters.ticks, 0, "until it is started");
+}
+
+#[test]
+fn a_stored_configuration_that_cannot_be_used_leaves_the_node_blank() {
+    let (time, log) = (Time::default(), Words::default());
+    let line = Line::new(&time);
+    let broken = NodeConfig { tick_ns: 0, ..config(2) };
+    let mut node = pin!(node(&time, Serial::new(&line), Stored(broken), &log));
+    line.ask(&Request::Hello);
+    time.run(node.as_mut(), MS);
+    assert!(log.0.borrow().iter().any(|word| word.starts_with("unusable: ")), "{:?}", log.0);
+    assert!(matches!(line.heard()[..], [Said::Reply(Reply::Identity(Identity { id: 0, .. }))]));
+}
+
+/// The field of the configuration, and an actuator.
+struct Driven;
+
+impl Model for Driven {
+    type Field = AffineSines<f32>;
+
+    fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError> {
+        Configured.field(config, tick)
+    }
+
+    fn plant(&self) -> Option<PlantSetup> {
+        Some(PlantSetup::new(InputRange::new(-1.0, 1.0), 2))
+    }
+}
+
+/// A plant whose sensor is blind and whose actuator is stuck where the test says so.
+#[derive(Default)]
+struct Rig {
+    blind: Cell<bool>,
+    stuck: Cell<bool>,
+    driven: Cell<u32>,
+    safe: Cell<u32>,
+}
+
+impl Plant for &Rig {
+    type Model = Driven;
+
+    fn model(&self) -> Driven {
+        Driven
+    }
+
+    fn measure(&mut self) -> Result<State<f32>, Failure> {
+        if self.blind.get() { Err(Failure::Source { component: 0 }) } else { Ok([1.0].into_iter().collect()) }
+    }
+
+    fn actuate(&mut self, _: &[f32]) -> Result<(), Failure> {
+        self.driven.set(self.driven.get() + 1);
+        if self.stuck.get() { Err(Failure::Sink { component: 0 }) } else { Ok(()) }
+    }
+
+    fn safe(&mut self) -> Result<(), Failure> {
+        self.safe.set(self.safe.get() + 1);
+        Ok(())
+    }
+}
+
+/// When a watchdog was fed, ns.
+struct Fed<'a>(&'a Time, &'a RefCell<Vec<u64>>);
+
+impl Watchdog for Fed<'_> {
+    fn start(&mut self) {
+        self.feed();
+    }
+
+    fn feed(&mut self) {
+        use funnelnet_app::Clock;
+        self.1.borrow_mut().push(self.0.now());
+    }
+}
+
+/// Lets a test do what it likes with a node that has started, at 10 ms.
+fn with_a_rig(test: impl FnOnce(&Rig, &dyn Fn(u64), &Line, &Words, &RefCell<Vec<u64>>)) {
+    let (time, log, rig, fed) = (Time::default(), Words::default(), Rig::default(), RefCell::default());
+    let line = Line::new(&time);
+    let mut link = Serial::new(&line);
+    let platform = Platform { watchdog: Fed(&time, &fed), clock: &time, log: &log };
+    let mut session = session(Driven);
+    let node = async { App::new(&mut session, &mut link, &mut Absent, &rig, platform).run().await };
+    let node = RefCell::new(Box::pin(node));
+    let run = |ms: u64| time.run(node.borrow_mut().as_mut(), ms * MS);
+    line.ask(&Request::Configure(config(1)));
+    line.tell(&start());
+    run(10);
+    line.heard();
+    test(&rig, &run, &line, &log, &fed);
+}
+
+#[test]
+fn a_plant_is_driven_at_every_tick_and_made_safe_when_the_node_stops() {
+    with_a_rig(|rig, run, line, _, _| {
+        assert_eq!((rig.driven.get(), rig.safe.get()), (10, 1), "safe at the start of the program");
+        line.tell(&stop());
+        run(20);
+        assert_eq!((rig.driven.get(), rig.safe.get()), (10, 2));
+    });
+}
+
+#[test]
+fn a_node_that_cannot_drive_its_plant_stops_and_says_so() {
+    with_a_rig(|rig, run, line, log, _| {
+        rig.stuck.set(true);
+        run(20);
+        assert_eq!((rig.driven.get(), rig.safe.get()), (11, 2));
+        assert!(log.0.borrow().iter().any(|word| word.starts_with("not driven: component 0")), "{:?}", log.0);
+        let is_fault =
+            |said: &Said| matches!(said, Said::Message(Message::Fault { code: FaultCode::PLANT, .. }));
+        assert!(line.heard().iter().any(is_fault));
+    });
+}
+
+#[test]
+fn a_node_without_a_sample_goes_on_for_as_long_as_its_model_allows() {
+    with_a_rig(|rig, run, _, log, _| {
+        rig.blind.set(true);
+        run(20);
+        let blind = log.0.borrow().iter().filter(|word| word.starts_with("not measured")).count();
+        assert_eq!((blind, rig.safe.get()), (3, 2), "two ticks by its prediction, and no third");
+    });
+}
+
+#[test]
+fn a_watchdog_is_fed_by_ticks_and_by_waiting() {
+    with_a_rig(|_, run, line, _, fed| {
+        assert!(fed.borrow().len() > 10);
+        line.tell(&stop());
+        run(11);
+        fed.borrow_mut().clear();
+        run(5_000);
+        let fed = fed.borrow();
+        assert!(fed.len() >= 9 && fed.windows(2).all(|pair| pair[1] - pair[0] <= FEED_EVERY_NS), "{fed:?}");
+    });
+}
