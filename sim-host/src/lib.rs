@@ -10,6 +10,7 @@ pub mod can;
 pub mod central;
 pub mod check;
 pub mod cli;
+pub mod conductor;
 pub mod configure;
 pub mod emergent;
 pub mod emulator;

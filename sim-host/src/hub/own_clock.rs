@@ -4,8 +4,9 @@
 //! Nothing here waits for one node. A row is closed when all have told their tick.
 
 use super::readers::{Readers, Reading, What};
-use super::recording::{Leap, Recording};
-use super::{CanSide, Hub, HubError, OTHER_COMPONENT, OTHER_TICK, Received, SLICE, START, STOP, measure};
+use super::{CanSide, Hub, HubError, OTHER_TICK, Received, SLICE, START, STOP};
+use crate::conductor::recording::{Leap, Recording};
+use crate::conductor::{OTHER_COMPONENT, measure};
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnelnet_protocol::message::{Component, Message, Severity, TickStamp};
 use funnelnet_protocol::report::Telemetry;
