@@ -5,6 +5,7 @@ pub(crate) mod doubt;
 mod line;
 pub(crate) mod measure;
 pub(crate) mod recording;
+pub(crate) mod watch;
 
 pub use line::{Line, Received};
 
@@ -61,7 +62,7 @@ mod tests {
             assert!(found.is_empty(), "{}: {found:?}", path.display());
             files += 1;
         }
-        assert!(files >= 5, "{files} files");
+        assert!(files >= 6, "{files} files");
         assert_eq!(
             outside("let begin = Instant::now(); std::thread::sleep(SLICE)"),
             ["Instant", "sleep", "thread"]
