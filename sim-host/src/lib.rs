@@ -11,6 +11,7 @@ pub mod central;
 pub mod check;
 pub mod cli;
 pub mod compare;
+pub mod conductor;
 pub mod configure;
 pub mod emergent;
 pub mod emulator;

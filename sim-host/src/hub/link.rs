@@ -1,13 +1,12 @@
-//! One node's serial line, as a stream of frames.
+//! One node's serial line, from the port to what the node has said.
 
 use super::HubError;
+use crate::conductor::{Line, Received};
 use crate::interrupt::Interrupt;
 use funnelnet_protocol::Refusal;
-use funnelnet_protocol::message::Message;
-use funnelnet_protocol::serial::{self, Deframer, Frame, HOST, MAX_FRAME, MAX_RAW};
-use funnelnet_protocol::service::{Body, Reply, Request};
+use funnelnet_protocol::serial::{self, HOST, MAX_FRAME, MAX_RAW};
+use funnelnet_protocol::service::Request;
 use serialport::TTYPort;
-use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
@@ -49,65 +48,36 @@ impl Stream for io::Empty {
     }
 }
 
-/// What a node said.
-pub enum Received {
-    /// Real-time plane.
-    Message(Message),
-    /// Service plane.
-    Reply(Reply),
-}
-
 /// A node's serial line, seen from the host.
 pub struct Link {
-    id: u8,
+    line: Line,
     place: String,
     stream: Box<dyn Stream>,
     interrupt: Interrupt,
-    deframer: Deframer,
-    received: VecDeque<Received>,
     /// Bytes that wait for [`Link::flush`]: all frames of a tick go out in one write.
     queued: Vec<u8>,
     write_limit: Duration,
-    /// Frames that could not be read, and why the last of them.
-    refused: (u64, Option<Refusal>),
-    /// The node has been given its id.
-    has_its_id: bool,
-    /// What it has said whole and cannot mean, and nobody has taken: what it did, and the value.
-    doubts: Vec<(&'static str, String)>,
 }
 
 impl Link {
     /// The link of node `id`, which messages call `place`: `the emulator`, for example.
     pub fn new(id: u8, place: String, stream: Box<dyn Stream>, interrupt: Interrupt) -> Self {
-        Self {
-            id,
-            place,
-            stream,
-            interrupt,
-            deframer: Deframer::new(),
-            received: VecDeque::new(),
-            queued: Vec::new(),
-            write_limit: WRITE,
-            refused: (0, None),
-            has_its_id: false,
-            doubts: Vec::new(),
-        }
+        Self { line: Line::new(id), place, stream, interrupt, queued: Vec::new(), write_limit: WRITE }
     }
 
     /// From now on the node has its id: what another one says of itself is not taken from its line.
     pub fn expect_its_own(&mut self) {
-        self.has_its_id = true;
-        self.doubts.clear();
+        self.line.expect_its_own();
     }
 
     /// What the node has said whole and cannot mean, since the last call: what it did, and the value.
     pub fn take_doubts(&mut self) -> Vec<(&'static str, String)> {
-        std::mem::take(&mut self.doubts)
+        self.line.take_doubts()
     }
 
     /// The node's id.
     pub fn id(&self) -> u8 {
-        self.id
+        self.line.id()
     }
 
     /// What the node is reached by.
@@ -117,7 +87,7 @@ impl Link {
 
     /// Frames from the node that could not be read so far, and why the last of them.
     pub fn refused(&self) -> (u64, Option<Refusal>) {
-        self.refused
+        self.line.refused()
     }
 
     /// From now on a write takes no longer than `limit`, and the user's wish to stop, which has been heard, ends nothing.
@@ -130,9 +100,7 @@ impl Link {
     /// Goes on with another stream to the same node, and forgets what the old one has left.
     pub fn replace(&mut self, stream: Box<dyn Stream>) {
         self.stream = stream;
-        self.deframer = Deframer::new();
-        self.has_its_id = false;
-        self.received.clear();
+        self.line.replace();
         self.queued.clear();
     }
 
@@ -167,7 +135,7 @@ impl Link {
                 Err(error) if !is_pause(error.kind()) => return Err(self.died(&error.to_string())),
                 Err(_) if begin.elapsed() > self.write_limit => {
                     return Err(HubError::NoAnswer {
-                        node: self.id,
+                        node: self.line.id(),
                         awaited: "reading of its serial line",
                         waited: self.write_limit,
                     });
@@ -213,14 +181,12 @@ impl Link {
         mut pick: impl FnMut(Received) -> Option<T>,
     ) -> Result<T, HubError> {
         loop {
-            while let Some(received) = self.received.pop_front() {
-                if let Some(picked) = pick(received) {
-                    return Ok(picked);
-                }
+            if let Some(picked) = self.line.pop_picked(&mut pick) {
+                return Ok(picked);
             }
             self.check_interrupt()?;
             if Instant::now() > end {
-                return Err(HubError::NoAnswer { node: self.id, awaited, waited: limit });
+                return Err(HubError::NoAnswer { node: self.line.id(), awaited, waited: limit });
             }
             self.read()?;
         }
@@ -233,7 +199,7 @@ impl Link {
     pub fn look<T>(&mut self, pick: impl Fn(&Received) -> Option<T>) -> Result<Option<T>, HubError> {
         self.check_interrupt()?;
         self.read()?;
-        Ok(self.received.iter().find_map(pick))
+        Ok(self.line.peek(pick))
     }
 
     /// A second handle of its line, for a thread that reads.
@@ -246,7 +212,7 @@ impl Link {
 
     /// The oldest thing that the node has said and nobody has taken.
     pub fn next_received(&mut self) -> Option<Received> {
-        self.received.pop_front()
+        self.line.pop()
     }
 
     /// Fails once the user wants to stop.
@@ -274,66 +240,16 @@ impl Link {
             Err(error) if is_pause(error.kind()) => return Ok(()),
             Err(error) => return Err(self.died(&error.to_string())),
         };
-        for &byte in bytes {
-            // A frame that cannot be read is as good as none: whoever waits for it runs into the time limit.
-            match self.deframer.push(byte).map(|frame| frame.and_then(received)) {
-                // Passed on, and told by that one itself.
-                Some(Ok((source, Received::Message(Message::Fault { .. })))) if source != self.id => {}
-                Some(Ok((source, received))) => match told(&received) {
-                    Some(what) if self.has_its_id && source != self.id => {
-                        self.doubts.push(("spoke as another node", format!("{what} of node {source}")));
-                    }
-                    _ => self.received.push_back(received),
-                },
-                Some(Err(reason)) => {
-                    self.refused = (self.refused.0.saturating_add(1), Some(reason));
-                    // It has passed its checksum.
-                    if reason == Refusal::NotFinite {
-                        self.doubts.push(("sent what is not a number", "a state or a weight".to_owned()));
-                    }
-                }
-                None => {}
-            }
-        }
+        self.line.on_bytes(bytes);
         Ok(())
     }
 
     fn died(&self, detail: &str) -> HubError {
-        HubError::Died { node: self.id, place: self.place.clone(), detail: detail.to_owned() }
+        HubError::Died { node: self.line.id(), place: self.place.clone(), detail: detail.to_owned() }
     }
 }
 
 /// Nothing came or went within a [`SLICE`]; try again.
 pub(super) fn is_pause(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
-}
-
-/// What a frame says, and the node that says so of itself.
-fn received(frame: Frame<'_>) -> Result<(u8, Received), Refusal> {
-    match frame {
-        Frame::RealTime(message) => Ok((source(&message), Received::Message(message))),
-        Frame::Service { kind, source, body } => {
-            Reply::decode(kind, body).map(|reply| (source, Received::Reply(reply)))
-        }
-    }
-}
-
-fn source(message: &Message) -> u8 {
-    match message {
-        Message::State { source, .. } | Message::Edge { source, .. } | Message::Fault { source, .. } => {
-            source.get()
-        }
-        Message::Ctrl { .. } | Message::Sync { .. } => HOST,
-    }
-}
-
-/// What only the node behind a line can say there.
-fn told(received: &Received) -> Option<&'static str> {
-    match received {
-        Received::Message(Message::State { .. }) => Some("a state"),
-        Received::Message(Message::Edge { .. }) => Some("an edge"),
-        Received::Reply(Reply::Telemetry(_)) => Some("telemetry"),
-        Received::Reply(Reply::Report(_)) => Some("a report"),
-        Received::Message(_) | Received::Reply(_) => None,
-    }
 }

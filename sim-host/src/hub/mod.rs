@@ -7,31 +7,30 @@
 
 mod absence;
 mod commission;
-mod doubt;
 mod error;
 mod halt;
 mod hearing;
 mod link;
-mod measure;
 mod on_can;
 mod own_clock;
 mod readers;
-mod recording;
 
+pub use crate::conductor::{Received, Stamps};
 pub use absence::{Absence, OnLoss};
 pub use commission::{Commissioned, Commissioning, Failed, Known};
 pub use error::HubError;
 pub use halt::Halted;
-pub use link::{Link, Received, SLICE, Stream};
+pub use link::{Link, SLICE, Stream};
 pub use on_can::{CanCounts, CanSide};
 
 use crate::bus::ideal::{IdealBus, Traffic};
+use crate::conductor::doubt::Doubts;
+use crate::conductor::{OTHER_COMPONENT, measure, observation};
 use crate::engine::NodeEvent;
 use crate::judge::Account;
 use crate::noise::Noise;
 use crate::presence::Presence;
 use absence::Away;
-use doubt::Doubts;
 use funnelnet_node::{Event, Observation};
 use funnelnet_protocol::config::{Breach, NodeConfig};
 use funnelnet_protocol::message::{Command, Component, FaultCode, Message, Severity, Target, TickStamp};
@@ -107,20 +106,6 @@ pub struct Patience {
     pub boot: Duration,
     /// For an answer or for a tick.
     pub answer: Duration,
-}
-
-/// When the host sent and read what belongs to a tick of a node, since the start. In lockstep the host reads nodes in the order of their
-/// ids, so a time is at or after the arrival.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Stamps {
-    /// Its SYNC was sent.
-    pub sync: Option<Duration>,
-    /// Its state was read.
-    pub state: Option<Duration>,
-    /// Its telemetry was read.
-    pub telemetry: Option<Duration>,
-    /// Its state was on CAN, by the kernel's clock.
-    pub bus: Option<Duration>,
 }
 
 /// One node of the network.
@@ -853,8 +838,6 @@ impl Hub {
     }
 }
 
-/// What a node does that names a component which no state has.
-const OTHER_COMPONENT: &str = "spoke of a component that its state does not have";
 /// What a node does whose states are not of the tick that is awaited.
 const OTHER_TICK: &str = "sent a state of another tick";
 /// Ticks by which a clock may be ahead of this program's, and that a stop may take to be heard.
@@ -920,11 +903,4 @@ fn announcement(received: Received) -> Option<Message> {
         Received::Message(message @ (Message::State { .. } | Message::Fault { .. })) => Some(message),
         _ => None,
     }
-}
-
-/// What a node saw at a tick: its state from the bus, the rest from its telemetry. The ratio is one f32 division, which
-/// has the same bits here and there.
-fn observation(x: f32, telemetry: &Telemetry) -> Observation<f32> {
-    let Telemetry { tick, nu, psi, u, .. } = *telemetry;
-    Observation { tick, x, nu, psi, ratio: nu.abs() / psi, u }
 }

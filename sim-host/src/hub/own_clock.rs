@@ -4,38 +4,23 @@
 //! Nothing here waits for one node. A row is closed when all have told their tick.
 
 use super::readers::{Readers, Reading, What};
-use super::recording::{Leap, Recording};
-use super::{CanSide, Hub, HubError, OTHER_COMPONENT, OTHER_TICK, Received, SLICE, START, STOP, measure};
-use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
+use super::{CanSide, Hub, HubError, OTHER_TICK, Received, SLICE, START, STOP};
+use crate::conductor::recording::{Leap, Recording};
+use crate::conductor::watch::{Failing, Watch};
+use crate::conductor::{OTHER_COMPONENT, measure};
 use funnelnet_protocol::message::{Component, Message, Severity, TickStamp};
 use funnelnet_protocol::report::Telemetry;
 use funnelnet_protocol::serial;
 use funnelnet_protocol::service::Reply;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Ticks for which a node may be silent before its tick is no measure of its clock any more.
-const SILENT_TICKS: u32 = 3;
-
 /// What belongs to a run of nodes with clocks of their own.
 pub(super) struct OwnClock {
     /// While the run lasts.
     readers: Option<Readers>,
     recording: Recording,
-    nodes: Vec<Watched>,
+    watch: Watch,
     start_spread: Duration,
-}
-
-/// What is known of one node's clock.
-struct Watched {
-    /// Who hears it, by index.
-    listeners: Vec<usize>,
-    heard: Instant,
-    /// When it has last told of a tick, whatever else it says.
-    told: Instant,
-    /// Tick of the newest state that it has sent.
-    newest: u32,
-    /// States in a row that a receiver which ticks had to refuse.
-    outside: u32,
 }
 
 impl OwnClock {
@@ -54,19 +39,13 @@ impl Hub {
             listener.is_some_and(|node| node.config.neighbours.iter().any(|edge| Some(edge.id) == id))
         };
         let count = self.nodes.len();
-        let watched = |source: usize| Watched {
-            listeners: (0..count).filter(|&listener| hears(listener, source)).collect(),
-            heard: self.begin,
-            told: self.begin,
-            newest: 0,
-            outside: 0,
-        };
-        let nodes = (0..count).map(watched).collect();
+        let listeners = |source: usize| (0..count).filter(|&listener| hears(listener, source)).collect();
+        let watch = Watch::new(self.tick_ns, (0..count).map(listeners));
         let components = self.nodes.first().map_or(0, |node| node.next_state.len());
         let mut recording = Recording::new(count, components);
         let on_can = self.nodes.iter().enumerate().filter(|(_, node)| node.on_can.is_some());
         on_can.for_each(|(index, _)| recording.set_apart(index));
-        let own = OwnClock { readers: None, recording, nodes, start_spread: Duration::ZERO };
+        let own = OwnClock { readers: None, recording, watch, start_spread: Duration::ZERO };
         Self { own: Some(own), ..self }
     }
 
@@ -90,9 +69,8 @@ impl Hub {
             node.link.write(&start)?;
         }
         self.say_on_can(&START)?;
-        let (begin, start_spread) = (self.begin, self.begin.elapsed());
+        let start_spread = self.begin.elapsed();
         if let Some(own) = &mut self.own {
-            own.nodes.iter_mut().for_each(|node| (node.heard, node.told) = (begin, begin));
             (own.readers, own.start_spread) = (Some(readers), start_spread);
         }
         Ok(())
@@ -196,12 +174,11 @@ impl Hub {
     }
 
     fn record(&mut self, index: usize, told: &Telemetry, at: Duration) -> Result<(), HubError> {
-        self.note_heard(index);
+        let now = self.elapsed_ns();
         let (Some(own), Some(node)) = (&mut self.own, self.nodes.get(index)) else { return Ok(()) };
         // A node whose states do not come has come so far all the same.
-        if let Some(watched) = own.nodes.get_mut(index) {
-            watched.newest = watched.newest.max(told.tick.saturating_add(1));
-        }
+        own.watch.heard(index, now);
+        own.watch.reached(index, told.tick.saturating_add(1));
         let id = node.link.id();
         let leapt = |Leap { from, to }| HubError::Leapt { node: id, from, to };
         let before = own.recording.telling(index);
@@ -215,8 +192,8 @@ impl Hub {
             }
         }
         let after = own.recording.telling(index);
-        if let Some(watched) = own.nodes.get_mut(index).filter(|_| after != before) {
-            watched.told = Instant::now();
+        if after != before {
+            own.watch.told(index, now);
         }
         Ok(())
     }
@@ -277,8 +254,9 @@ impl Hub {
 
     /// The telemetry of a node is what is waited for, so a node on CAN is heard by its line.
     fn note_heard(&mut self, index: usize) {
-        if let Some(node) = self.own.as_mut().and_then(|own| own.nodes.get_mut(index)) {
-            node.heard = Instant::now();
+        let now = self.elapsed_ns();
+        if let Some(own) = &mut self.own {
+            own.watch.heard(index, now);
         }
     }
 
@@ -305,48 +283,16 @@ impl Hub {
     /// # Errors
     /// A node that hears it and ticks itself has had to refuse so many in a row that it has dropped the edge.
     fn compare_clocks(&mut self, index: usize, tick: u32) -> Result<(), HubError> {
-        let Some(refuses) = self.who_refuses(index, tick) else {
-            if let Some(node) = self.watch_of(index) {
-                (node.newest, node.outside) = (tick, 0);
-            }
-            return Ok(());
-        };
-        let patience = self.nodes.get(index).map_or(0, |node| node.config.extrapolate_ticks);
-        let Some(node) = self.watch_of(index) else { return Ok(()) };
-        (node.newest, node.outside) = (tick, node.outside + 1);
-        if node.outside < u32::from(patience) { Ok(()) } else { Err(self.ran_apart(index, refuses)) }
-    }
-
-    fn watch_of(&mut self, index: usize) -> Option<&mut Watched> {
-        self.own.as_mut()?.nodes.get_mut(index)
-    }
-
-    /// The first node for which a state stamped `tick` of node `index` is too far from its own tick (protocol/README.md, "Ticks").
-    fn who_refuses(&self, index: usize, tick: u32) -> Option<usize> {
-        let watched = &self.own.as_ref()?.nodes;
-        let silence = Duration::from_nanos(self.tick_ns) * SILENT_TICKS;
-        let refuses = |&listener: &usize| {
-            let (Some(node), Some(own)) = (self.nodes.get(listener), watched.get(listener)) else {
-                return false;
-            };
-            let ahead = i64::from(tick) - i64::from(own.newest);
-            let outside = ahead > i64::from(WINDOW_AHEAD) || ahead < -i64::from(WINDOW_BACK);
-            outside && !node.stopped && own.heard.elapsed() < silence
-        };
-        watched.get(index)?.listeners.iter().copied().find(refuses)
-    }
-
-    /// Names, of two nodes, the one that is farther from the tick of most.
-    fn ran_apart(&self, one: usize, other: usize) -> HubError {
-        let newest =
-            |index: usize| self.own.as_ref().and_then(|own| own.nodes.get(index)).map_or(0, |n| n.newest);
-        let mut ticks: Vec<_> = (0..self.nodes.len()).map(newest).collect();
-        ticks.sort_unstable();
-        let most = ticks.get(ticks.len() / 2).copied().unwrap_or(0);
-        let from_most = |index| newest(index).abs_diff(most);
-        let (odd, even) = if from_most(other) > from_most(one) { (other, one) } else { (one, other) };
-        let id = |index: usize| self.nodes.get(index).map_or(0, |node| node.link.id());
-        HubError::RanApart { node: id(odd), tick: newest(odd), other: id(even), other_tick: newest(even) }
+        let now = self.elapsed_ns();
+        let nodes = &self.nodes;
+        let patience = nodes.get(index).map_or(0, |node| u32::from(node.config.extrapolate_ticks));
+        let runs = |listener: usize| nodes.get(listener).is_some_and(|node| !node.stopped);
+        let Some(own) = &mut self.own else { return Ok(()) };
+        let Some(refuses) = own.watch.state(index, tick, now, patience, runs) else { return Ok(()) };
+        let (odd, even) = own.watch.odd_and_even(index, refuses);
+        let (tick, other_tick) = (own.watch.newest(odd), own.watch.newest(even));
+        let id = |index: usize| nodes.get(index).map_or(0, |node| node.link.id());
+        Err(HubError::RanApart { node: id(odd), tick, other: id(even), other_tick })
     }
 
     /// Hands over the frames that are due.
@@ -358,18 +304,19 @@ impl Hub {
     /// Looks for a wish to stop, and for nodes that have fallen silent.
     fn watch(&mut self) -> Result<(), HubError> {
         let waited = self.patience.answer + Duration::from_nanos(self.tick_ns);
-        let now = Instant::now();
+        let now = self.elapsed_ns();
         let Some(own) = &mut self.own else { return Ok(()) };
-        for (index, (node, watched)) in self.nodes.iter().zip(&own.nodes).enumerate() {
+        for (index, node) in self.nodes.iter().enumerate() {
             node.link.check_interrupt()?;
-            if !own.recording.awaits(index) || now.saturating_duration_since(watched.told) <= waited {
-                continue;
-            }
+            let failing = own.watch.failing(index, now, waited).filter(|_| own.recording.awaits(index));
+            let Some(failing) = failing else { continue };
             let (id, telling) = (node.link.id(), own.recording.telling(index));
             if !node.stopped {
-                return Err(match now.saturating_duration_since(watched.heard) > waited {
-                    true => HubError::Silent { node: id, last: telling.checked_sub(1), waited },
-                    false => HubError::Babbles { node: id, tick: telling, awaited: "telemetry", waited },
+                return Err(match failing {
+                    Failing::Silent => HubError::Silent { node: id, last: telling.checked_sub(1), waited },
+                    Failing::Babbling => {
+                        HubError::Babbles { node: id, tick: telling, awaited: "telemetry", waited }
+                    }
                 });
             }
             // The end of what it had to tell was lost.

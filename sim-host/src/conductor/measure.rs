@@ -4,7 +4,7 @@ use super::OTHER_COMPONENT;
 use funnelnet_protocol::report::Telemetry;
 
 /// Why telemetry of a state of so many components is refused, and the value that shows it.
-pub(super) fn refusal(telemetry: &Telemetry, components: usize) -> Option<(&'static str, String)> {
+pub(crate) fn refusal(telemetry: &Telemetry, components: usize) -> Option<(&'static str, String)> {
     let Telemetry { component, nu, psi, u, .. } = *telemetry;
     if usize::from(component) >= components {
         return Some((OTHER_COMPONENT, format!("telemetry of {component}")));

@@ -43,16 +43,16 @@ struct Track {
 
 /// A node's count cannot have come from the last one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Leap {
+pub(crate) struct Leap {
     /// First tick of which it might have told.
-    pub(super) from: u32,
+    pub(crate) from: u32,
     /// Tick that it named.
-    pub(super) to: u32,
+    pub(crate) to: u32,
 }
 
 /// The rows that are not whole yet.
 #[derive(Clone, Debug)]
-pub(super) struct Recording {
+pub(crate) struct Recording {
     components: usize,
     /// Row that is closed next.
     tick: u32,
@@ -61,29 +61,29 @@ pub(super) struct Recording {
 
 impl Recording {
     /// Of so many nodes whose states have so many components.
-    pub(super) fn new(nodes: usize, components: usize) -> Self {
+    pub(crate) fn new(nodes: usize, components: usize) -> Self {
         Self { components, tick: 0, tracks: vec![Track::default(); nodes] }
     }
 
     /// With the states of a node on another way than its telemetry.
-    pub(super) fn set_apart(&mut self, node: usize) {
+    pub(crate) fn set_apart(&mut self, node: usize) {
         if let Some(track) = self.tracks.get_mut(node) {
             track.apart = true;
         }
     }
 
     /// First tick of which a node may still tell something.
-    pub(super) fn telling(&self, node: usize) -> u32 {
+    pub(crate) fn telling(&self, node: usize) -> u32 {
         self.tracks.get(node).map_or(0, |track| track.telling)
     }
 
     /// Node-ticks of a node of which a part was lost.
-    pub(super) fn missed(&self, node: usize) -> u64 {
+    pub(crate) fn missed(&self, node: usize) -> u64 {
         self.tracks.get(node).map_or(0, |track| track.missed)
     }
 
     /// Takes a component of a state stamped `tick`, which was read at `at`, and on CAN at `bus`.
-    pub(super) fn state(
+    pub(crate) fn state(
         &mut self,
         node: usize,
         (tick, component, x): (u32, u8, f32),
@@ -110,7 +110,7 @@ impl Recording {
     ///
     /// # Errors
     /// It is of a tick that the node cannot tell of now; nothing has changed.
-    pub(super) fn telemetry(&mut self, node: usize, told: &Telemetry, at: Duration) -> Result<(), Leap> {
+    pub(crate) fn telemetry(&mut self, node: usize, told: &Telemetry, at: Duration) -> Result<(), Leap> {
         self.refuse(node, told)?;
         if let Some(cell) = self.cell(node, told.tick) {
             cell.stamps.telemetry = Some(at);
@@ -125,7 +125,7 @@ impl Recording {
     ///
     /// # Errors
     /// It is of a tick that the node cannot tell of now; nothing has changed.
-    pub(super) fn refuse(&mut self, node: usize, told: &Telemetry) -> Result<(), Leap> {
+    pub(crate) fn refuse(&mut self, node: usize, told: &Telemetry) -> Result<(), Leap> {
         let Some(track) = self.tracks.get_mut(node) else { return Ok(()) };
         let (from, to) = (track.telling, told.tick);
         if to.wrapping_sub(from) > MAX_LEAP {
@@ -137,20 +137,20 @@ impl Recording {
     }
 
     /// A node has stopped by itself; `tick` is the first that it has not run.
-    pub(super) fn stop(&mut self, node: usize, tick: u32) {
+    pub(crate) fn stop(&mut self, node: usize, tick: u32) {
         if let Some(track) = self.tracks.get_mut(node) {
             track.end = Some(tick);
         }
     }
 
     /// Whether something is awaited from a node.
-    pub(super) fn awaits(&self, node: usize) -> bool {
+    pub(crate) fn awaits(&self, node: usize) -> bool {
         self.tracks.get(node).is_some_and(Track::awaited)
     }
 
     /// Closes the next row, if it is whole or cannot become so any more: observations by index and then by component, in which a value that
     /// was lost stays the last one, and stamps and what is known of the node, by index.
-    pub(super) fn close(
+    pub(crate) fn close(
         &mut self,
         observations: &mut [Observation<f32>],
         stamps: &mut [Stamps],

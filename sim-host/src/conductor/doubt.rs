@@ -16,11 +16,11 @@ struct Doubt {
 
 /// All of them, in the order in which they began.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Doubts(Vec<Doubt>);
+pub(crate) struct Doubts(Vec<Doubt>);
 
 impl Doubts {
     /// Takes note that `node` has done `what`; `value` says with what.
-    pub(super) fn note(&mut self, node: u8, what: &'static str, tick: u32, value: impl FnOnce() -> String) {
+    pub(crate) fn note(&mut self, node: u8, what: &'static str, tick: u32, value: impl FnOnce() -> String) {
         match self.0.iter_mut().find(|doubt| doubt.node == node && doubt.what == what) {
             Some(doubt) => doubt.count = doubt.count.saturating_add(1),
             None => self.0.push(Doubt { node, what, first: value(), tick, count: 1 }),
@@ -28,12 +28,12 @@ impl Doubts {
     }
 
     /// A sentence for each.
-    pub(super) fn sentences(&self) -> Vec<String> {
+    pub(crate) fn sentences(&self) -> Vec<String> {
         self.0.iter().map(Doubt::to_string).collect()
     }
 
     /// The same for one node.
-    pub(super) fn of(&self, node: u8) -> Vec<String> {
+    pub(crate) fn of(&self, node: u8) -> Vec<String> {
         self.0.iter().filter(|doubt| doubt.node == node).map(Doubt::to_string).collect()
     }
 }
