@@ -29,9 +29,12 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     // What arrives with the next tick is taken after it.
     let ticks_late = |delay: u64| delay / tick_ns;
     let in_time = format_duration((ticks_late(delay) + 1).saturating_mul(tick_ns));
-    if ticks_late(bus.latency_ns) > u64::from(WINDOW_BACK) || bus.loss >= 1.0 {
+    if bus.loss >= 1.0 {
+        return Some(found.advise(Status::Fail, "every frame is lost: nobody ever hears anybody".to_owned()));
+    }
+    if ticks_late(bus.latency_ns) > u64::from(WINDOW_BACK) {
         let advice = format!(
-            "nobody ever hears anybody: a frame may be {WINDOW_BACK} ticks old at most, and has to come; use a tick of {in_time} or more"
+            "a frame is heard for {WINDOW_BACK} ticks at most, so that nobody ever hears anybody; use a tick of {in_time} or more"
         );
         return Some(found.advise(Status::Fail, advice).set("time.tick", in_time));
     }
