@@ -25,7 +25,7 @@ fn the_law_that_is_followed_is_that_of_the_run() {
         ("vector-oscillators.toml", &[]),
         ("infinite-start.toml", &[]),
     ] {
-        let scenario = gallery(file, &[sets, &["time.duration=5s"]].concat());
+        let scenario = gallery(file, &[sets, &["time.duration=3s"]].concat());
         let (followed, run) = (of(&scenario), simulate(&scenario, &options(Fidelity::Loopback)).unwrap());
         let judged = run.judge(&scenario, Fidelity::Loopback).funnel.unwrap().max_ratio;
         assert!(followed.whole && followed.lost.is_none(), "{file} {sets:?}");
