@@ -1,15 +1,20 @@
 //! `sim-host check`: what can be said about a scenario without running it.
 //!
-//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (LAW.md section 4), and
-//! what the emergent dynamics predict.
+//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (LAW.md section 4), what the emergent
+//! dynamics predict, what the sampled law itself does in f64, and whether that is what the scenario expects.
 
 mod assumptions;
 mod bus;
 mod capacity;
+mod expectations;
+mod followed;
 mod forecast;
+mod kick;
 mod limits;
 mod nodes;
+mod noise;
 mod predictions;
+mod sampled;
 mod start;
 mod subject;
 mod text;
@@ -19,23 +24,45 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::extremes::{beyond, larger, smaller};
-use crate::scenario::{LARGEST_RUN, Scenario};
+use crate::scenario::{LARGEST_RUN, Scenario, format_duration};
 use forecast::Forecast;
+use funnelnet_law::math;
 pub use nodes::NodeRow;
 use subject::Subject;
 
 /// How a finding stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// It holds.
     Ok,
     /// For information.
     Note,
-    /// It runs, but a guarantee is weaker than it looks.
+    /// Nothing is known of it here.
+    NotChecked,
+    /// A breach is predicted, or a start, a loss, noise or rounding is past its limit.
     Warn,
     /// The scenario cannot do what it is meant to.
     Fail,
+}
+
+/// What to change.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Advice {
+    /// For people.
+    pub text: String,
+    /// For programs, where one setting would do.
+    #[serde(flatten)]
+    pub setting: Option<Setting>,
+}
+
+/// One value of a scenario, as `--set` takes it: `key=value`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Setting {
+    /// `section.key`.
+    pub key: String,
+    /// TOML, or a bare string.
+    pub value: String,
 }
 
 /// One thing that was checked.
@@ -51,7 +78,7 @@ pub struct Finding {
     pub text: String,
     /// What to change, where something is to be changed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub advice: Option<String>,
+    pub advice: Option<Advice>,
     /// The figures, in SI units.
     pub values: Value,
 }
@@ -68,7 +95,13 @@ impl Finding {
 
     /// The same, standing otherwise, with what to change.
     fn advise(self, status: Status, advice: String) -> Self {
-        Self { status, advice: Some(advice), ..self }
+        Self { status, advice: Some(Advice { text: advice, setting: None }), ..self }
+    }
+
+    /// The same, with the setting that its advice comes to.
+    fn set(self, key: impl Into<String>, value: impl Into<String>) -> Self {
+        let setting = Some(Setting { key: key.into(), value: value.into() });
+        Self { advice: self.advice.map(|advice| Advice { setting, ..advice }), ..self }
     }
 }
 
@@ -97,6 +130,14 @@ pub struct Report {
     pub pass: bool,
 }
 
+impl Report {
+    /// How many findings stand so.
+    #[must_use]
+    pub fn count(&self, status: Status) -> usize {
+        self.findings.iter().filter(|finding| finding.status == status).count()
+    }
+}
+
 /// Checks a scenario. It has been validated, so the graph is connected and every node starts inside its
 /// funnel.
 #[must_use]
@@ -104,6 +145,7 @@ pub fn check(scenario: &Scenario) -> Report {
     let subject = Subject::of(scenario);
     let mut findings = assumptions::findings(&subject);
     findings.extend(start::findings(&subject));
+    findings.extend(kick::finding(&subject));
     match &subject.forecast {
         Some(forecast) => {
             findings.extend(limits::findings(&subject, forecast));
@@ -114,7 +156,10 @@ pub fn check(scenario: &Scenario) -> Report {
         }
         None => findings.extend([limits::speed(&subject), predictions::none_here(scenario)]),
     }
-    findings.extend(bus::findings(scenario));
+    findings.push(followed::finding(&subject));
+    findings.extend(noise::finding(&subject));
+    findings.extend(bus::findings(&subject));
+    findings.extend(expectations::findings(&subject));
     findings.push(capacity::finding(scenario));
     findings.extend(size(scenario));
     Report {
@@ -139,7 +184,8 @@ const ALONG_XI: [&str; 7] =
 fn partial(finding: &mut Finding, forecast: &Forecast) {
     if finding.status == Status::Ok && ALONG_XI.contains(&finding.name) {
         finding.status = Status::Note;
-        finding.advice = Some(format!("looked at up to {} s only", figure(forecast.grid.end())));
+        let text = format!("looked at up to {} s only", figure(forecast.grid.end()));
+        finding.advice = Some(Advice { text, setting: None });
     }
 }
 
@@ -184,6 +230,13 @@ fn about(value: f64) -> String {
 fn range(low: f64, high: f64) -> String {
     let (low, high) = (figure(low), figure(high));
     if low == high { low } else { format!("{low} to {high}") }
+}
+
+/// The tick of so many seconds as a scenario has it, with two digits and not longer.
+fn tick_of(seconds: f64) -> String {
+    let ns = seconds * 1e9;
+    let unit = math::exp10((math::log10(ns).floor() - 1.0).max(0.0));
+    format_duration(((ns / unit).floor() * unit).max(1.0) as u64)
 }
 
 fn share(part: f64) -> String {

@@ -278,7 +278,11 @@ fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
     } else {
         print(&printable_lines(&report.to_string()))?;
     }
-    Ok(if report.pass { Exit::Success } else { Exit::BadInput })
+    Ok(match (report.pass, args.strict && report.count(check::Status::Warn) > 0) {
+        (false, _) => Exit::BadInput,
+        (true, true) => Exit::ExpectationFailed,
+        (true, false) => Exit::Success,
+    })
 }
 
 fn diff_command(args: &DiffArgs) -> Result<Exit, Failure> {

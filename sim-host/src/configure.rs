@@ -10,7 +10,7 @@ use std::fmt;
 /// States beyond this are refused by every node, state units.
 const STATE_LIMIT: f32 = 1e9;
 /// Ticks for which a silent neighbour is extrapolated (LAW.md 5).
-const EXTRAPOLATE_TICKS: u8 = 10;
+pub(crate) const EXTRAPOLATE_TICKS: u8 = 10;
 
 /// How the nodes of a run are driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -210,5 +210,5 @@ fn contraction(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     }
     let advice = "they do not forget their initial value, so emergent_error says little; make some fields more stable, or give \
                   the nodes with stable fields a wider funnel (factor), which is more weight";
-    found.advise(Status::Warn, advice.to_owned())
+    found.advise(Status::Note, advice.to_owned())
 }

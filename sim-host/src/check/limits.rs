@@ -4,13 +4,12 @@ use serde_json::{Value, json};
 
 use super::forecast::Forecast;
 use super::subject::Subject;
-use super::{Finding, Status, about, figure, largest, share};
+use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
 use crate::scenario::{Affine, Sine, format_duration};
 use crate::{emergent, extremes, extremes::smaller};
 
-/// Share of the funnel that the floor of the tick may take up before it is warned about: the floor is known
-/// only to "about" (LAW.md 4, where a share of 1 meant leaving the funnel by a factor of two).
-const TIGHT: f64 = 0.5;
+/// Part of the longest tick that is advised.
+const SAFE: f64 = 0.8;
 /// Angle or decay within one tick that is fast: the node's midpoint step is then off by some 2 %.
 const FAST: f64 = 0.5;
 /// Angle within one tick beyond which a sine looks like a slower one, rad.
@@ -24,19 +23,23 @@ pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Findin
     found
 }
 
-/// One exchange per tick cannot hold a funnel narrower than `T^2 d max|d/dt (f_i - f_j)|`.
+/// One exchange per tick adds `theta c T^2 d |d/dt (f_em - f_i)| / psi` to the steady ratio (LAW.md 2, theorem 2). The sum of the sizes is
+/// predicted, and what holds follows from it.
 fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let (index, _) = largest(forecast.nodes.iter().map(|node| node.taken));
+    let (_, ratio) = largest(forecast.nodes.iter().map(|node| node.ratio));
     let seen = &forecast.nodes[index];
-    let tick = subject.scenario.time.tick_s();
     let floor = if seen.taken == 0.0 { 0.0 } else { seen.taken * seen.taken_of };
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
     let longest = longest_tick(subject, seen.taken);
     let text = match longest {
-        None => format!("{name} holds any funnel: no field drifts apart from those of its neighbours"),
+        None => {
+            format!("{name} holds any funnel once the states have met: no field drifts from the emergent one")
+        }
         Some(longest) => format!(
-            "{name} holds funnels down to about {} at node {node} (the tightest), where psi is {} at t = {} s; the longest \
-             tick for this scenario is about {} s",
+            "once the states have met, |nu|/psi is predicted to be {} at most; {name} holds funnels down to about {} at node {node} (the \
+             tightest), where psi is {} at t = {} s; the longest tick for this scenario is about {} s",
+            about(ratio),
             about(floor),
             figure(seen.taken_of),
             figure(seen.taken_at),
@@ -44,26 +47,32 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         ),
     };
     let values = json!({
-        "node": node, "narrowest": seen.floor, "psi_min": subject.narrowest(index),
+        "node": node, "narrowest": seen.floor, "psi_min": subject.narrowest(index), "predicted_ratio": ratio,
         "share": seen.taken, "t": seen.taken_at, "longest_tick_s": longest,
     });
     let found = Finding::new("narrowest-funnel", "Tick", text, values);
-    if seen.taken < TIGHT {
+    if seen.taken < 1.0 {
         return found;
     }
+    if subject.keeps() {
+        let advice = "this adds up sizes; the law itself, followed over the whole run, stays inside (below)";
+        return found.advise(Status::Note, advice.to_owned());
+    }
+    let tick = tick_of(SAFE * longest.unwrap_or(0.0));
     let advice = format!(
-        "|nu| may leave the funnel; use a tick of {} s or less, or let psi be {} or more there",
-        about(tick * (TIGHT / (2.0 * seen.taken)).sqrt()),
-        about(2.0 * floor / TIGHT)
+        "|nu| may leave the funnel; use a tick of {tick} or less, or let psi be {} or more there",
+        about(floor / SAFE)
     );
-    found.advise(Status::Warn, advice)
+    found.advise(Status::Warn, advice).set("time.tick", tick)
 }
 
-/// The tick that leaves [`TIGHT`] of the funnel and resolves the fields, s; none where any tick holds the funnel.
+/// The tick that leaves room in the funnel, resolves the fields, and does not throw the start out, s; none where any tick does.
 fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
     let tick = subject.scenario.time.tick_s();
     let resolved = FAST / emergent::fastest(subject.scenario);
-    (taken != 0.0).then(|| smaller(tick * (TIGHT / taken).sqrt(), resolved))
+    let kicked = tick * kick::SMALL / kick::largest(subject.scenario).1;
+    let some = taken != 0.0 || kicked.is_finite();
+    some.then(|| [tick * taken.sqrt().recip(), resolved, kicked].into_iter().fold(f64::INFINITY, smaller))
 }
 
 /// The fastest sine of a field, rad/s. One without amplitude drives nothing.
@@ -88,18 +97,20 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
         "tick_slope": decay, "slope_node": steep + 1, "tick_frequency": angle, "frequency_node": quick + 1,
     });
     let found = Finding::new("speed", "Fields and tick", text, values);
-    // Of a matrix it is not said.
-    let slopes = nodes.iter().filter(|node| node.dynamics.slope.len() == 1);
-    let stiffest = extremes::largest(0.0, slopes.map(|node| -tick * node.dynamics.slope()));
+    let stiffest = extremes::largest(0.0, nodes.iter().map(|node| tick * stiffness(&node.dynamics)));
     let quickest = extremes::larger(decay, angle);
     if quickest <= FAST {
         return found;
     }
-    let advice = format!("use a tick of {} s or less", about(tick * FAST / quickest));
+    let needed = tick_of(tick * FAST / quickest);
+    let advice = format!("use a tick of {needed} or less");
     if stiffest >= UNSTABLE {
-        let why =
-            format!("a node's own step grows where T |slope| is {} or more; {advice}", figure(UNSTABLE));
-        return found.advise(Status::Fail, why);
+        let why = format!(
+            "T |df/dx| is {} at a node: its own step grows from {} on; {advice}",
+            about(stiffest),
+            figure(UNSTABLE)
+        );
+        return found.advise(Status::Fail, why).set("time.tick", needed);
     }
     if angle > ALIASED {
         let why = format!(
@@ -108,9 +119,19 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
             about(angle),
             quick + 1
         );
-        return found.advise(Status::Warn, why);
+        return found.advise(Status::Note, why).set("time.tick", needed);
     }
-    found.advise(Status::Warn, format!("too fast for the node's midpoint step; {advice}"))
+    found
+        .advise(Status::Note, format!("fast for the node's midpoint step; {advice}"))
+        .set("time.tick", needed)
+}
+
+/// How fast a field decays or turns by itself, 1/s. That of a matrix is its norm: what turns fast makes the node's step grow as well.
+fn stiffness(field: &Affine) -> f64 {
+    match field.slope.len() {
+        1 => -field.slope(),
+        _ => field.lipschitz(),
+    }
 }
 
 /// The f32 resolution of `nu` against the funnel.

@@ -36,7 +36,7 @@ pub(super) fn none_here(scenario: &Scenario) -> Finding {
         coupling.kind()
     );
     let values = json!({ "coupling": coupling.kind(), "components": components });
-    Finding::new("predictions", "Predictions", text, values).stands(Status::Note)
+    Finding::new("predictions", "Predictions", text, values).stands(Status::NotChecked)
 }
 
 /// `xi`, and the blended dynamics beside it.
@@ -63,11 +63,11 @@ fn trajectory(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
             "a node stops at |x| = {}; make some fields more stable, or end the run earlier",
             figure(params::LARGEST)
         );
-        return found.advise(Status::Warn, advice);
+        return found.advise(Status::Fail, advice);
     }
     if outgrown(forecast.slope_mean * until, most) {
         let advice = "the emergent dynamics expand, and no digit of this is left by the end: any small error leads elsewhere";
-        return found.advise(Status::Warn, advice.to_owned());
+        return found.advise(Status::NotChecked, advice.to_owned());
     }
     let end = subject.scenario.time.end_s();
     if !forecast.grid.reaches(subject.scenario) {
@@ -108,7 +108,7 @@ fn input(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         "one tick can carry |nu| across a margin this small; {}",
         wider(&subject.scenario.nodes[index].gain, nodes[index].input)
     );
-    found.advise(Status::Warn, advice)
+    found.advise(Status::Note, advice)
 }
 
 /// The parameter that leaves [`GOOD_MARGIN`] at an input (state units / s), in words.
@@ -148,5 +148,5 @@ fn linear_part(subject: &Subject<'_>, forecast: &Forecast) -> Option<Finding> {
         return Some(found);
     }
     let advice = format!("outside it they are not; gain bound = {} or more would do", about(0.5 * input));
-    Some(found.advise(Status::Warn, advice))
+    Some(found.advise(Status::Note, advice))
 }

@@ -34,7 +34,9 @@ fn start(subject: &Subject<'_>) -> Finding {
         figure(factor),
         about(0.5 * TIGHT_START)
     );
-    found.advise(Status::Warn, advice)
+    found
+        .advise(Status::Warn, advice)
+        .set(format!("node.{}.funnel.factor", index + 1), figure(1.001 * factor))
 }
 
 /// The paper's bound on the distance between any two states, over time.

@@ -1,6 +1,7 @@
 //! What every finding looks at, computed once.
 
 use super::forecast::Forecast;
+use super::sampled::{self, Followed};
 use super::widths::Widths;
 use crate::extremes::{larger, largest};
 use crate::scenario::{Coupling, NodeSpec, Scenario, initial_ratios};
@@ -19,6 +20,8 @@ pub(super) struct Subject<'s> {
     pub widths: Widths,
     /// None where the motion is not that of the paper's law for scalar states.
     pub forecast: Option<Forecast>,
+    /// None where the sampled law of the coupling is not followed here.
+    pub followed: Option<Followed>,
 }
 
 impl<'s> Subject<'s> {
@@ -31,6 +34,7 @@ impl<'s> Subject<'s> {
             lambda_max: spectrum.last().copied().unwrap_or(0.0),
             ratios: initial_ratios(scenario),
             forecast: follows_the_paper(scenario).then(|| Forecast::of(scenario, &widths, &degrees)),
+            followed: sampled::follow(scenario, &degrees),
             degrees,
             widths,
             scenario,
@@ -54,6 +58,16 @@ impl<'s> Subject<'s> {
     /// The narrowest funnel that a node keeps (state units).
     pub fn narrowest(&self, index: usize) -> f64 {
         larger(self.widths.narrowest[index], self.resolution(index))
+    }
+
+    /// The law, where it was followed to the end of the run and the states did not run away.
+    pub fn run(&self) -> Option<&Followed> {
+        self.followed.as_ref().filter(|followed| followed.whole && followed.lost.is_none())
+    }
+
+    /// Whether the law keeps every node inside its funnel over the whole run; not where it was not followed so far.
+    pub fn keeps(&self) -> bool {
+        self.run().is_some_and(|followed| followed.worst.ratio < 1.0)
     }
 
     /// The narrowest funnel that f32 resolves at a node; 0 where nothing is known of the states to come (state units).

@@ -73,7 +73,7 @@ fn a_funnel_below_what_the_tick_can_hold_is_warned_about() {
     let report = load("narrow-ring.toml", &["time.tick=10ms"]);
     let found = find(&report, "narrowest-funnel");
     assert_eq!(found.status, Status::Warn);
-    assert!(found.advice.as_ref().is_some_and(|advice| advice.contains("use a tick of")), "{report}");
+    assert!(found.advice.as_ref().is_some_and(|advice| advice.text.contains("use a tick of")), "{report}");
 }
 
 #[test]
@@ -164,9 +164,35 @@ fn what_is_not_predicted_is_said_and_not_guessed() {
 }
 
 #[test]
-fn late_frames_are_warned_about() {
-    assert_eq!(find(&load("five-agents.toml", &["bus.latency=1ms"]), "bus").status, Status::Warn);
-    assert_eq!(find(&load("five-agents.toml", &["bus.latency=100us"]), "bus").status, Status::Note);
+fn late_frames_are_warned_about_where_they_cost_a_funnel() {
+    let status = |file: &str, latency: &str| {
+        let report = load(file, &[&format!("bus.latency={latency}")]);
+        (find(&report, "bus").status, find(&report, "sampled").status)
+    };
+    assert_eq!(status("five-agents.toml", "100us"), (Status::Note, Status::Ok));
+    // A wide funnel survives a tick, a narrow one does not.
+    assert_eq!(status("five-agents.toml", "1ms"), (Status::Note, Status::Ok));
+    assert_eq!(status("narrow-ring.toml", "1ms"), (Status::Warn, Status::Fail));
+}
+
+#[test]
+fn frames_older_than_the_window_are_never_heard() {
+    let bus =
+        |latency: &str| find(&load("five-agents.toml", &[&format!("bus.latency={latency}")]), "bus").clone();
+    assert_ne!(bus("8999us").status, Status::Fail);
+    let never = bus("9ms");
+    assert_eq!(never.status, Status::Fail);
+    let setting = never.advice.unwrap().setting.unwrap();
+    assert_eq!((setting.key.as_str(), setting.value.as_str()), ("time.tick", "10ms"));
+    assert_eq!(find(&load("five-agents.toml", &["bus.latency=10ms"]), "bus").status, Status::Fail);
+    assert_eq!(find(&load("five-agents.toml", &["bus.loss=1.0"]), "bus").status, Status::Fail);
+}
+
+#[test]
+fn a_law_that_runs_away_by_loss_fails() {
+    assert!(load("average.toml", &["bus.loss=0.05"]).pass);
+    let report = load("average.toml", &["bus.loss=0.3"]);
+    assert_eq!((find(&report, "sampled").status, report.pass), (Status::Fail, false), "{report}");
 }
 
 #[test]
@@ -209,7 +235,7 @@ fn funnels_outside_the_assumption_are_noted() {
         let report = load(file, &[]);
         let found = find(&report, "funnels");
         assert_eq!(found.status, Status::Note);
-        assert!(found.advice.as_ref().is_some_and(|advice| advice.contains(word)), "{found:?}");
+        assert!(found.advice.as_ref().is_some_and(|advice| advice.text.contains(word)), "{found:?}");
     }
 }
 
@@ -229,7 +255,7 @@ fn gains_are_known_at_zero_and_at_the_edge() {
     linear.nodes[2].gain = Gain::Linear { slope: 3.0 };
     let report = check(&linear);
     assert_eq!(find(&report, "gains").status, Status::Warn);
-    assert!(find(&report, "gains").advice.as_ref().unwrap().contains("node 3"));
+    assert!(find(&report, "gains").advice.as_ref().unwrap().text.contains("node 3"));
     assert!(report.findings.iter().all(|finding| finding.name != "input"), "nothing is predicted");
 }
 
@@ -259,7 +285,7 @@ fn contraction_is_decided_along_the_way() {
     near(value(&report, "emergent", "mean_rate"), 0.6, 1e-9);
     assert_eq!(value(&report, "emergent", "largest_slope"), 1.0);
     let steeper = ["node.1.dynamics.slope=3", "node.3.dynamics.slope=2"];
-    assert_eq!(find(&load("contractive-together.toml", &steeper), "emergent").status, Status::Warn);
+    assert_eq!(find(&load("contractive-together.toml", &steeper), "emergent").status, Status::Note);
     // Two unstable agents swing about a stable one, which weighs the most but when they meet: then all weigh the same.
     let report = pair(&[
         "graph.nodes=3",
@@ -286,7 +312,7 @@ fn a_start_at_the_edge_is_warned_about() {
     assert_eq!(found.status, Status::Warn);
     // What the advice names does what it says.
     let advised = load("five-agents.toml", &["coupling.funnel.start=16", "coupling.funnel.factor=2.084"]);
-    assert!(found.advice.as_ref().unwrap().contains("factor = 2.083"), "{found:?}");
+    assert!(found.advice.as_ref().unwrap().text.contains("factor = 2.083"), "{found:?}");
     near(value(&advised, "start", "worst"), 0.45, 1e-3);
 }
 
@@ -310,12 +336,16 @@ fn the_bound_is_followed_over_time() {
 
 #[test]
 fn the_tick_holds_what_the_fields_leave() {
-    // xi rests; f_1 - f_2 = 20 sin(5 t) changes by 100 at most, from the start on; both degrees are 1.
+    // xi rests; u_1 = -10 sin(5 t) changes by 50 at most, from the start on; both degrees are 1.
     let report = pair(&[]);
     assert_eq!(find(&report, "narrowest-funnel").status, Status::Ok);
-    near(value(&report, "narrowest-funnel", "narrowest"), 1e-4, 1e-9);
-    near(value(&report, "narrowest-funnel", "share"), 1e-4, 1e-9);
-    near(value(&report, "narrowest-funnel", "longest_tick_s"), 1e-3 * (0.5f64 / 1e-4).sqrt(), 1e-9);
+    // 1.1 T^2 50 cos(5 t), in the margin 1 / (1 + |u|) that a reciprocal gain leaves with |u| = 10 sin(5 t).
+    let excess = |angle: f64| 5.5e-5 * math::cos(angle) * (1.0 + 10.0 * math::sin(angle));
+    let most = (0..9000).map(|part| excess(f64::from(part) * 1e-4)).fold(0.0, f64::max);
+    near(value(&report, "narrowest-funnel", "narrowest"), most, 1e-3);
+    near(value(&report, "narrowest-funnel", "share"), most, 1e-3);
+    near(value(&report, "narrowest-funnel", "longest_tick_s"), 1e-3 / most.sqrt(), 1e-3);
+    assert_eq!(value(&report, "narrowest-funnel", "node"), 1.0);
     assert_eq!(find(&pair(&["time.tick=100ms"]), "narrowest-funnel").status, Status::Warn);
     // A narrow funnel counts when it is narrow: the same floor, in a funnel that has closed to it.
     let report = pair(&["coupling.funnel={kind='exponential',start=1,end=1.5e-4,rate=10}"]);
@@ -330,15 +360,15 @@ fn fields_too_fast_for_the_tick_are_warned_about() {
     near(value(&report, "speed", "tick_slope"), 1.24e-3, 1e-12);
     near(value(&report, "speed", "tick_frequency"), 0.01, 1e-12);
     let report = load("five-agents.toml", &["time.tick=100ms"]);
-    assert_eq!(find(&report, "speed").status, Status::Warn);
-    assert!(find(&report, "speed").advice.as_ref().unwrap().contains("0.05 s or less"), "{report}");
+    assert_eq!(find(&report, "speed").status, Status::Note);
+    assert!(find(&report, "speed").advice.as_ref().unwrap().text.contains("50ms or less"), "{report}");
     let report = load("average.toml", &["agent.dynamics.slope=-600"]);
-    assert_eq!((find(&report, "speed").status, report.pass), (Status::Warn, true));
+    assert_eq!(find(&report, "speed").status, Status::Note);
     let report = load("average.toml", &["agent.dynamics.slope=-2000"]);
     assert_eq!((find(&report, "speed").status, report.pass), (Status::Fail, false));
     // Growing fast is no instability of the step.
     let report = load("average.toml", &["node.1.dynamics.slope=2000", "time.duration=1ms"]);
-    assert_eq!(find(&report, "speed").status, Status::Warn);
+    assert_eq!(find(&report, "speed").status, Status::Note);
 }
 
 #[test]
@@ -360,7 +390,7 @@ fn the_prediction_is_that_of_the_emergent_dynamics() {
 #[test]
 fn a_motion_that_no_node_follows_is_warned_about() {
     let report = load("average.toml", &["agent.dynamics.slope=2"]);
-    assert_eq!(find(&report, "prediction").status, Status::Warn);
+    assert_eq!(find(&report, "prediction").status, Status::Fail);
     assert!(value(&report, "prediction", "until") < 20.0, "not followed for ever");
 }
 
@@ -382,9 +412,9 @@ fn the_tightest_node_is_named() {
     assert_eq!(value(&report, "input", "node"), 5.0);
     let report = load("malicious-11.toml", &[]);
     let found = find(&report, "input");
-    assert_eq!((found.status, value(&report, "input", "node")), (Status::Warn, 4.0));
+    assert_eq!((found.status, value(&report, "input", "node")), (Status::Note, 4.0));
     near(value(&report, "input", "margin"), 0.05 / 0.9 / 1005.0, 1e-2);
-    assert!(found.advice.as_ref().unwrap().contains("eta = 185"), "{found:?}");
+    assert!(found.advice.as_ref().unwrap().text.contains("eta = 185"), "{found:?}");
     let advised = load("malicious-11.toml", &["coupling.gain.eta=185"]);
     near(value(&advised, "input", "margin"), 0.02, 0.05);
 }
@@ -395,7 +425,7 @@ fn inputs_outside_the_linear_part_are_warned_about() {
     assert_eq!(find(&report, "linear-part").status, Status::Ok);
     near(value(&report, "linear-part", "share"), 10.0 / 40.0, 1e-9);
     let report = load("average.toml", &["coupling.gain.bound=4"]);
-    assert_eq!(find(&report, "linear-part").status, Status::Warn);
+    assert_eq!(find(&report, "linear-part").status, Status::Note);
     assert!(load("five-agents.toml", &[]).findings.iter().all(|finding| finding.name != "linear-part"));
 }
 
@@ -431,7 +461,7 @@ fn a_ripple_of_whole_turns_per_tick_is_predicted_and_warned_about() {
         assert_eq!(value(&report, "prediction", "until"), 10.0);
         assert_eq!(find(&report, "prediction").status, Status::Ok);
         let speed = find(&report, "speed");
-        let sees = speed.advice.as_ref().is_some_and(|advice| advice.contains("sees it once per tick"));
+        let sees = speed.advice.as_ref().is_some_and(|advice| advice.text.contains("sees it once per tick"));
         assert_eq!(
             (speed.status == Status::Ok, sees),
             (tick == "time.tick=1ms", tick == "time.tick=20ms"),
@@ -451,11 +481,11 @@ fn fields_are_compared_with_the_tick_under_every_coupling() {
         let sets = if kind.ends_with("linear") { &sets[..] } else { &sets[..1] };
         assert_eq!(find(&load("five-agents.toml", sets), "speed").status, Status::Ok);
         let slow: Vec<_> = sets.iter().copied().chain(["time.tick=100ms"]).collect();
-        assert_eq!(find(&load("five-agents.toml", &slow), "speed").status, Status::Warn);
+        assert_eq!(find(&load("five-agents.toml", &slow), "speed").status, Status::Note);
     }
     assert_eq!(find(&load("vector-oscillators.toml", &[]), "speed").status, Status::Ok);
     let slow = load("vector-oscillators.toml", &["time.tick=500ms"]);
-    assert_eq!((find(&slow, "speed").status, slow.pass), (Status::Warn, true));
+    assert_eq!(find(&slow, "speed").status, Status::Note);
 }
 
 #[test]
@@ -465,7 +495,7 @@ fn what_was_looked_at_in_part_is_not_found_to_hold() {
         let found = find(&report, name);
         assert_eq!(found.status, Status::Note, "{found:?}");
         assert!(
-            found.advice.as_ref().is_some_and(|advice| advice == "looked at up to 625 s only"),
+            found.advice.as_ref().is_some_and(|advice| advice.text == "looked at up to 625 s only"),
             "{found:?}"
         );
     }
@@ -517,6 +547,6 @@ fn a_motion_that_errors_outgrow_is_not_ok() {
         ])
     };
     // Exactly -0.2 sin(2 t) - 0.4 cos(2 t), which is 0.44 at 30 s.
-    assert_eq!(find(&unstable("1.0"), "prediction").status, Status::Warn);
+    assert_eq!(find(&unstable("1.0"), "prediction").status, Status::NotChecked);
     assert_eq!(find(&unstable("-1.0"), "prediction").status, Status::Ok);
 }

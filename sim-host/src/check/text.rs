@@ -6,9 +6,9 @@ use super::{Finding, NodeRow, Report, Status, about, figure};
 use crate::scenario::format_duration;
 
 /// Characters of a line.
-const WIDTH: usize = 110;
+const WIDTH: usize = 117;
 /// Where the text of a finding begins.
-const INDENT: usize = 24;
+const INDENT: usize = 31;
 /// The most nodes that the table shows.
 const MOST_ROWS: usize = 16;
 
@@ -29,9 +29,16 @@ impl fmt::Display for Report {
         if self.per_node.len() <= MOST_ROWS {
             table(f, &self.per_node)?;
         }
-        let count = |status| self.findings.iter().filter(|finding| finding.status == status).count();
-        let (warnings, failures) = (count(Status::Warn), count(Status::Fail));
-        write!(f, "\n{} and {}", plural(warnings, "warning"), plural(failures, "failure"))
+        let (warnings, failures) = (self.count(Status::Warn), self.count(Status::Fail));
+        let (held, notes, unknown) =
+            (self.count(Status::Ok), self.count(Status::Note), self.count(Status::NotChecked));
+        write!(
+            f,
+            "\n{held} ok, {}, {unknown} not checked, {} and {}",
+            plural(notes, "note"),
+            plural(warnings, "warning"),
+            plural(failures, "failure")
+        )
     }
 }
 
@@ -39,17 +46,17 @@ fn write(f: &mut fmt::Formatter<'_>, finding: &Finding) -> fmt::Result {
     let mark = match finding.status {
         Status::Ok => "ok",
         Status::Note => "note",
+        Status::NotChecked => "NOT CHECKED",
         Status::Warn => "WARN",
         Status::Fail => "FAIL",
     };
     let lines = wrapped(&finding.text, WIDTH - INDENT);
     for (index, line) in lines.iter().enumerate() {
         let (mark, title) = if index == 0 { (mark, finding.title) } else { ("", "") };
-        writeln!(f, "{mark:<5} {title:<18}{line}")?;
+        writeln!(f, "{mark:<12} {title:<18}{line}")?;
     }
-    for (index, line) in
-        wrapped(finding.advice.as_deref().unwrap_or(""), WIDTH - INDENT - 3).iter().enumerate()
-    {
+    let advice = finding.advice.as_ref().map_or("", |advice| &advice.text);
+    for (index, line) in wrapped(advice, WIDTH - INDENT - 3).iter().enumerate() {
         writeln!(f, "{:INDENT$}{} {line}", "", if index == 0 { "->" } else { "  " })?;
     }
     Ok(())
@@ -93,7 +100,7 @@ fn table(f: &mut fmt::Formatter<'_>, rows: &[NodeRow]) -> fmt::Result {
     Ok(())
 }
 
-fn plural(count: usize, word: &str) -> String {
+pub(super) fn plural(count: usize, word: &str) -> String {
     if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 

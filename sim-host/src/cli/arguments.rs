@@ -54,7 +54,9 @@ Examples:
 const CHECK_HELP: &str = "\
 Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over \
 time, how narrow a funnel the tick can hold, what the emergent dynamics predict, how hard each node has to \
-push, and what the states would take of a real bus. Takes up to 2,000 nodes; a run takes 127.
+push, whether the sampled law, followed in f64 as far as that is cheap, stays inside its funnels, whether that \
+is what the scenario expects, and what the states would take of a real bus. Takes up to 2,000 nodes; a run \
+takes 127. Ends with code 2 where a finding is FAIL, and with --strict with code 1 where one is WARN.
 
 Examples:
   sim-host check scenarios/five-agents.toml
@@ -221,6 +223,9 @@ pub(super) struct CheckArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub(super) json: bool,
+    /// End with code 1 where there is a warning
+    #[arg(long)]
+    pub(super) strict: bool,
 }
 
 #[derive(Args, Debug)]

@@ -5,15 +5,16 @@ use super::motion::Motion;
 use super::relative_widths;
 use crate::check::widths::Widths;
 use crate::extremes::{beyond, larger};
-use crate::scenario::{Graph, Scenario};
-use funnelnet_law::emergent::{Agent, contraction};
+use crate::scenario::Scenario;
+use funnelnet_law::emergent::{Agent, contraction, partial_by_time, partials_by_field};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::gain::{Gain, GainFunction};
+use funnelnet_law::law::node_wise::{C, THETA};
 
 /// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnelnet_law::floor` (5 ulp at degree 2).
 const ROUNDING: f64 = 2.5;
-/// Edge-steps up to which neighbours are compared one by one.
-const EDGE_STEPS: usize = 50_000_000;
+/// Relative distance of two rates that differ by rounding only.
+const ROUNDED: f64 = 1e-12;
 
 /// One node along the emergent motion.
 #[derive(Clone, Copy, Debug)]
@@ -23,12 +24,15 @@ pub(in crate::check) struct NodeSeen {
     /// The smallest `1 - |s_i|`, `s_i = mu_i^-1(f_em - f_i)`, and when (s).
     pub margin: f64,
     pub margin_at: f64,
-    /// The largest `T^2 d max|d/dt (f_i - f_j)|`: the narrowest funnel that one exchange per tick can hold (state units).
+    /// The narrowest funnel that one exchange per tick can hold: the largest `theta c T^2 d |d/dt (f_em - f_i)| / (1 - |s_i|)`
+    /// (state units).
     pub floor: f64,
     /// The largest share of the kept funnel that this takes up, when (s), and how wide the funnel is then (state units).
     pub taken: f64,
     pub taken_at: f64,
     pub taken_of: f64,
+    /// The largest predicted `|nu| / psi`, the sum of the steady ratio and the excess.
+    pub ratio: f64,
 }
 
 /// A node at the floor of its funnel.
@@ -73,6 +77,7 @@ pub(super) fn along(
         taken: 0.0,
         taken_at: 0.0,
         taken_of: f64::INFINITY,
+        ratio: 0.0,
     };
     let mut seen = Seen {
         nodes: vec![nothing; scenario.nodes.len()],
@@ -83,26 +88,25 @@ pub(super) fn along(
         at_floor: None,
     };
     let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope()).collect();
-    let compare = Compare::new(&scenario.graph, motion.grid.steps);
+    let excess = Excess::new(scenario, degrees);
     let mut forcing = Forcing::new(scenario, motion.grid.step);
-    let (mut relative, mut rates, mut apart, mut agents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut relative, mut rates, mut agents) = (Vec::new(), Vec::new(), Vec::new());
     for (k, (&xi, &velocity)) in motion.xi.iter().zip(&motion.velocity).enumerate() {
         let t = motion.grid.at(k);
         rates.clear();
         rates.extend(slopes.iter().zip(&forcing.rate).map(|(slope, rate)| slope * velocity + rate));
-        compare.apart(&rates, &mut apart);
-        for (index, psi) in widths.at(t).enumerate() {
-            let floor = tick * tick * degrees[index] * apart[index];
-            seen.nodes[index].holds(floor, larger(psi, seen.resolution[index]), t);
-        }
         relative_widths(scenario, widths, t, &mut relative);
         agents.clear();
         let fields = slopes.iter().zip(&forcing.value).map(|(slope, forcing)| slope * xi + forcing);
         agents.extend(fields.zip(&relative).zip(gains).map(|((f, &psi), &gain)| Agent { psi, f, gain }));
         seen.contracts(contraction(&agents, velocity, slopes.iter().copied()), t);
         let inputs: Vec<_> = agents.iter().map(|agent| velocity - agent.f).collect();
-        for (node, (input, gain)) in seen.nodes.iter_mut().zip(inputs.iter().zip(gains)) {
-            node.settles(*input, gain, t);
+        let common = excess.common(&agents, velocity, &rates, t.max(1e-9));
+        let kept: Vec<_> =
+            widths.at(t).zip(&seen.resolution).map(|(psi, floor)| larger(psi, *floor)).collect();
+        for (index, node) in seen.nodes.iter_mut().enumerate() {
+            let margin = node.settles(inputs[index], &gains[index], t);
+            node.holds(excess.per_drift[index] * apart(common, rates[index]), margin, kept[index], t);
         }
         for ((floor, node), width) in floors.iter().zip(&seen.nodes).zip(&mut seen.resolution) {
             *width = floor.width(state, node.input);
@@ -143,62 +147,75 @@ impl Seen {
 }
 
 impl NodeSeen {
-    fn holds(&mut self, floor: f64, kept: f64, t: f64) {
+    /// An excess (state units) in the margin that a funnel of width `kept` (state units) leaves at `t` (s).
+    fn holds(&mut self, excess: f64, margin: f64, kept: f64, t: f64) {
+        // No excess fits no margin at all.
+        let floor = if excess == 0.0 { 0.0 } else { excess / margin };
         self.floor = larger(self.floor, floor);
+        self.ratio = larger(self.ratio, 1.0 - margin + excess / kept);
         if beyond(floor / kept, self.taken) {
             (self.taken, self.taken_at) = (floor / kept, t);
             self.taken_of = kept;
         }
     }
 
-    fn settles(&mut self, input: f64, gain: &Gain<f64>, t: f64) {
+    /// The margin `1 - |s|` that an input (state units / s) leaves.
+    fn settles(&mut self, input: f64, gain: &Gain<f64>, t: f64) -> f64 {
         self.input = larger(self.input, input.abs());
         let margin = 1.0 - gain.inverse(input).abs();
         if beyond(-margin, -self.margin) {
             (self.margin, self.margin_at) = (margin, t);
         }
+        margin
     }
 }
 
-/// How fast neighbours drift apart.
-enum Compare<'g> {
-    Neighbours(&'g Graph),
-    /// With everyone instead of neighbours only, which is exact on a complete graph and an upper bound on a dense one.
-    Everyone,
+/// `|a - b|`; zero where that is but rounding.
+fn apart(a: f64, b: f64) -> f64 {
+    let distance = (a - b).abs();
+    if distance <= ROUNDED * larger(a.abs(), b.abs()) { 0.0 } else { distance }
 }
 
-impl<'g> Compare<'g> {
-    fn new(graph: &'g Graph, steps: usize) -> Self {
-        match graph.edges.len().saturating_mul(steps) <= EDGE_STEPS {
-            true => Self::Neighbours(graph),
-            false => Self::Everyone,
+/// The excess over the steady ratio that one exchange per tick leaves (LAW.md 2, theorem 2).
+struct Excess<'s> {
+    scenario: &'s Scenario,
+    /// `theta c T^2 d_i` (s^2).
+    per_drift: Vec<f64>,
+    /// Whether all funnels are of one shape, which leaves the weights of the nodes as they are.
+    one_shape: bool,
+}
+
+impl<'s> Excess<'s> {
+    fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
+        let tick = scenario.time.tick_s();
+        let shapes = scenario.nodes.windows(2).all(|pair| pair[0].funnel.shape == pair[1].funnel.shape);
+        Self {
+            scenario,
+            per_drift: degrees.iter().map(|degree| THETA * C * tick * tick * degree).collect(),
+            one_shape: shapes,
         }
     }
 
-    /// The largest `|rate_i - rate_j|` over the neighbours j, by index.
-    fn apart(&self, rates: &[f64], apart: &mut Vec<f64>) {
-        apart.clear();
-        match self {
-            Self::Neighbours(graph) => {
-                apart.resize(rates.len(), 0.0);
-                for edge in &graph.edges {
-                    let distance = (rates[edge.a] - rates[edge.b]).abs();
-                    apart[edge.a] = larger(distance, apart[edge.a]);
-                    apart[edge.b] = larger(distance, apart[edge.b]);
-                }
-            }
-            Self::Everyone => {
-                let (low, high) = crate::check::extremes(rates.iter().copied());
-                apart.extend(rates.iter().map(|rate| larger(high - rate, rate - low)));
-            }
+    /// The derivative of `f_em` by time along `xi`, for the `d/dt f_i` along `xi` (state units / s^2).
+    fn common(&self, agents: &[Agent<f64, Gain<f64>>], field: f64, rates: &[f64], t: f64) -> f64 {
+        let weighted = partials_by_field(agents, field).zip(rates).map(|(weight, rate)| weight * rate);
+        let by_fields: f64 = weighted.sum();
+        if self.one_shape {
+            return by_fields;
         }
+        // Relative, as the widths of the agents are.
+        let nodes = self.scenario.nodes.iter().zip(agents);
+        let moves = nodes.map(|(node, agent)| {
+            let decay = node.funnel.slope(t) / node.funnel.width(t);
+            if decay.is_finite() { decay * agent.psi } else { 0.0 }
+        });
+        by_fields + partial_by_time(agents, field, moves)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Edge;
 
     #[test]
     fn a_margin_that_is_not_a_number_is_the_tightest_of_all() {
@@ -211,10 +228,11 @@ mod tests {
             taken: 0.0,
             taken_at: 0.0,
             taken_of: f64::INFINITY,
+            ratio: 0.0,
         };
         for (t, input) in [(1.0, 2.0), (2.0, f64::NAN), (3.0, 5.0)] {
             node.settles(input, &gain, t);
-            node.holds(input, 10.0, t);
+            node.holds(input, 1.0, 10.0, t);
         }
         assert!(node.margin.is_nan() && node.input.is_nan() && node.taken.is_nan() && node.floor.is_nan());
         assert_eq!((node.margin_at, node.taken_at), (2.0, 2.0));
@@ -232,25 +250,5 @@ mod tests {
         };
         [-1.0, f64::NAN, 3.0].into_iter().zip(0u8..).for_each(|(slope, t)| seen.contracts(slope, t.into()));
         assert!(seen.slope_largest.is_nan() && seen.slope_largest_at == 1.0 && seen.slope_mean.is_nan());
-    }
-
-    #[test]
-    fn on_a_complete_graph_everyone_is_a_neighbour() {
-        let ends = (0..7).flat_map(|a| (a + 1..7).map(move |b| (a, b)));
-        let edges = ends.map(|(a, b)| Edge { a, b, weight: 1.0 }).collect();
-        let graph = Graph { nodes: 7, edges };
-        let rates = [3.0, -1.0, 4.0, 1.0, -5.0, 9.0, 2.0];
-        let (mut exact, mut bound) = (Vec::new(), Vec::new());
-        Compare::new(&graph, 1).apart(&rates, &mut exact);
-        Compare::Everyone.apart(&rates, &mut bound);
-        assert_eq!(exact, bound);
-        assert_eq!(exact[..2], [8.0, 10.0]);
-    }
-
-    #[test]
-    fn neighbours_are_compared_where_that_is_affordable() {
-        let graph = Graph { nodes: 2, edges: vec![Edge { a: 0, b: 1, weight: 1.0 }] };
-        assert!(matches!(Compare::new(&graph, EDGE_STEPS), Compare::Neighbours(_)));
-        assert!(matches!(Compare::new(&graph, EDGE_STEPS + 1), Compare::Everyone));
     }
 }

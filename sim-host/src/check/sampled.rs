@@ -1,0 +1,180 @@
+//! The sampled law itself, in f64, for the whole network: what a run on `loopback` does but for the rounding of f32.
+//!
+//! The emergent dynamics say what happens once the states have come together. Everything before, and everything that the bus does, is
+//! found by following the law. That is cheap for small networks and short runs; else only the start is followed.
+
+mod bus;
+mod member;
+
+use super::extremes;
+use crate::extremes::{beyond, larger};
+use crate::scenario::{Coupling, FloorSpec, LARGEST_RUN, Scenario};
+use bus::Bus;
+use funnelnet_node::params;
+use member::Member;
+
+/// What is followed at least, s, as long as it is cheap.
+const START: f64 = 0.1;
+/// Work that is spent, in edges and ticks; it depends on the scenario only, so that `check` says the same on every machine.
+const WORK: usize = 25_000_000;
+/// Work of one component of a node, and of an end of an edge where the bus loses or delays, beside that of an edge.
+const NODE_WORK: usize = 20;
+const EAR_WORK: usize = 4;
+/// Funnels from which on the states are called lost.
+const LOST: f64 = 100.0;
+
+/// The largest `|nu| / psi` of a part of the run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Worst {
+    pub ratio: f64,
+    /// Index.
+    pub node: usize,
+    /// s.
+    pub t: f64,
+}
+
+impl Worst {
+    const NONE: Self = Self { ratio: 0.0, node: 0, t: 0.0 };
+
+    fn note(&mut self, ratio: f64, node: usize, t: f64) {
+        if beyond(ratio, self.ratio) {
+            *self = Self { ratio, node, t };
+        }
+    }
+}
+
+/// What the law does.
+#[derive(Clone, Debug)]
+pub(super) struct Followed {
+    /// Up to when, s.
+    pub until: f64,
+    /// Whether that is the end of the run.
+    pub whole: bool,
+    /// Over the first 0.1 s.
+    pub start: Worst,
+    pub worst: Worst,
+    /// The largest `|u|` (state units / s).
+    pub input: f64,
+    /// When the states ran away, s.
+    pub lost: Option<f64>,
+    /// By index and then by component (state units).
+    pub last: Vec<f64>,
+}
+
+/// Whether the law of a scenario can be followed here.
+fn known(scenario: &Scenario) -> bool {
+    let law = matches!(scenario.coupling, Coupling::NodeWise | Coupling::ElementWise)
+        || (scenario.coupling == Coupling::MaxGain && scenario.components() == 1);
+    law && scenario.nodes.len() <= LARGEST_RUN && scenario.nodes.iter().all(|node| node.gain.keeps_funnels())
+}
+
+/// Ticks that are followed: all of them where that is cheap.
+fn affordable(scenario: &Scenario, work: usize) -> u64 {
+    let ears = if Bus::is_perfect(scenario) { 1 } else { 2 * EAR_WORK };
+    let a_tick =
+        scenario.components() * (NODE_WORK * scenario.nodes.len() + ears * scenario.graph.edges.len());
+    scenario.time.ticks.min((work / a_tick.max(1)) as u64)
+}
+
+/// Follows the law; `None` where it is not known here.
+pub(super) fn follow(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
+    follow_for(scenario, degrees, WORK)
+}
+
+fn follow_for(scenario: &Scenario, degrees: &[f64], work: usize) -> Option<Followed> {
+    if !known(scenario) {
+        return None;
+    }
+    let ticks = affordable(scenario, work);
+    let mut network = Network::new(scenario, degrees);
+    let mut followed = Followed {
+        until: scenario.time.at_s(ticks),
+        whole: ticks == scenario.time.ticks,
+        start: Worst::NONE,
+        worst: Worst::NONE,
+        input: 0.0,
+        lost: None,
+        last: Vec::new(),
+    };
+    for k in 0..=ticks {
+        let t = scenario.time.at_s(k);
+        network.listen(k);
+        network.judge(t, &mut followed);
+        // The inputs of the last tick move no state that is looked at.
+        if followed.lost.is_some() || k == ticks {
+            break;
+        }
+        network.advance(k, &mut followed);
+    }
+    followed.last = network.states().collect();
+    Some(followed)
+}
+
+/// All nodes and what is between them.
+struct Network<'s> {
+    scenario: &'s Scenario,
+    members: Vec<Member<'s>>,
+    bus: Bus<'s>,
+    /// The narrowest funnel that the designer asks for (state units).
+    asked: f64,
+}
+
+impl<'s> Network<'s> {
+    fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
+        let tick = scenario.time.tick_s();
+        let members = scenario.nodes.iter().zip(degrees);
+        let asked = match scenario.floor {
+            FloorSpec::Width(width) => width,
+            FloorSpec::None | FloorSpec::F32 => 0.0,
+        };
+        Self {
+            scenario,
+            members: members.map(|(node, &degree)| Member::new(node, tick, degree)).collect(),
+            bus: Bus::new(scenario),
+            asked,
+        }
+    }
+
+    fn states(&self) -> impl Iterator<Item = f64> {
+        self.members.iter().flat_map(|member| member.parts.iter().map(|part| part.x))
+    }
+
+    /// Diffusive terms, true ones and those that nodes believe in.
+    fn listen(&mut self, k: u64) {
+        self.members.iter_mut().for_each(Member::begin);
+        let edges = &self.scenario.graph.edges;
+        for edge in edges {
+            for component in 0..self.scenario.components() {
+                let (a, b) = (self.members[edge.a].parts[component], self.members[edge.b].parts[component]);
+                self.members[edge.a].hears_truth(component, edge.weight, b);
+                self.members[edge.b].hears_truth(component, edge.weight, a);
+            }
+        }
+        self.bus.carry(k, &mut self.members);
+    }
+
+    fn judge(&mut self, t: f64, followed: &mut Followed) {
+        for (index, member) in self.members.iter_mut().enumerate() {
+            let ratio = member.ratio(t, self.asked);
+            followed.worst.note(ratio, index, t);
+            if t <= START {
+                followed.start.note(ratio, index, t);
+            }
+        }
+        let (low, high) = extremes(self.states());
+        let within = larger(low.abs(), high.abs()) <= params::LARGEST && followed.worst.ratio < LOST;
+        if !within {
+            followed.lost = Some(t);
+        }
+    }
+
+    fn advance(&mut self, k: u64, followed: &mut Followed) {
+        let t = self.scenario.time.at_s(k);
+        for member in &mut self.members {
+            followed.input = larger(followed.input, member.advance(t));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

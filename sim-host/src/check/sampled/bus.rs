@@ -1,0 +1,167 @@
+//! What a bus that loses, delays or disturbs makes of the states: each node hears its neighbours as LAW.md 5 has it.
+
+use super::member::Member;
+use crate::configure::EXTRAPOLATE_TICKS;
+use crate::noise::Noise;
+use crate::random::{self, Purpose};
+use crate::scenario::Scenario;
+use funnelnet_node::neighbour::WINDOW_BACK;
+use rand_pcg::Pcg64;
+
+/// What one node has heard of one component of a neighbour.
+#[derive(Clone, Copy, Default)]
+struct Ear {
+    /// The tick that the value is of; none before the first, and after the edge was given up.
+    tick: Option<u64>,
+    value: f64,
+    increment: f64,
+}
+
+impl Ear {
+    fn hear(&mut self, tick: u64, value: f64) {
+        match self.tick {
+            None => *self = Self { tick: Some(tick), value, increment: 0.0 },
+            Some(before) if tick > before => {
+                let increment = (value - self.value) / (tick - before) as f64;
+                *self = Self { tick: Some(tick), value, increment };
+            }
+            // What comes too late says nothing new.
+            Some(_) => {}
+        }
+    }
+}
+
+/// One end of an edge.
+struct End {
+    at: usize,
+    weight: f64,
+    ears: Vec<Ear>,
+}
+
+/// A frame under way: when it is heard, of what tick it is, and what it says of which node.
+struct Frame {
+    heard: u64,
+    tick: u64,
+    from: usize,
+    component: usize,
+    value: f64,
+}
+
+/// The bus of a scenario.
+pub(super) struct Bus<'s> {
+    scenario: &'s Scenario,
+    /// Empty where the bus is perfect.
+    ends: Vec<End>,
+    /// The ends that hear each node, by index.
+    listeners: Vec<Vec<usize>>,
+    frames: Vec<Frame>,
+    noise: Noise,
+    jitter: Vec<Pcg64>,
+    loss: Vec<Pcg64>,
+}
+
+impl<'s> Bus<'s> {
+    /// Whether everything comes at once and as it was sent.
+    pub fn is_perfect(scenario: &Scenario) -> bool {
+        let bus = &scenario.bus;
+        let in_time = bus.latency_ns.saturating_add(bus.jitter_ns) <= scenario.time.tick_ns
+            && bus.latency_ns < scenario.time.tick_ns;
+        in_time && bus.loss == 0.0 && scenario.nodes.iter().all(|node| node.noise == 0.0)
+    }
+
+    pub fn new(scenario: &'s Scenario) -> Self {
+        let streams = |purpose| {
+            (0..scenario.nodes.len() as u64)
+                .map(|node| random::stream(scenario.seed, purpose, node))
+                .collect()
+        };
+        let mut bus = Self {
+            scenario,
+            ends: Vec::new(),
+            listeners: vec![Vec::new(); scenario.nodes.len()],
+            frames: Vec::new(),
+            noise: Noise::of(scenario),
+            jitter: streams(Purpose::Jitter),
+            loss: streams(Purpose::Loss),
+        };
+        if !Self::is_perfect(scenario) {
+            for edge in &scenario.graph.edges {
+                bus.connect(edge.a, edge.b, edge.weight);
+                bus.connect(edge.b, edge.a, edge.weight);
+            }
+        }
+        bus
+    }
+
+    fn connect(&mut self, at: usize, from: usize, weight: f64) {
+        self.listeners[from].push(self.ends.len());
+        let ears = vec![Ear::default(); self.scenario.components()];
+        self.ends.push(End { at, weight, ears });
+    }
+
+    /// The states of tick `k` go out; what is heard by then is what the nodes believe in.
+    pub fn carry(&mut self, k: u64, members: &mut [Member<'_>]) {
+        if self.ends.is_empty() {
+            return;
+        }
+        self.send(k, members);
+        self.deliver(k);
+        for member in members.iter_mut() {
+            member.parts.iter_mut().for_each(|part| (part.nu, part.dnu) = (0.0, 0.0));
+        }
+        for end in &mut self.ends {
+            for (part, ear) in members[end.at].parts.iter_mut().zip(&mut end.ears) {
+                let Some(tick) = ear.tick else { continue };
+                let age = k - tick;
+                if age > u64::from(EXTRAPOLATE_TICKS) {
+                    ear.tick = None;
+                    continue;
+                }
+                part.nu += end.weight * (ear.value + age as f64 * ear.increment - part.x);
+                part.dnu += end.weight * (ear.increment - part.dx);
+            }
+        }
+    }
+
+    fn send(&mut self, k: u64, members: &[Member<'_>]) {
+        let (bus, tick_ns) = (&self.scenario.bus, self.scenario.time.tick_ns);
+        for (from, member) in members.iter().enumerate() {
+            for (component, part) in member.parts.iter().enumerate() {
+                let more = match bus.jitter_ns {
+                    0 => 0.0,
+                    width => width as f64 * random::uniform(&mut self.jitter[from]),
+                };
+                let late = bus.latency_ns.saturating_add(more as u64) / tick_ns;
+                // In f32 only where there is noise: rounding is not followed.
+                let value = match self.noise.is_none() {
+                    true => part.x,
+                    false => f64::from(self.noise.measure(from, part.x as f32)),
+                };
+                if late <= u64::from(WINDOW_BACK) {
+                    self.frames.push(Frame { heard: k + late, tick: k, from, component, value });
+                }
+            }
+        }
+    }
+
+    fn deliver(&mut self, k: u64) {
+        let mut frames = std::mem::take(&mut self.frames);
+        frames.retain(|frame| {
+            let due = frame.heard <= k;
+            if due {
+                self.hear(frame);
+            }
+            !due
+        });
+        self.frames = frames;
+    }
+
+    fn hear(&mut self, frame: &Frame) {
+        for &end in &self.listeners[frame.from] {
+            let end = &mut self.ends[end];
+            if !random::happens(&mut self.loss[end.at], self.scenario.bus.loss) {
+                end.ears[frame.component].hear(frame.tick, frame.value);
+            }
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! One node of the network that is followed.
+
+use crate::extremes::{larger, largest};
+use crate::scenario::NodeSpec;
+use funnelnet_law::floor::Floor;
+use funnelnet_law::funnel::Widths;
+use funnelnet_law::gain::Gain;
+use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
+
+/// One component.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Part {
+    pub x: f64,
+    /// Its change over the last tick.
+    pub dx: f64,
+    /// What the diffusive term is.
+    pub truth: f64,
+    /// What the node believes that it is, and its change.
+    pub nu: f64,
+    pub dnu: f64,
+    u: f64,
+    memory: Memory<f64>,
+}
+
+/// A node.
+pub(super) struct Member<'s> {
+    node: &'s NodeSpec,
+    tick: f64,
+    law: NodeWise<f64, Gain<f64>>,
+    floor: Floor<f64>,
+    pub parts: Vec<Part>,
+    /// The largest `|x|` that it sees.
+    seen: f64,
+    /// The funnel that it keeps, at least (state units).
+    kept: f64,
+    /// The state half a tick on.
+    middle: Vec<f64>,
+}
+
+impl<'s> Member<'s> {
+    pub fn new(node: &'s NodeSpec, tick: f64, degree: f64) -> Self {
+        let part = |&x: &f64| Part { x, ..Part::default() };
+        Self {
+            node,
+            tick,
+            law: NodeWise::new(node.gain.prepared(), tick, degree),
+            floor: Floor::of_f32(degree, tick),
+            parts: node.state.iter().map(part).collect(),
+            seen: 0.0,
+            kept: 0.0,
+            middle: vec![0.0; node.state.len()],
+        }
+    }
+
+    /// Of a new tick nothing is known yet.
+    pub fn begin(&mut self) {
+        self.seen = 0.0;
+        for part in &mut self.parts {
+            (part.truth, part.nu, part.dnu) = (0.0, 0.0, 0.0);
+            self.seen = larger(self.seen, part.x.abs());
+        }
+    }
+
+    /// What a neighbour really is.
+    pub fn hears_truth(&mut self, component: usize, weight: f64, other: Part) {
+        let part = &mut self.parts[component];
+        part.truth += weight * (other.x - part.x);
+        part.nu += weight * (other.x - part.x);
+        part.dnu += weight * (other.dx - part.dx);
+        self.seen = larger(self.seen, other.x.abs());
+    }
+
+    /// The largest `|nu| / psi`; the funnel is the scenario's, or what the node and the designer do not go below.
+    pub fn ratio(&mut self, t: f64, asked: f64) -> f64 {
+        let input = largest(0.0, self.parts.iter().map(|part| part.u.abs()));
+        self.kept = self.floor.width(self.seen, input);
+        let psi = larger(larger(self.node.funnel.width(t), self.kept), asked);
+        largest(0.0, self.parts.iter().map(|part| part.truth.abs() / psi))
+    }
+
+    /// The inputs of a tick at time `t` (s), and one midpoint step; gives the largest `|u|`.
+    pub fn advance(&mut self, t: f64) -> f64 {
+        let width = |t: f64| self.node.funnel.width(t);
+        let psi = Widths { now: width(t), ahead: width(t + THETA * self.tick) }.floored(self.kept);
+        for part in &mut self.parts {
+            part.u = self.law.step(&mut part.memory, part.nu, part.dnu, psi).u;
+        }
+        self.step(t);
+        largest(0.0, self.parts.iter().map(|part| part.u.abs()))
+    }
+
+    fn step(&mut self, t: f64) {
+        let (field, half) = (&self.node.dynamics, 0.5 * self.tick);
+        // Room for the largest state.
+        let mut now = [0.0; funnelnet_law::field::MAX_COMPONENTS];
+        now.iter_mut().zip(&self.parts).for_each(|(slot, part)| *slot = part.x);
+        let now = &now[..self.parts.len().min(funnelnet_law::field::MAX_COMPONENTS)];
+        for (component, part) in self.parts.iter().enumerate() {
+            self.middle[component] = part.x + half * (field.component(component, t, now) + part.u);
+        }
+        for (component, part) in self.parts.iter_mut().enumerate() {
+            part.dx = self.tick * (field.component(component, t + half, &self.middle) + part.u);
+            part.x += part.dx;
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Designs that `check` once called fine and that leave their funnels, and what it must say of them.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use sim_host::check::{Finding, Report, Status, check};
+use sim_host::scenario::{Override, Scenario};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases").join(name).with_extension("toml")
+}
+
+fn case(name: &str, sets: &[&str]) -> Report {
+    let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    check(&Scenario::load(&path(name), &sets).unwrap_or_else(|errors| panic!("{errors}")))
+}
+
+fn find<'r>(report: &'r Report, name: &str) -> &'r Finding {
+    report.findings.iter().find(|found| found.name == name).unwrap_or_else(|| panic!("no {name}: {report}"))
+}
+
+fn value(report: &Report, name: &str, key: &str) -> f64 {
+    find(report, name).values[key].as_f64().unwrap_or_else(|| panic!("no {key} of {name}: {report}"))
+}
+
+/// What `sim-host check` gives for a case: exit code and output.
+fn command(name: &str, options: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_sim-host"))
+        .arg("check")
+        .arg(path(name))
+        .args(options)
+        .output()
+        .unwrap();
+    (output.status.code(), String::from_utf8(output.stdout).unwrap())
+}
+
+#[test]
+fn a_start_that_the_fields_throw_out_fails() {
+    let report = case("fool1", &[]);
+    assert_eq!((find(&report, "kick").status, report.pass), (Status::Fail, false));
+    assert!((value(&report, "kick", "kick") - 2.5).abs() < 1e-12);
+    // What the run does: 2.499 at tick 1.
+    assert!((value(&report, "sampled", "ratio") - 2.499).abs() < 1e-3);
+    assert_eq!(value(&report, "sampled", "t"), 0.01);
+}
+
+#[test]
+fn the_tick_that_is_advised_cures_the_start() {
+    let advice = find(&case("fool1", &[]), "kick").advice.clone().unwrap();
+    let setting = advice.setting.unwrap();
+    let cured = case("fool1", &[&format!("{}={}", setting.key, setting.value)]);
+    assert_eq!(
+        (find(&cured, "kick").status, find(&cured, "sampled").status),
+        (Status::Ok, Status::Ok),
+        "{cured}"
+    );
+    // Half a kick is warned about, and does not fail.
+    assert_eq!(find(&case("fool1", &["time.tick=2500us"]), "kick").status, Status::Warn);
+}
+
+#[test]
+fn noise_is_held_against_the_room_in_the_funnel() {
+    let report = case("fool2", &[]);
+    assert_eq!(find(&report, "noise").status, Status::Warn);
+    assert!((value(&report, "noise", "deviation") - 0.05 * 2f64.sqrt()).abs() < 1e-12);
+    assert_eq!(find(&report, "sampled").status, Status::Warn);
+    let quiet = case("fool2", &["agent.noise=0.001"]);
+    assert_eq!(
+        (find(&quiet, "noise").status, find(&quiet, "sampled").status),
+        (Status::Ok, Status::Ok),
+        "{quiet}"
+    );
+    assert!(case("fool2", &["agent.noise=0"]).findings.iter().all(|found| found.name != "noise"));
+}
+
+#[test]
+fn a_matrix_that_turns_too_far_in_a_tick_fails() {
+    let report = case("fool4", &[]);
+    assert_eq!(find(&report, "speed").status, Status::Fail);
+    assert!((value(&report, "speed", "tick_slope") - 3.0).abs() < 1e-12);
+    assert_eq!(find(&report, "sampled").status, Status::Fail);
+    assert_eq!(find(&report, "predictions").status, Status::NotChecked);
+    assert_eq!(find(&report, "kick").status, Status::Warn);
+}
+
+#[test]
+fn expectations_that_contradict_the_prediction_fail() {
+    let report = case("expect-against-prediction", &[]);
+    for name in ["expect-final-value", "expect-emergent-error", "expect-blended-error"] {
+        assert_eq!(find(&report, name).status, Status::Fail, "{report}");
+    }
+    assert!((value(&report, "expect-final-value", "predicted") - 98.5).abs() < 1e-6);
+    assert_eq!(find(&report, "expect-funnel-ratio").status, Status::Ok);
+    let right = ["expect.final_value.is=1.5", "expect.emergent_error=1e-5", "expect.blended_error=1e-5"];
+    assert!(case("expect-against-prediction", &right).pass);
+    // Missed by less than a twentieth.
+    let near = [&right[1..], &["expect.final_value.is=1.603"]].concat();
+    let report = case("expect-against-prediction", &near);
+    assert_eq!((find(&report, "expect-final-value").status, report.pass), (Status::Warn, true));
+}
+
+#[test]
+fn neighbours_that_drift_slowly_are_judged_by_the_whole() {
+    let report = case("fan-path", &[]);
+    assert_eq!(find(&report, "narrowest-funnel").status, Status::Warn);
+    assert!((value(&report, "narrowest-funnel", "predicted_ratio") - 1.97).abs() < 0.02, "{report}");
+    assert_eq!(find(&report, "sampled").status, Status::Warn);
+    assert!((value(&report, "sampled", "ratio") - 2.127).abs() < 1e-3);
+    for name in ["narrowest-funnel", "sampled"] {
+        let setting = find(&report, name).advice.clone().unwrap().setting.unwrap();
+        let cured = case("fan-path", &[&format!("{}={}", setting.key, setting.value)]);
+        assert_eq!(find(&cured, "sampled").status, Status::Ok, "{name}: {cured}");
+    }
+}
+
+#[test]
+fn exit_codes_are_those_of_the_worst_finding() {
+    assert_eq!(command("fool1", &[]).0, Some(2));
+    let noisy = ["--set", "expect.funnel_ratio=10"];
+    assert_eq!(command("fool2", &noisy).0, Some(0));
+    assert_eq!(command("fool2", &[&noisy[..], &["--strict"]].concat()).0, Some(1));
+    assert_eq!(command("fool1", &["--strict"]).0, Some(2));
+    assert_eq!(command("fool2", &["--strict", "--set", "agent.noise=0"]).0, Some(0));
+}
+
+#[test]
+fn statuses_are_said_and_counted() {
+    let (_, text) = command("fool4", &[]);
+    assert!(text.contains("\nNOT CHECKED  Predictions"), "{text}");
+    assert!(text.trim_end().ends_with("3 not checked, 1 warning and 2 failures"), "{text}");
+    let (_, json) = command("fool4", &["--json"]);
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let of = |name: &str| {
+        report["findings"].as_array().unwrap().iter().find(|found| found["name"] == name).unwrap().clone()
+    };
+    assert_eq!(of("predictions")["status"], "not-checked");
+    assert_eq!((&of("kick")["status"], &of("speed")["status"]), (&"warn".into(), &"fail".into()));
+    let advice = of("kick")["advice"].clone();
+    assert_eq!((&advice["key"], &advice["value"]), (&"time.tick".into(), &"65ms".into()));
+    assert!(advice["text"].as_str().unwrap().contains("65ms"));
+}
