@@ -27,7 +27,7 @@ pub enum Coupling<F> {
     /// The same as [`Self::NodeWise`] with a linear gain: `u_i = k nu_i`.
     #[cfg_attr(feature = "serde", serde(skip))]
     Linear,
-    /// The largest gain of all nodes (paper, Section "Weakly centralized"). No node can run it: each would have to know the gains of all.
+    /// The largest gain of all nodes (paper, Section 1.3, "Related approaches"). No node can run it: each would have to know the gains of all.
     #[cfg_attr(feature = "serde", serde(skip))]
     WeaklyCentralised,
 }

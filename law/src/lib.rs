@@ -1,8 +1,4 @@
-//! Funnel coupling as mathematics: gains, performance funnels, vector fields, the implicit sampled law, emergent dynamics.
-//!
-//! Each node adds `u_i = mu_i(nu_i / psi_i(t))` to its own dynamics, with the diffusive term
-//! `nu_i = sum_j alpha_ij (x_j - x_i)` (Lee, Trenn, Shim: "Synchronization with prescribed transient behavior"). A node
-//! samples; the implicit form in [`law::node_wise`] keeps the sampled law stable for every funnel width and gain.
+#![doc = include_str!("../README.md")]
 #![no_std]
 #![forbid(unsafe_code)]
 
