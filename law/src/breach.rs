@@ -5,6 +5,12 @@ use core::fmt;
 /// What a node does when its diffusive term leaves the funnel (LAW.md 5).
 ///
 /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
+///
+/// ```
+/// use funnelnet_law::Breach;
+/// let policy = Breach::Reopen { margin: 1.5, rate: 2.0 };
+/// assert_eq!(policy.to_string(), "{ kind = \"reopen\", margin = 1.5, rate = 2 }");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Breach<F> {

@@ -5,6 +5,13 @@ use core::fmt;
 /// How diffusive terms become inputs.
 ///
 /// Append-only: what a node can run travels (funnelnet-protocol), so that nothing is renumbered.
+///
+/// ```
+/// use funnelnet_law::Coupling;
+/// assert_eq!(Coupling::<f64>::EdgeWise.to_string(), "edge-wise");
+/// // No node can know the gains of all others.
+/// assert!(Coupling::<f64>::WeaklyCentralised.on_node(|x| x as f32).is_none());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coupling<F> {

@@ -5,6 +5,15 @@ use crate::math::Real;
 use crate::root;
 
 /// One agent as the emergent vector field sees it.
+///
+/// ```
+/// use funnelnet_law::emergent::{Agent, field};
+/// use funnelnet_law::gain::Median;
+/// // Five agents with a median gain and equal funnels move with the median of their fields, whatever the outlier does.
+/// let gain = Median { eta: 0.01, eps: 0.1 };
+/// let agents = [1.0, 1.1, 1.2, 1.3, 1000.0].map(|f| Agent { psi: 1.0, f, gain });
+/// assert!((field(&agents, 0.0) - 1.2_f64).abs() < 0.01);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agent<F, G> {
     /// `psi_i(t)`, state units, positive.
@@ -19,6 +28,7 @@ pub struct Agent<F, G> {
 ///
 /// Safeguarded Newton between `min f_i` and `max f_i` (paper, eq. (hminmax)), starting at `guess` where that lies between.
 /// O(N) per evaluation, within some roundings of the larger of `|h|` and the spread of the fields. Zero for no agents.
+#[must_use]
 pub fn field<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], guess: F) -> F {
     let Some(first) = agents.first() else { return F::ZERO };
     let (low, high) = agents.iter().fold((first.f, first.f), |(low, high), a| (low.min(a.f), high.max(a.f)));
@@ -41,6 +51,7 @@ pub fn partials_by_field<F: Real, G: GainFunction<F>>(
 /// Section "Numerical integration").
 ///
 /// `psi_rates` are the `psi_j'` by index, state units / s. Zero, but for rounding, where all `psi_j' / psi_j` are equal.
+#[must_use]
 pub fn partial_by_time<F: Real, G: GainFunction<F>>(
     agents: &[Agent<F, G>],
     h: F,
@@ -58,6 +69,16 @@ pub fn partial_by_time<F: Real, G: GainFunction<F>>(
 
 /// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is negative (paper, eq.
 /// (contractive_emer)). `slopes` are the `df_i/dx` by index, 1/s; it lies between the smallest and the largest of them.
+///
+/// ```
+/// use funnelnet_law::emergent::{Agent, contraction, field};
+/// use funnelnet_law::gain::Reciprocal;
+/// // One unstable agent of three (slope +1), held by two stable ones (slope -3): together they contract.
+/// let agents = [0.0, 0.1, -0.1].map(|f| Agent { psi: 1.0, f, gain: Reciprocal { scale: 1.0 } });
+/// let h = field(&agents, 0.0_f64);
+/// assert!(contraction(&agents, h, [1.0, -3.0, -3.0]) < 0.0);
+/// ```
+#[must_use]
 pub fn contraction<F: Real, G: GainFunction<F>>(
     agents: &[Agent<F, G>],
     h: F,
@@ -128,6 +149,7 @@ impl<F: Real> ExactSum<F> {
 }
 
 /// One classical Runge-Kutta step of `xdot = f(t, x)` from `t` to `t + step` (both s).
+#[must_use]
 pub fn runge_kutta<F: Real>(t: F, x: F, step: F, mut f: impl FnMut(F, F) -> F) -> F {
     let half = step * F::HALF;
     let k1 = f(t, x);

@@ -15,11 +15,25 @@ pub const MAX_MATRIX: usize = MAX_COMPONENTS * MAX_COMPONENTS;
 pub type State<F> = Vec<F, MAX_COMPONENTS>;
 
 /// The state of a node with one component, state units.
+///
+/// ```
+/// use funnelnet_law::field::scalar;
+/// assert_eq!(scalar(2.5).as_slice(), [2.5]);
+/// ```
+#[must_use]
 pub fn scalar<F>(x: F) -> State<F> {
     [x].into_iter().collect()
 }
 
 /// One sinusoid of a vector field: `amplitude * sin(frequency * t + phase)`.
+///
+/// ```
+/// use funnelnet_law::field::{AffineSines, Field, Sine, VectorField};
+/// // 2 sin(t) at t = pi / 2, with ticks of pi / 100 s: half-tick 100.
+/// let sine = Sine { component: 0, amplitude: 2.0, frequency: 1.0, phase: 0.0 };
+/// let field = AffineSines::<f64>::new(&Field::scalar(0.0, 0.0, [sine]), std::f64::consts::PI / 100.0);
+/// assert!((field.at(100, 0.0) - 2.0).abs() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sine<F> {
@@ -34,6 +48,13 @@ pub struct Sine<F> {
 }
 
 /// The numbers of a vector field `f(t, x) = slope * x + offset + sum of sines`, for a state of n components.
+///
+/// ```
+/// use funnelnet_law::field::{AffineSines, Field, VectorField};
+/// // f(x) = -x + 3, at rest in 3.
+/// let field = AffineSines::<f64>::new(&Field::scalar(-1.0, 3.0, []), 1e-3);
+/// assert_eq!(field.at(0, 3.0), 0.0);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Field<F> {
@@ -54,6 +75,20 @@ impl<F> Field<F> {
 }
 
 /// A node's own vector field (paper, eq. (eachdyn)). Users implement it for their plant model.
+///
+/// ```
+/// use funnelnet_law::field::{VectorField, midpoint_step};
+/// /// `f(x) = x (1 - x)`.
+/// struct Logistic;
+/// impl VectorField<f64> for Logistic {
+///     fn at(&self, _: u64, x: f64) -> f64 {
+///         x * (1.0 - x)
+///     }
+/// }
+/// let (mut x, mut carry) = (0.1, 0.0);
+/// (0..20_000).for_each(|k| midpoint_step(&Logistic, 1e-3, k, &mut x, &mut carry, 0.0));
+/// assert!((x - 1.0).abs() < 1e-6);
+/// ```
 pub trait VectorField<F: Real> {
     /// `f(t, x)` of a state with one component, state units / s, at `t = half_ticks * T / 2`: integer time does not lose bits
     /// in long runs.
@@ -96,6 +131,7 @@ pub struct AffineSines<F> {
 
 impl<F: Real> AffineSines<F> {
     /// Prepares a validated field for tick period `tick` (s).
+    #[must_use]
     pub fn new(field: &Field<f32>, tick: f64) -> Self {
         let phasors = field.sines.iter().map(|sine| Phasor {
             component: sine.component,
@@ -148,6 +184,14 @@ pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u32, x: 
 }
 
 /// `x += change`, with what rounding leaves behind kept in `carry` (Kahan).
+///
+/// ```
+/// use funnelnet_law::field::compensated_add;
+/// // A million steps of 1e-8 are lost on 1.0 in f32 one by one, and kept together.
+/// let (mut x, mut carry) = (1.0_f32, 0.0);
+/// (0..1_000_000).for_each(|_| compensated_add(&mut x, &mut carry, 1e-8));
+/// assert!((x - 1.01).abs() < 1e-6);
+/// ```
 #[inline]
 pub fn compensated_add<F: Real>(x: &mut F, carry: &mut F, change: F) {
     let change = change - *carry;

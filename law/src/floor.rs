@@ -25,6 +25,13 @@ pub const STEEP: f64 = 16.0;
 pub const ROUNDING: f64 = 8.0;
 
 /// The floor of one node, or of one edge, prepared.
+///
+/// ```
+/// use funnelnet_law::floor::Floor;
+/// // A node of degree 2 at 1 ms whose states are near 100 does not keep a funnel narrower than 3 thousandths.
+/// let floor = Floor::<f32>::new(2.0, 1e-3).width(100.0, 0.0);
+/// assert!((0.003..0.0031).contains(&floor));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor<F> {
     /// `SHARED epsilon`.
@@ -37,11 +44,13 @@ pub struct Floor<F> {
 
 impl<F: Real> Floor<F> {
     /// Of a node that computes in `F`, with weighted degree `degree`, at tick period `tick_s` (s).
+    #[must_use]
     pub fn new(degree: f64, tick_s: f64) -> Self {
         Self::rounded_by(F::EPSILON.to_f64(), degree, tick_s)
     }
 
     /// Of a node that computes in f32, for those who look at it in `F`.
+    #[must_use]
     pub fn of_f32(degree: f64, tick_s: f64) -> Self {
         Self::rounded_by(f32::EPSILON.into(), degree, tick_s)
     }
@@ -56,12 +65,14 @@ impl<F: Real> Floor<F> {
 
     /// The same for something else, `degree` times as steep: an edge, where this is the floor of degree 1.
     #[inline]
+    #[must_use]
     pub fn times(self, degree: F) -> Self {
         Self { steep: self.steep * degree, ..self }
     }
 
     /// The unit of [`ROUNDING`], `d (ulp(x) + T ulp(u))`, state units, for what [`Floor::width`] takes.
     #[inline]
+    #[must_use]
     pub fn unit(&self, largest_state: F, largest_input: F) -> F {
         self.steep * F::from_f64(1.0 / STEEP) * (largest_state + self.tick * largest_input)
     }
@@ -69,6 +80,7 @@ impl<F: Real> Floor<F> {
     /// The floor, state units, for the largest `|x|` that is seen (state units) and the largest `|u|` of the last tick (state units / s).
     /// Not a number where one of them is none.
     #[inline]
+    #[must_use]
     pub fn width(&self, largest_state: F, largest_input: F) -> F {
         // More than nothing, so that ratios are defined.
         let shared = self.shared * largest_state + F::TINY;

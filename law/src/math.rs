@@ -73,7 +73,14 @@ pub trait Real:
 }
 
 /// The larger of two; NaN where one of them is, so that what is compared with it does not hold ([`Real::max`] drops it).
+///
+/// ```
+/// use funnelnet_law::math::larger;
+/// // Not a number stays: a maximum that drops it would pass a test that it should fail.
+/// assert!(larger(1.0, f64::NAN).is_nan());
+/// ```
 #[inline]
+#[must_use]
 pub fn larger<F: Real>(a: F, b: F) -> F {
     // Only a NaN differs from itself.
     #[allow(clippy::eq_op)]
@@ -168,56 +175,72 @@ real!(f32, libm::sqrtf, libm::expf, libm::expm1f, libm::log1pf, libm::powf, sin_
 real!(f64, libm::sqrt, libm::exp, libm::expm1, libm::log1p, libm::pow, sin_turns_f64);
 
 /// Sine of an angle in radians, for continuous-time references.
+#[must_use]
 pub fn sin(x: f64) -> f64 {
     libm::sin(x)
 }
 
 /// Cosine of an angle in radians, for continuous-time references.
+#[must_use]
 pub fn cos(x: f64) -> f64 {
     libm::cos(x)
 }
 
 /// `e^x`, for continuous-time references and random graphs.
+#[must_use]
 pub fn exp(x: f64) -> f64 {
     libm::exp(x)
 }
 
 /// `e^x - 1`, exact near zero, for continuous-time forecasts.
+#[must_use]
 pub fn exp_m1(x: f64) -> f64 {
     libm::expm1(x)
 }
 
 /// `ln(1 + x)`, exact near zero, for continuous-time references.
+#[must_use]
 pub fn ln_1p(x: f64) -> f64 {
     libm::log1p(x)
 }
 
 /// Natural logarithm, for continuous-time references and random graphs.
+#[must_use]
 pub fn ln(x: f64) -> f64 {
     libm::log(x)
 }
 
 /// `x^y`, for continuous-time references.
+#[must_use]
 pub fn pow(x: f64, y: f64) -> f64 {
     libm::pow(x, y)
 }
 
 /// `10^x`, for plots and reports.
+#[must_use]
 pub fn exp10(x: f64) -> f64 {
     libm::exp10(x)
 }
 
 /// Logarithm to the base 10, for plots and reports.
+#[must_use]
 pub fn log10(x: f64) -> f64 {
     libm::log10(x)
 }
 
 /// Next integer below, for plots and reports.
+#[must_use]
 pub fn floor(x: f64) -> f64 {
     libm::floor(x)
 }
 
 /// An angle in radians as a phase in 2^-64 turns, modulo one turn; its resolution is that of f64 in turns.
+///
+/// ```
+/// use funnelnet_law::math::turns_from_radians;
+/// assert_eq!(turns_from_radians(std::f64::consts::PI), 1 << 63);
+/// ```
+#[must_use]
 pub fn turns_from_radians(angle: f64) -> u64 {
     let turns = angle / core::f64::consts::TAU;
     let fraction = turns - libm::floor(turns);

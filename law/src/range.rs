@@ -26,6 +26,12 @@ pub const INPUT: &str = "state units per second";
 pub const STATE: &str = "state units";
 
 /// A number that something with a name is made of.
+///
+/// ```
+/// use funnelnet_law::Gain;
+/// let (parameter, value) = Gain::Linear { slope: 3.0_f64 }.parameters().next().unwrap();
+/// assert_eq!((parameter.name, parameter.unit, value), ("slope", "1/s", 3.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// Its key in a scenario.
@@ -39,6 +45,12 @@ pub struct Parameter {
 }
 
 /// What a number may be.
+///
+/// ```
+/// use funnelnet_law::range::Allowed;
+/// // What a node takes, and no product in the law overflows an f32.
+/// assert_eq!(Allowed::Positive.on_node(), (1e-9, 1e9));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Allowed {

@@ -10,6 +10,14 @@ pub const EVALUATION_LIMIT: u32 = 128;
 ///
 /// A step that leaves the bracket, or that is not at most half as long as the one before the last, is replaced by a
 /// bisection (Press et al., Numerical Recipes, `rtsafe`), so that kinks and flat ends cost no more than bisection does.
+///
+/// ```
+/// use funnelnet_law::root::increasing;
+/// // x^3 = 8.
+/// let root = increasing(0.0_f64, 10.0, 5.0, |x| (x * x * x - 8.0, 3.0 * x * x));
+/// assert!((root - 2.0).abs() < 1e-15);
+/// ```
+#[must_use]
 pub fn increasing<F: Real>(low: F, high: F, start: F, mut f: impl FnMut(F) -> (F, F)) -> F {
     let (mut low, mut high, mut x) = (low, high, start);
     let mut last_steps = (high - low, high - low);

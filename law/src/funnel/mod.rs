@@ -8,6 +8,12 @@ use crate::math::{self, Real, larger};
 use core::fmt;
 
 /// A normalised funnel `psibar(t)`, state units: what a schedule goes on with.
+///
+/// ```
+/// use funnelnet_law::funnel::Normalised;
+/// let psibar = Normalised::Exponential { start: 3.0, end: 1.0, rate: 1.0 };
+/// assert_eq!(psibar.width(0.0), 3.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Normalised<F> {
@@ -30,6 +36,13 @@ pub enum Normalised<F> {
 /// The shape of a performance funnel, state units.
 ///
 /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
+///
+/// ```
+/// use funnelnet_law::funnel::{Funnel, Shape};
+/// // Agreement at t = 2 s, not before and not later.
+/// let funnel: Funnel<f64> = Shape::FiniteTime { start: 5.0, at_ns: 2_000_000_000, power: 1.0 }.into();
+/// assert_eq!((funnel.width(1.0), funnel.width(3.0)), (2.5, 0.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Shape<F> {
@@ -75,6 +88,15 @@ pub enum Shape<F> {
 }
 
 /// A performance funnel `factor * shape`.
+///
+/// ```
+/// use funnelnet_law::funnel::{Funnel, Shape};
+/// // Twice as wide as the others' funnel: this agent leads.
+/// let shape = Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 };
+/// let funnel = Funnel { factor: 2.0, shape };
+/// assert_eq!(funnel.width(0.0), 80.0);
+/// assert!((funnel.width(20.0) - 4.0).abs() < 1e-6);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Funnel<F> {
@@ -236,6 +258,12 @@ impl Funnel<f64> {
     /// The largest `|psi'| / psi` up to `end` (s), 1/s; infinite where there is none.
     ///
     /// That of an exponential funnel is at the start: `|psi'| / psi` falls with the exponential in it.
+    ///
+    /// ```
+    /// use funnelnet_law::funnel::{Funnel, Shape};
+    /// let funnel = Funnel::from(Shape::Exponential { start: 4.0, end: 1.0, rate: 2.0 });
+    /// assert_eq!(funnel.steepest_decay(10.0), 1.5);
+    /// ```
     #[must_use]
     pub fn steepest_decay(&self, end: f64) -> f64 {
         match self.shape {

@@ -4,6 +4,15 @@ use super::{Funnel, Normalised, Shape};
 use crate::math::{self, Real};
 
 /// A funnel prepared for a tick period `T`: state units in, state units out.
+///
+/// ```
+/// use funnelnet_law::funnel::{SampledFunnel, Shape};
+/// use funnelnet_law::law::node_wise::THETA;
+/// // At 1 ms, tick 2000 is t = 2 s; the law aims half a tick ahead.
+/// let funnel = SampledFunnel::<f64>::new(&Shape::ReciprocalTime { scale: 1.0 }.into(), 1e-3, THETA);
+/// let widths = funnel.widths(2000);
+/// assert!((widths.now - 0.5).abs() < 1e-12 && widths.ahead < widths.now);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SampledFunnel<F> {
     /// `end + (start - end) exp(-rate t)`.
@@ -93,6 +102,14 @@ impl<F: Real> Transient<F> {
 }
 
 /// Funnel widths that one tick needs.
+///
+/// ```
+/// use funnelnet_law::funnel::Widths;
+/// // Never narrower than what rounding leaves.
+/// let closed = Widths { now: 1e-9, ahead: 0.0 };
+/// assert!(!closed.clears(1e-6));
+/// assert_eq!(closed.floored(1e-6), Widths { now: 1e-6, ahead: 1e-6 });
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Widths<F> {
     /// `psi(k T)`: what the diffusive term is judged by.
@@ -104,6 +121,7 @@ pub struct Widths<F> {
 impl<F: Real> Widths<F> {
     /// The same, nowhere narrower than `floor`. Not a number where the floor is none.
     #[inline]
+    #[must_use]
     pub fn floored(self, floor: F) -> Self {
         let above = |width: F| if width > floor { width } else { floor };
         Self { now: above(self.now), ahead: above(self.ahead) }
@@ -111,6 +129,7 @@ impl<F: Real> Widths<F> {
 
     /// Whether neither end of the tick is as narrow as `floor`.
     #[inline]
+    #[must_use]
     pub fn clears(self, floor: F) -> bool {
         self.now > floor && self.ahead > floor
     }
@@ -118,6 +137,7 @@ impl<F: Real> Widths<F> {
 
 impl<F: Real> SampledFunnel<F> {
     /// Prepares a validated funnel for tick period `tick` (s) and the law's `theta`.
+    #[must_use]
     pub fn new(funnel: &Funnel<f32>, tick: f64, theta: f64) -> Self {
         let factor = f64::from(funnel.factor);
         match funnel.shape {
@@ -158,6 +178,7 @@ impl<F: Real> SampledFunnel<F> {
 
     /// Widths at tick `k`. Never negative; the caller floors them at the resolution of `nu`.
     #[inline]
+    #[must_use]
     pub fn widths(&self, k: u32) -> Widths<F> {
         match *self {
             Self::Exponential(ref transient) => transient.widths(k),

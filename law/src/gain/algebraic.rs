@@ -7,6 +7,14 @@ use crate::range::{INPUT, Parameter};
 
 /// `mu(s) = scale * s / sqrt(1 - s^2)`: almost linear in the middle of the funnel, since `mu''(0) = 0`. At the edge it grows more slowly than
 /// the reciprocal gain, so that the same input takes a node nearer to the edge.
+///
+/// ```
+/// use funnelnet_law::gain::{Algebraic, GainFunction};
+/// // At 3/5 of the funnel the input is 3/4 of the scale.
+/// let gain = Algebraic { scale: 4.0 };
+/// assert!((gain.apply(0.6_f64) - 3.0).abs() < 1e-12);
+/// assert!((gain.inverse(3.0_f64) - 0.6).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Algebraic<F> {
     /// State units / s.

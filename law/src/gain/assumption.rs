@@ -25,6 +25,7 @@ pub struct Constants<F> {
 
 /// What is wrong with a gain, and where. Every `u` in state units / s.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Violation<F> {
     /// `mu^-1(0)` is not zero.
     NotZero {

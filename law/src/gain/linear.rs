@@ -8,6 +8,13 @@ use crate::range::Parameter;
 /// The high-gain coupling `u = slope nu`, whatever the funnel is: what funnels are compared with (paper, Introduction).
 ///
 /// It is no funnel gain, since it is bounded at the boundary (Assumption 3). `psi` does not enter: `mu^-1(u) = u / slope`.
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, Linear};
+/// // With b = 0.5 s the implicit step gives a third of the explicit u = slope nu = 12.
+/// let solution = Linear { slope: 4.0 }.solve(1.0, 0.5, 3.0);
+/// assert_eq!(solution.u, 4.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear<F> {
     /// 1/s.

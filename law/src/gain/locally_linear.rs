@@ -8,6 +8,14 @@ use crate::root;
 
 /// The paper's locally linear gain (Section "Effect of locally linear mu"): `4 M s` for `|s| < 1/2`, and
 /// `4 M s + s / (1 - |s|) - 4 s |s|` beyond. Where all `|f_i| < M`, the emergent dynamics are the plain average.
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, LocallyLinear, NamedGain};
+/// // Linear while the agents' fields are less than M_f = 20 away from what emerges: the network then averages.
+/// let gain = LocallyLinear { bound: 20.0_f64 };
+/// assert_eq!(gain.apply(0.25), 20.0);
+/// assert_eq!(gain.linear_up_to(), 40.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocallyLinear<F> {
     /// The paper's `M_f`, state units / s.

@@ -6,6 +6,13 @@ use crate::math::Real;
 use crate::range::{INPUT, Parameter};
 
 /// `mu(s) = -scale * ln(1 - |s|) * sign(s)` (paper, Example 2).
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, Logarithmic};
+/// // An input of three times the scale still leaves e^-3 = 5 % of the funnel.
+/// let left = 1.0 - Logarithmic { scale: 2.0 }.inverse(6.0_f64);
+/// assert!((left - 0.0498).abs() < 1e-4);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Logarithmic<F> {
     /// State units / s.

@@ -9,6 +9,13 @@ use crate::range::{Allowed, INPUT, Parameter, SMALLEST};
 /// `mu^-1(s) >= 1 - eps` for `s >= eta` (paper, eq. (beta_bound)) with equality, `scale = eta eps / (1 - eps)`.
 ///
 /// The result is within `eta` of the weighted median (paper, Lemma med) if `eps < 2 / (N + 1)` and all funnels are equal.
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, Median};
+/// // An agent whose field is eta = 0.1 away from the rest already takes 1 - eps = 95 % of its funnel.
+/// let gain = Median { eta: 0.1, eps: 0.05 };
+/// assert!((gain.inverse(0.1_f64) - 0.95).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Median<F> {
     /// State units / s, above zero.

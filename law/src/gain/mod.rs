@@ -26,6 +26,13 @@ pub use named::{Gain, Kind, MAX_PARAMETERS, NamedGain};
 pub use reciprocal::Reciprocal;
 
 /// Solution of the implicit law (*): the input, and the ratio at the end of the step that it aims at.
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, Reciprocal, Solution};
+/// // psi mu^-1(u) + b u = r with psi = 1, b = 0.5, r = 1: s = 1/2, u = 1.
+/// let Solution { u, s } = Reciprocal { scale: 1.0 }.solve(1.0, 0.5, 1.0);
+/// assert_eq!((u, s), (1.0, 0.5));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution<F> {
     /// Input `u`, state units / s.
@@ -35,6 +42,27 @@ pub struct Solution<F> {
 }
 
 /// A gain, odd in its argument.
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, check};
+/// /// `mu(s) = s / (1 - s^2)`: only what is needed, the rest has defaults.
+/// struct Mine;
+/// impl GainFunction<f64> for Mine {
+///     fn inverse(&self, u: f64) -> f64 {
+///         2.0 * u / (1.0 + (1.0 + 4.0 * u * u).sqrt())
+///     }
+///     fn inverse_slope(&self, u: f64) -> f64 {
+///         let s = self.inverse(u);
+///         (1.0 - s * s) * (1.0 - s * s) / (1.0 + s * s)
+///     }
+///     fn apply(&self, s: f64) -> f64 {
+///         s / (1.0 - s * s)
+///     }
+/// }
+/// assert_eq!(check(&Mine).unwrap().lowest, 1.0);
+/// let solution = Mine.solve(1.0, 0.1, 0.5);
+/// assert!((solution.s + 0.1 * solution.u - 0.5).abs() < 1e-12);
+/// ```
 pub trait GainFunction<F: Real> {
     /// `mu^-1(u)` in (-1, 1), odd and strictly increasing; rounding may give exactly -1 or 1.
     fn inverse(&self, u: F) -> F;
@@ -91,6 +119,14 @@ pub trait GainFunction<F: Real> {
 ///
 /// Below the solution the left side is concave where `mu` is convex, so that Newton from below converges monotonically;
 /// where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (LAW.md 3).
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, Reciprocal, newton};
+/// // The same solution as the closed form.
+/// let gain = Reciprocal { scale: 1.0 };
+/// assert!((newton(&gain, 1.0, 0.5, 1.0_f64).u - gain.solve(1.0, 0.5, 1.0).u).abs() < 1e-12);
+/// ```
+#[must_use]
 pub fn newton<F: Real, G: GainFunction<F> + ?Sized>(gain: &G, psi: F, b: F, r: F) -> Solution<F> {
     let rho = r.abs();
     if !(rho > F::ZERO && b > F::ZERO) {

@@ -108,6 +108,15 @@ gains! {
 }
 
 /// A kind of gain.
+///
+/// ```
+/// use funnelnet_law::Gain;
+/// // What a program that reads gains from a file has to know.
+/// let kind = Gain::<f64>::KINDS.iter().find(|kind| kind.name == "median").unwrap();
+/// let names: Vec<_> = kind.parameters.iter().map(|parameter| parameter.name).collect();
+/// assert_eq!(names, ["eta", "eps"]);
+/// assert_eq!((kind.build)([0.1, 0.05]), Gain::Median { eta: 0.1, eps: 0.05 });
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Kind<F> {
     /// Its name in a scenario.
@@ -142,6 +151,11 @@ impl<F: Real> Gain<F> {
     }
 
     /// `mu'(0) = gamma(0)`, state units / s.
+    ///
+    /// ```
+    /// use funnelnet_law::Gain;
+    /// assert_eq!(Gain::LocallyLinear { bound: 2.0 }.slope_at_zero(), 8.0);
+    /// ```
     #[must_use]
     pub fn slope_at_zero(&self) -> F {
         with!(self, gain => gain.slope_at_zero())
@@ -154,12 +168,25 @@ impl<F: Real> Gain<F> {
     }
 
     /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in state units / s.
+    ///
+    /// ```
+    /// use funnelnet_law::Gain;
+    /// // Which scale leaves a tenth of the funnel at an input of 18 units/s?
+    /// let wider = Gain::Reciprocal { scale: 1.0 }.reaching(0.1_f64, 18.0).unwrap();
+    /// assert_eq!(wider.to_string(), "{ kind = \"reciprocal\", scale = 2 }");
+    /// ```
     #[must_use]
     pub fn reaching(&self, gap: F, u: F) -> Option<Self> {
         with!(self, gain => gain.reaching(gap, u).map(Self::from))
     }
 
     /// The same function in the form that costs least at every tick: the median gain is a reciprocal one.
+    ///
+    /// ```
+    /// use funnelnet_law::Gain;
+    /// let median = Gain::Median { eta: 0.25, eps: 0.5 };
+    /// assert_eq!(median.prepared(), Gain::Reciprocal { scale: 0.25 });
+    /// ```
     #[must_use]
     pub fn prepared(self) -> Self {
         match self {

@@ -6,6 +6,14 @@ use crate::math::Real;
 use crate::range::{INPUT, Parameter};
 
 /// `mu(s) = scale * s / (1 - |s|)` (paper, Example 1).
+///
+/// ```
+/// use funnelnet_law::gain::{GainFunction, Reciprocal};
+/// // Half way to the edge of the funnel the input is the scale itself, and at 9/10 nine times that.
+/// let gain = Reciprocal { scale: 2.0 };
+/// assert_eq!(gain.apply(0.5), 2.0);
+/// assert_eq!(gain.inverse(18.0), 0.9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reciprocal<F> {
     /// State units / s.

@@ -19,6 +19,17 @@ use crate::gain::GainFunction;
 use crate::math::Real;
 
 /// What the law needs to know beside the gain, fixed for a run.
+///
+/// ```
+/// use funnelnet_law::funnel::Widths;
+/// use funnelnet_law::gain::Reciprocal;
+/// use funnelnet_law::law::{EdgeWise, edge_wise::EdgeTerm};
+/// // Both ends of an edge push alike, against each other.
+/// let law = EdgeWise::new(0.01, 0.5);
+/// let end = |nu: f64| EdgeTerm { nu, dnu: 0.0, stiffness: 2.0, last: None };
+/// let push = |nu| law.step(&Reciprocal { scale: 1.0 }, &end(nu), Widths { now: 1.0, ahead: 1.0 });
+/// assert_eq!(push(0.3), -push(-0.3));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeWise<F> {
     /// `theta`.
@@ -44,6 +55,7 @@ pub struct EdgeTerm<F> {
 
 impl<F: Real> EdgeWise<F> {
     /// The law for tick period `tick` (s), with `theta` in [1/2, 1].
+    #[must_use]
     pub fn new(tick: f64, theta: f64) -> Self {
         // Half its stiffness is to an edge what its degree is to a node: it stands in `b` alike.
         let floor = Floor::new(0.5, tick);
@@ -52,6 +64,7 @@ impl<F: Real> EdgeWise<F> {
 
     /// One tick: the input of one edge, state units / s.
     #[inline]
+    #[must_use]
     pub fn step<G: GainFunction<F>>(&self, gain: &G, edge: &EdgeTerm<F>, psi: Widths<F>) -> F {
         let b = self.share * edge.stiffness;
         let last = match edge.last {

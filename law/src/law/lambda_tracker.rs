@@ -8,6 +8,17 @@ use crate::gain::{GainFunction, Linear};
 use crate::math::Real;
 
 /// What the law needs to know, fixed for a run.
+///
+/// ```
+/// use funnelnet_law::gain::Linear;
+/// use funnelnet_law::law::LambdaTracker;
+/// use funnelnet_law::law::node_wise::{Memory, NodeWise};
+/// // The gain grows while the error is above eta, and never falls.
+/// let (law, tracker) = (NodeWise::new(Linear { slope: 1.0 }, 0.01, 1.0), LambdaTracker::new(0.1_f64, 0.01));
+/// let (mut memory, mut k) = (Memory::default(), 1.0);
+/// tracker.step(&law, &mut memory, &mut k, 2.0, 0.0);
+/// assert!((k - 1.038).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LambdaTracker<F> {
     /// `eta`, state units: errors below this are left alone.
@@ -18,6 +29,7 @@ pub struct LambdaTracker<F> {
 
 impl<F: Real> LambdaTracker<F> {
     /// The law for a dead zone `eta` (state units) and tick period `tick` (s).
+    #[must_use]
     pub fn new(eta: F, tick: f64) -> Self {
         Self { eta, tick: F::from_f64(tick) }
     }

@@ -9,6 +9,18 @@ use crate::gain::GainFunction;
 use crate::math::{Real, larger};
 
 /// One component of the diffusive term, and the input that the law finds for it.
+///
+/// ```
+/// use funnelnet_law::funnel::Widths;
+/// use funnelnet_law::gain::Reciprocal;
+/// use funnelnet_law::law::max_gain::{Term, step};
+/// use funnelnet_law::law::node_wise::NodeWise;
+/// // Both components get the gain of the larger one: the input points where the diffusive term does.
+/// let law = NodeWise::new(Reciprocal { scale: 1.0 }, 0.01, 1.0);
+/// let mut terms = [0.8, 0.4].map(|nu| Term { nu, dnu: 0.0, u: 0.0_f64 });
+/// step(&law, &mut terms, true, Widths { now: 1.0, ahead: 1.0 });
+/// assert!((terms[0].u / terms[1].u - 2.0).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Term<F> {
     /// Diffusive term, state units.
@@ -45,6 +57,7 @@ fn share<F: Real>(length: F, part: F, longest: F) -> F {
 
 impl<F: Real> Memory<F> {
     /// The last input, state units / s, once there is one.
+    #[must_use]
     pub fn last_input(&self) -> Option<F> {
         self.last_input
     }

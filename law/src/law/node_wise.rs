@@ -21,6 +21,16 @@ pub const THETA: f64 = 0.5;
 pub const C: f64 = 2.2;
 
 /// What the law needs to know, fixed for a run.
+///
+/// ```
+/// use funnelnet_law::funnel::Widths;
+/// use funnelnet_law::gain::Reciprocal;
+/// use funnelnet_law::law::node_wise::{Memory, NodeWise};
+/// // Far outside its funnel a node pushes hard, and nothing overflows: u is about (|nu| - psi) / b at the first tick.
+/// let law = NodeWise::new(Reciprocal { scale: 1.0 }, 0.01, 2.0);
+/// let solution = law.step(&mut Memory::default(), 50.0_f64, 0.0, Widths { now: 1.0, ahead: 1.0 });
+/// assert!(solution.u > 1000.0 && solution.s < 1.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeWise<F, G> {
     /// Gain.
@@ -32,6 +42,14 @@ pub struct NodeWise<F, G> {
 }
 
 /// What the law remembers: the last input, once there is one.
+///
+/// ```
+/// use funnelnet_law::law::node_wise::Memory;
+/// // An actuator at its limit: the law goes on from what was really done.
+/// let mut memory = Memory::default();
+/// memory.feed_back(2.0);
+/// assert_eq!(memory.last_input(), Some(2.0));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory<F> {
     pub(super) last_input: Option<F>,
@@ -46,11 +64,13 @@ impl<F: Real> Memory<F> {
 
 impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
     /// The law for tick period `tick` (s) at a node of weighted degree `degree`, with the default `theta` and `c`.
+    #[must_use]
     pub fn new(gain: G, tick: f64, degree: f64) -> Self {
         Self::with(gain, tick, degree, THETA, C)
     }
 
     /// The law with other constants: `theta` in [1/2, 1], `c > 2`.
+    #[must_use]
     pub fn with(gain: G, tick: f64, degree: f64, theta: f64, c: f64) -> Self {
         Self { gain, theta: F::from_f64(theta), b: F::from_f64(theta * c * tick * degree) }
     }
