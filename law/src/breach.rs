@@ -2,9 +2,10 @@
 
 use core::fmt;
 
-/// What a node does when its diffusive term leaves the funnel (LAW.md 5).
+/// Policy of a node whose diffusive term leaves its funnel (LAW.md 5).
 ///
 /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
+/// Exhaustive on purpose: node and scenario match it, and a new variant shall not compile until both know it.
 ///
 /// ```
 /// use funnelnet_law::Breach;

@@ -5,6 +5,7 @@ use core::fmt;
 /// How diffusive terms become inputs.
 ///
 /// Append-only: what a node can run travels (funnelnet-protocol), so that nothing is renumbered.
+/// Exhaustive on purpose: node and scenario match it, and a new variant shall not compile until both know it.
 ///
 /// ```
 /// use funnelnet_law::Coupling;
@@ -61,7 +62,7 @@ impl<F> Coupling<F> {
         !matches!(self, Self::Linear | Self::LambdaTracker { .. } | Self::None)
     }
 
-    /// What a node is told to run, with numbers changed by `convert`; `None` for the coupling that no node can run.
+    /// The coupling that a node is told to run, with numbers changed by `convert`; `None` for the one that no node can run.
     #[must_use]
     pub fn on_node<G>(self, convert: impl Fn(F) -> G) -> Option<Coupling<G>> {
         match self {

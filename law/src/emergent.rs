@@ -24,9 +24,9 @@ pub struct Agent<F, G> {
     pub gain: G,
 }
 
-/// The emergent vector field `h`: the one root of `H(h) = sum_i psi_i mu_i^-1(h - f_i)` (paper, eq. (alg)).
+/// The emergent vector field `h`: the one root of `H(h) = sum_i psi_i mu_i^-1(h - f_i)` (paper, (19), alg).
 ///
-/// Safeguarded Newton between `min f_i` and `max f_i` (paper, eq. (hminmax)), starting at `guess` where that lies between.
+/// Safeguarded Newton between `min f_i` and `max f_i` (paper, (20), hminmax), starting at `guess` where that lies between.
 /// O(N) per evaluation, within some roundings of the larger of `|h|` and the spread of the fields. Zero for no agents.
 #[must_use]
 pub fn field<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], guess: F) -> F {
@@ -67,8 +67,8 @@ pub fn partial_by_time<F: Real, G: GainFunction<F>>(
     -lifted / total_steepness(agents, h, lift)
 }
 
-/// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is negative (paper, eq.
-/// (contractive_emer)). `slopes` are the `df_i/dx` by index, 1/s; it lies between the smallest and the largest of them.
+/// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is negative (paper,
+/// (22), contractive_emer). `slopes` are the `df_i/dx` by index, 1/s; it lies between the smallest and the largest of them.
 ///
 /// ```
 /// use funnelnet_law::emergent::{Agent, contraction, field};

@@ -74,7 +74,7 @@ impl<F> Field<F> {
     }
 }
 
-/// A node's own vector field (paper, eq. (eachdyn)). Users implement it for their plant model.
+/// A node's own vector field (paper, (1), eachdyn). Users implement it for their plant model.
 ///
 /// ```
 /// use funnelnet_law::field::{VectorField, midpoint_step};

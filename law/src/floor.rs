@@ -6,7 +6,7 @@
 //!
 //! with the largest `|x|` that the node sees, its own last input `u`, its weighted degree `d` and the tick period `T`; `ulp(y)` stands for
 //! `epsilon |y|`. The second term is what rounding does to `nu` and to `b u` in (*), times a margin. It differs from node to node, and
-//! funnels that differ weigh the nodes in the emergent dynamics (paper, eq. (alg)). So all nodes share the first term, which covers
+//! funnels that differ weigh the nodes in the emergent dynamics (paper, (19), alg). So all nodes share the first term, which covers
 //! rounding at every node of up to `SHARED / STEEP` in degree. The factor of a funnel is no part of it: rounding knows nothing of it.
 
 use crate::math::Real;

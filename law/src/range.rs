@@ -38,13 +38,13 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its unit, in words.
     pub unit: &'static str,
-    /// What it may be.
+    /// Its range.
     pub allowed: Allowed,
-    /// What it is where a scenario does not say.
+    /// Its value where a scenario does not say.
     pub default: Option<f64>,
 }
 
-/// What a number may be.
+/// Range of a number.
 ///
 /// ```
 /// use funnelnet_law::range::Allowed;

@@ -36,6 +36,7 @@ pub enum Normalised<F> {
 /// The shape of a performance funnel, state units.
 ///
 /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
+/// Exhaustive on purpose: node and scenario match it, and a new variant shall not compile until both know it.
 ///
 /// ```
 /// use funnelnet_law::funnel::{Funnel, Shape};

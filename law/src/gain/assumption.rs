@@ -10,7 +10,7 @@ use super::{GainFunction, Solution};
 use crate::math::Real;
 use core::fmt;
 
-/// What the samples tell about a good gain.
+/// Figures of a gain that has passed, from the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Constants<F> {
     /// `gamma(0)`, the smallest gain there is, state units / s.
@@ -23,13 +23,13 @@ pub struct Constants<F> {
     pub residual: F,
 }
 
-/// What is wrong with a gain, and where. Every `u` in state units / s.
+/// Violation of Assumption 3, and where. Every `u` in state units / s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Violation<F> {
     /// `mu^-1(0)` is not zero.
     NotZero {
-        /// What it is.
+        /// Value found.
         s: F,
     },
     /// `mu^-1(-u)` is not `-mu^-1(u)`.
@@ -70,7 +70,7 @@ pub enum Violation<F> {
     WrongSlope {
         /// Where.
         u: F,
-        /// What the gain says.
+        /// Value that the gain gives.
         slope: F,
         /// The difference quotient of `inverse`.
         quotient: F,
@@ -100,7 +100,7 @@ pub enum Violation<F> {
         s: F,
         /// `gamma(s)`.
         gamma: F,
-        /// What it was before.
+        /// Value before.
         before: F,
     },
     /// `mu` seems to have a limit at the boundary: its growth per halving of `1 - s` dies out.
@@ -122,7 +122,7 @@ pub enum Violation<F> {
         b: F,
         /// Right side.
         r: F,
-        /// What `solve` gives.
+        /// Value that `solve` gives.
         found: Solution<F>,
         /// `|psi mu^-1(u) + b u - r| / |r|`.
         residual: F,

@@ -15,7 +15,7 @@ pub const MAX_PARAMETERS: usize = 2;
 pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
     /// Its kind, as in a scenario.
     const KIND: &'static str;
-    /// What it is made of, in the order of its fields.
+    /// Its parameters, in the order of its fields.
     const PARAMETERS: &'static [Parameter];
     /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
     const KEEPS_FUNNELS: bool = true;
@@ -121,7 +121,7 @@ gains! {
 pub struct Kind<F> {
     /// Its name in a scenario.
     pub name: &'static str,
-    /// What a gain of this kind is made of.
+    /// Parameters of a gain of this kind.
     pub parameters: &'static [Parameter],
     /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
     pub keeps_funnels: bool,

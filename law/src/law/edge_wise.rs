@@ -1,7 +1,7 @@
 //! Edge-wise funnel coupling: every edge has a funnel of its own, `u_i = sum_j u_ij`, `u_ij = mu(nu_ij / psi)` with
 //! `nu_ij = alpha_ij (x_j - x_i)`.
 //!
-//! `u_ij = -u_ji`, so the inputs of a network add up to zero and the emergent dynamics are the plain average (paper, eq. (blend)).
+//! `u_ij = -u_ji`, so the inputs of a network add up to zero and the emergent dynamics are the plain average (paper, (4), blend).
 //! In sampled form (*) holds for every edge, with
 //!
 //! ```text
@@ -18,7 +18,7 @@ use crate::funnel::Widths;
 use crate::gain::GainFunction;
 use crate::math::Real;
 
-/// What the law needs to know beside the gain, fixed for a run.
+/// Edge-wise law with its constants, fixed for a run; the gain is handed in.
 ///
 /// ```
 /// use funnelnet_law::funnel::Widths;
@@ -36,7 +36,7 @@ pub struct EdgeWise<F> {
     theta: F,
     /// `theta (c / 2) T`, s.
     share: F,
-    /// What rounding leaves of the funnel of an edge of stiffness 1.
+    /// Floor of the funnel of an edge of stiffness 1.
     pub floor: Floor<F>,
 }
 

@@ -7,7 +7,7 @@ use super::node_wise::{Memory, NodeWise};
 use crate::gain::{GainFunction, Linear};
 use crate::math::Real;
 
-/// What the law needs to know, fixed for a run.
+/// Lambda-tracker with its constants, fixed for a run.
 ///
 /// ```
 /// use funnelnet_law::gain::Linear;

@@ -1,4 +1,4 @@
-//! Node-wise funnel coupling (paper, eq. (funnel_coup)) in the implicit sampled form of LAW.md 3:
+//! Node-wise funnel coupling (paper, (3), funnel_coup) in the implicit sampled form of LAW.md 3:
 //!
 //! ```text
 //! b = theta c T d
@@ -20,7 +20,7 @@ pub const THETA: f64 = 0.5;
 /// robustness to loss (docs/notes/2026-11-23-first-light.md).
 pub const C: f64 = 2.2;
 
-/// What the law needs to know, fixed for a run.
+/// Node-wise law (*) with its constants, fixed for a run.
 ///
 /// ```
 /// use funnelnet_law::funnel::Widths;
@@ -41,7 +41,7 @@ pub struct NodeWise<F, G> {
     pub(super) b: F,
 }
 
-/// What the law remembers: the last input, once there is one.
+/// Memory of the law between ticks: the last input, once there is one.
 ///
 /// ```
 /// use funnelnet_law::law::node_wise::Memory;
@@ -88,7 +88,7 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         solution
     }
 
-    /// What stands for the last input where there is none: (*) without memory, `psi mu^-1(u) + b u = nu`. The paper's law as it
+    /// Stand-in for the last input where there is none: (*) without memory, `psi mu^-1(u) + b u = nu`. The paper's law as it
     /// stands would be an explicit step, which throws the states apart where the gain is steep (LAW.md 2).
     #[inline]
     pub(super) fn first_input(&self, nu: F, psi: Widths<F>) -> F {
