@@ -130,7 +130,7 @@ pub struct AffineSines<F> {
 }
 
 impl<F: Real> AffineSines<F> {
-    /// Prepares a validated field for tick period `tick` (s).
+    /// Prepares a validated field for tick period `tick` (s). Its numbers are f32, as they travel, whatever `F` is.
     #[must_use]
     pub fn new(field: &Field<f32>, tick: f64) -> Self {
         let phasors = field.sines.iter().map(|sine| Phasor {

@@ -136,7 +136,7 @@ impl<F: Real> Widths<F> {
 }
 
 impl<F: Real> SampledFunnel<F> {
-    /// Prepares a validated funnel for tick period `tick` (s) and the law's `theta`.
+    /// Prepares a validated funnel for tick period `tick` (s) and the law's `theta`. Its numbers are f32, as they travel, whatever `F` is.
     #[must_use]
     pub fn new(funnel: &Funnel<f32>, tick: f64, theta: f64) -> Self {
         let factor = f64::from(funnel.factor);

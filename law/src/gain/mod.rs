@@ -1,8 +1,8 @@
 //! Gains `mu(s) = gamma(|s|) s` on (-1, 1), built around their inverse.
 //!
 //! `mu^-1 : R -> (-1, 1)` is the primitive of the whole system: the implicit law (*) needs it, and so does the emergent
-//! vector field `sum_i psi_i mu_i^-1(h - f_i) = 0` (paper, (19), alg). Assumption 3 (funnel): odd, strictly increasing,
-//! unbounded at the boundary.
+//! vector field `sum_i psi_i mu_i^-1(h - f_i) = 0` (paper, (19), alg). Assumption 3 (funnel): `gamma` is positive,
+//! non-decreasing and unbounded at the boundary, so that `mu` is odd and strictly increasing.
 
 use crate::math::Real;
 use crate::root;

@@ -3,7 +3,7 @@
 //! In (*), `psi s + b u = r` with `u = gamma(|s|_inf) s`, the vectors `s`, `u` and `r` are parallel: it is the scalar equation for
 //! the largest component of `r`, whose solution is then scaled along `r`.
 
-use super::node_wise::{Memory, NodeWise};
+use super::node_wise::NodeWise;
 use crate::funnel::Widths;
 use crate::gain::GainFunction;
 use crate::math::{Real, larger};
@@ -53,12 +53,4 @@ pub fn step<F: Real, G: GainFunction<F>>(
 /// `length part / longest`, and zero where there is no direction.
 fn share<F: Real>(length: F, part: F, longest: F) -> F {
     if longest == F::ZERO { F::ZERO } else { length * (part / longest) }
-}
-
-impl<F: Real> Memory<F> {
-    /// The last input, state units / s, once there is one.
-    #[must_use]
-    pub fn last_input(&self) -> Option<F> {
-        self.last_input
-    }
 }

@@ -60,6 +60,12 @@ impl<F: Real> Memory<F> {
     pub fn feed_back(&mut self, u: F) {
         self.last_input = Some(u);
     }
+
+    /// The last input, state units / s, once there is one.
+    #[must_use]
+    pub fn last_input(&self) -> Option<F> {
+        self.last_input
+    }
 }
 
 impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
