@@ -27,7 +27,7 @@ pub struct Recorded {
     pub table: Table,
     /// Its summary, where there is one.
     summary: Option<serde_json::Value>,
-    /// The files that it was read from.
+    /// The file that it was read from, and the folder, where it was one.
     files: Vec<PathBuf>,
 }
 
@@ -42,18 +42,20 @@ impl Recorded {
             false => (path.to_owned(), None),
         };
         let summary = summary.filter(|summary| summary.exists());
-        let files = std::iter::once(table.clone()).chain(summary.clone()).collect();
+        let folder = path.is_dir().then(|| path.to_owned());
+        let files = std::iter::once(table.clone()).chain(folder).collect();
         let summary = summary.map(|path| json(&path)).transpose()?;
         Ok(Self { table: Table::read(&table)?, summary, files })
     }
 
-    /// The file that it was read from, if that is the one at `path`, by whatever name.
+    /// The file or folder that it was read from, if `path` is that file, or in that folder, by whatever name.
     #[must_use]
     pub fn is_read_from(&self, path: &Path) -> Option<&Path> {
-        let same = |file: &&PathBuf| match (file.canonicalize(), path.canonicalize()) {
-            (Ok(file), Ok(path)) => file == path,
-            _ => false,
-        };
+        let parent =
+            path.parent().map(|parent| if parent.as_os_str().is_empty() { Path::new(".") } else { parent });
+        let of_path = [Some(path), parent].into_iter().flatten().filter_map(|path| path.canonicalize().ok());
+        let of_path: Vec<PathBuf> = of_path.collect();
+        let same = |file: &&PathBuf| file.canonicalize().is_ok_and(|file| of_path.contains(&file));
         self.files.iter().find(same).map(PathBuf::as_path)
     }
 }
@@ -85,6 +87,8 @@ pub struct Comparison {
     pub figures: Vec<Figure>,
     /// Whether both have a summary.
     pub summaries: bool,
+    /// The one that has a summary, where the other has none: that alone makes them differ.
+    pub only_summary: Option<&'static str>,
 }
 
 /// Compares two recorded runs: values to the bit, columns by their names.
@@ -109,6 +113,11 @@ pub fn compare(a: &Recorded, b: &Recorded) -> Comparison {
         apart: found.apart,
         figures,
         summaries: a.summary.is_some() && b.summary.is_some(),
+        only_summary: match (&a.summary, &b.summary) {
+            (Some(_), None) => Some("A"),
+            (None, Some(_)) => Some("B"),
+            _ => None,
+        },
     }
 }
 
@@ -137,8 +146,11 @@ impl fmt::Display for Comparison {
             write!(f, "\nsummaries   {} figures differ:", self.figures.len())?;
             self.figures.iter().take(SPELT_OUT).try_for_each(|figure| write!(f, "\n            {figure}"))?;
             more(f, self.figures.len())?;
-        } else if !self.summaries {
-            f.write_str("\nsummaries   not compared: not both have one")?;
+        }
+        match self.only_summary {
+            Some(name) => write!(f, "\nsummaries   only {name} has one")?,
+            None if !self.summaries => f.write_str("\nsummaries   not compared: neither has one")?,
+            None => {}
         }
         Ok(())
     }

@@ -139,3 +139,41 @@ fn statuses_are_said_and_counted() {
     assert_eq!((&advice["key"], &advice["value"]), (&"time.tick".into(), &"65ms".into()));
     assert!(advice["text"].as_str().unwrap().contains("65ms"));
 }
+
+/// Five agents of a ring that keep their funnel in f64, and whose f32 cannot resolve it.
+fn five(sets: &[&str]) -> Report {
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
+    let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    check(&Scenario::load(&scenario, &sets).unwrap_or_else(|errors| panic!("{errors}")))
+}
+
+#[test]
+fn a_breach_that_stops_a_node_fails() {
+    // A run rides through it, and with this policy it stops.
+    let rides = case("fan-path", &[]);
+    assert_eq!(find(&rides, "sampled").status, Status::Warn);
+    let stops = case("fan-path", &["coupling.on_breach=stop"]);
+    assert_eq!((find(&stops, "sampled").status, stops.pass), (Status::Fail, false));
+}
+
+#[test]
+fn a_floor_that_the_scenario_does_not_accept_fails_as_the_run_does() {
+    let narrow = ["time.duration=3s", "coupling.funnel.end=1e-6", "coupling.funnel.rate=10"];
+    let with = |floor: &'static str| five(&[&narrow[..], &[floor]].concat());
+    let refused = with("coupling.floor=1e-6");
+    let found = find(&refused, "sampled");
+    assert_eq!((found.status, refused.pass), (Status::Fail, false));
+    let setting = found.advice.clone().unwrap().setting.unwrap();
+    assert_eq!((setting.key.as_str(), setting.value.as_str()), ("coupling.floor", "f32"));
+    let accepted = with("coupling.floor='f32'");
+    assert!(find(&accepted, "sampled").status != Status::Fail, "{accepted}");
+    // One that is wide enough is kept.
+    assert!(find(&with("coupling.floor=0.01"), "sampled").status != Status::Fail);
+}
+
+#[test]
+fn a_tick_that_sets_no_limit_is_said_without_an_infinite_funnel() {
+    let still = five(&["agent.dynamics={kind='affine',slope=-1,offset=1}"]);
+    let text = find(&still, "narrowest-funnel").text.clone();
+    assert!(!text.contains("inf"), "{text}");
+}

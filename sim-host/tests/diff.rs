@@ -64,3 +64,31 @@ fn what_cannot_be_read_is_refused_and_nothing_that_is_compared_is_overwritten() 
     assert_eq!(code, Some(2));
     assert!(err.contains("scenarios/five-agents.toml:"), "{err}");
 }
+
+#[test]
+fn every_reason_is_said_and_nothing_is_equal_where_nothing_was_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let once = recorded(&folder.path().join("once"), "seed=1");
+    let trajectory = format!("{once}/trajectory.csv");
+    // A trajectory alone beside a whole folder.
+    let (code, out, _) = sim_host(&["diff", &trajectory, &once]);
+    assert_eq!(code, Some(1));
+    assert!(out.contains("summaries   only B has one"), "{out}");
+    let (code, out, _) = sim_host(&["diff", &trajectory, &trajectory]);
+    assert_eq!((code, out.starts_with("equal: 501 rows")), (Some(0), true), "{out}");
+
+    for (name, text) in [("head", "t,x_1\n"), ("times", "t\n0\n1\n"), ("twice", "t,x_1,x_1\n0,1,2\n")] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let path = path.display().to_string();
+        let (code, out, err) = sim_host(&["diff", &path, &path]);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{name}: {err}");
+        assert!(err.contains("is no trajectory"), "{err}");
+    }
+
+    // No picture of a compared run is replaced either.
+    let picture = format!("{once}/states.svg");
+    let before = std::fs::read(&picture).unwrap();
+    let (code, _, err) = sim_host(&["diff", &once, &once, "--plot", &picture]);
+    assert_eq!((code, std::fs::read(&picture).unwrap() == before), (Some(2), true), "{err}");
+}

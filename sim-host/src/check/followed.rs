@@ -7,7 +7,7 @@ use super::subject::Subject;
 use super::text::plural;
 use super::{Finding, Status, extremes, figure};
 use crate::extremes::larger;
-use crate::scenario::{LARGEST_RUN, Scenario, TimeSpec, format_duration};
+use crate::scenario::{Breach, LARGEST_RUN, Scenario, TimeSpec, format_duration};
 
 /// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
 const TIGHT_START: f64 = 0.95;
@@ -21,7 +21,20 @@ pub(super) fn finding(subject: &Subject<'_>) -> Finding {
         let why = format!("the law runs away within {} s, and so will the run", figure(t));
         return advised(found, Status::Fail, &why, subject);
     }
+    if let Some((node, t)) = followed.floored {
+        let why = format!(
+            "from t = {} s on node {} cannot resolve its funnel in f32 and keeps a wider one, which coupling.floor does not accept: a run fails; \
+             say floor = \"f32\" if that is meant, or let psi end wider",
+            figure(t),
+            node + 1
+        );
+        return found.advise(Status::Fail, why).set("coupling.floor", "f32".to_owned());
+    }
     let inside = worst.ratio < 1.0;
+    if !inside && subject.scenario.on_breach == Breach::Stop {
+        let why = format!("node {} leaves its funnel, and on_breach stops it", worst.node + 1);
+        return advised(found, Status::Fail, &why, subject);
+    }
     if !inside {
         return advised(found, Status::Warn, &format!("node {} leaves its funnel", worst.node + 1), subject);
     }

@@ -36,6 +36,11 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         None => {
             format!("{name} holds any funnel once the states have met: no field drifts from the emergent one")
         }
+        Some(longest) if seen.taken == 0.0 => format!(
+            "{name} holds any funnel once the states have met: no field drifts from the emergent one; the longest tick for this \
+             scenario is about {} s",
+            about(longest)
+        ),
         Some(longest) => format!(
             "once the states have met, |nu|/psi is predicted to be {} at most; {name} holds funnels down to about {} at node {node} (the \
              tightest), where psi is {} at t = {} s; the longest tick for this scenario is about {} s",

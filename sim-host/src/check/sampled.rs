@@ -57,6 +57,8 @@ pub(super) struct Followed {
     pub input: f64,
     /// When the states ran away, s.
     pub lost: Option<f64>,
+    /// The first node that floors its funnel where the scenario accepts no floor so wide, and when (s).
+    pub floored: Option<(usize, f64)>,
     /// By index and then by component (state units).
     pub last: Vec<f64>,
 }
@@ -94,6 +96,7 @@ fn follow_for(scenario: &Scenario, degrees: &[f64], work: usize) -> Option<Follo
         worst: Worst::NONE,
         input: 0.0,
         lost: None,
+        floored: None,
         last: Vec::new(),
     };
     for k in 0..=ticks {
@@ -159,6 +162,11 @@ impl<'s> Network<'s> {
             followed.worst.note(ratio, index, t);
             if t <= START {
                 followed.start.note(ratio, index, t);
+            }
+            // A run is judged by the same (docs/scenarios.md, "floor").
+            let accepts_any = self.scenario.floor == FloorSpec::F32;
+            if !accepts_any && followed.floored.is_none() && member.floors(t, self.asked) {
+                followed.floored = Some((index, t));
             }
         }
         let (low, high) = extremes(self.states());

@@ -40,6 +40,11 @@ impl Table {
         if names.iter().all(|name| name.is_empty() || name.parse::<f64>().is_ok()) {
             return Err(format!("{name}:1: is no trajectory: the first line must name the columns"));
         }
+        if let Some(twice) =
+            names.iter().enumerate().find_map(|(n, name)| names[..n].contains(name).then_some(name))
+        {
+            return Err(format!("{name}:1: is no trajectory: two columns are called '{twice}'"));
+        }
         let mut values = vec![Vec::new(); names.len()];
         for (number, line) in lines {
             let fields: Vec<&str> = line.split(',').collect();
@@ -58,7 +63,11 @@ impl Table {
                 );
             }
         }
-        Ok(Self { names, values })
+        let table = Self { names, values };
+        if table.rows() == 0 || table.names.iter().all(|name| name == TIME) {
+            return Err(format!("{name}: is no trajectory: it has no values to compare"));
+        }
+        Ok(table)
     }
 
     /// Number of rows.
@@ -140,6 +149,7 @@ impl fmt::Display for Apart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let column = printable(&self.column);
         match (self.distance, self.t) {
+            (Some(0.0), _) => write!(f, "{column}: zeros of different signs, in {} rows", self.rows),
             (Some(distance), Some(t)) => {
                 write!(f, "{column}: {} at t = {t} s, in {} rows", figure(distance, 4), self.rows)
             }

@@ -7,6 +7,9 @@ use funnelnet_law::funnel::Widths;
 use funnelnet_law::gain::Gain;
 use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
 
+/// By how much a floor has to be above a funnel so that the f32 of a node, which rounds elsewhere, is above it as well.
+const SURELY: f64 = 1.05;
+
 /// One component.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Part {
@@ -68,6 +71,11 @@ impl<'s> Member<'s> {
         part.nu += weight * (other.x - part.x);
         part.dnu += weight * (other.dx - part.dx);
         self.seen = larger(self.seen, other.x.abs());
+    }
+
+    /// Whether rounding makes it keep a funnel that is clearly wider than the scenario's at `t` (s), and than `accepted` (state units).
+    pub fn floors(&self, t: f64, accepted: f64) -> bool {
+        self.kept > SURELY * larger(self.node.funnel.width(t), accepted)
     }
 
     /// The largest `|nu| / psi`; the funnel is the scenario's, or what the node and the designer do not go below.
