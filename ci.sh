@@ -156,6 +156,8 @@ cmd_setup() { #: find or install what the other commands need
     have qemu-system-arm || missing+=(qemu-system-arm)
     have arm-none-eabi-gcc || missing+=(gcc-arm-none-eabi)
     have python3 || missing+=(python3)
+    # libFuzzer is C++.
+    have g++ || missing+=(g++)
     # Debian's valgrind doesn't start without the debug symbols of the C library.
     have valgrind || missing+=(valgrind libc6-dbg)
     { have arm-none-eabi-gcc && [[ -f $(arm-none-eabi-gcc -print-file-name=libm.a) ]]; } \
@@ -181,6 +183,7 @@ setup_socketcan() {
 cmd_fmt() { #: check the format of every Rust file
     cargo fmt --all --check || fail "not formatted: cargo fmt --all"
     (cd firmware && cargo fmt --check) || fail "not formatted: (cd firmware && cargo fmt)"
+    (cd fuzz && cargo fmt --check) || fail "not formatted: (cd fuzz && cargo fmt)"
 }
 
 cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its target
@@ -207,7 +210,7 @@ cmd_package() { #: pack and build what can be published: law, protocol, node (dr
 }
 
 cmd_fuzz() { #: half a minute of fuzzing for each decoder, the node, the session, storage and the scenario reader
-    have g++ || { say "SKIPPED fuzzing: no g++ here, which libFuzzer is compiled with"; return; }
+    # What fuzzing has found stays a test: the inputs of the corpus first, and then half a minute of new ones, from a fixed seed.
     fuzz/run.sh --seconds 30
 }
 

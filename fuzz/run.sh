@@ -30,10 +30,12 @@ fuzz() {
     [[ $target != scenario ]] || seeds+=(../scenarios)
     mkdir -p "corpus/$target" "artifacts/$target" "../target/fuzz/corpus/$target"
     # New inputs go to the first folder, which is not the repository's.
-    if "../target/fuzz/$host/release/$target" "../target/fuzz/corpus/$target" "${seeds[@]}" "$limit" -print_final_stats=1 \
+    if "../target/fuzz/$host/release/$target" "../target/fuzz/corpus/$target" "${seeds[@]}" "$limit" -seed=1 -print_final_stats=1 \
         -artifact_prefix="artifacts/$target/" -rss_limit_mb=2048 >"$log" 2>&1; then
         runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
         cover=$(grep -o 'cov: [0-9]*' "$log" | tail -1)
+        # A target that runs nothing has checked nothing.
+        (( ${runs:-0} > 0 )) || { echo "fuzz: $target has run nothing" >&2; return 1; }
         echo "fuzz: $target: $runs runs, ${cover:-cov: 0}, no failure"
     else
         tail -30 "$log" >&2

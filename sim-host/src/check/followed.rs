@@ -8,6 +8,7 @@ use super::text::plural;
 use super::{Finding, Status, extremes, figure};
 use crate::extremes::larger;
 use crate::scenario::{Breach, LARGEST_RUN, Scenario, TimeSpec, format_duration};
+use funnelnet_law::range::SHORTEST_TICK_NS;
 
 /// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
 const TIGHT_START: f64 = 0.95;
@@ -82,14 +83,17 @@ fn tight(subject: &Subject<'_>, followed: &Followed) -> bool {
     !calm
 }
 
-/// The tick, of a half and a quarter of the scenario's, that keeps every node inside.
+/// The tick, of a half and a quarter of the scenario's, that keeps every node inside: for as long at least as it takes to leave the funnel now.
 fn better(subject: &Subject<'_>) -> Option<String> {
     let TimeSpec { tick_ns, ticks } = subject.scenario.time;
-    [2, 4].into_iter().filter(|parts| tick_ns % parts == 0).find_map(|parts| {
+    let left = subject.followed.as_ref().and_then(|followed| followed.left).unwrap_or(0.0);
+    let allowed =
+        |parts: &u64| tick_ns.is_multiple_of(*parts) && tick_ns / parts >= u64::from(SHORTEST_TICK_NS);
+    [2, 4].into_iter().filter(allowed).find_map(|parts| {
         let time = TimeSpec { tick_ns: tick_ns / parts, ticks: ticks.saturating_mul(parts) };
         let scenario = Scenario { time, ..subject.scenario.clone() };
         let followed = sampled::follow(&scenario, &subject.degrees)?;
-        let inside = followed.lost.is_none() && followed.worst.ratio < 1.0;
+        let inside = followed.lost.is_none() && followed.worst.ratio < 1.0 && followed.until > left;
         inside.then(|| format_duration(time.tick_ns))
     })
 }
@@ -104,7 +108,8 @@ fn advised(found: Finding, status: Status, why: &str, subject: &Subject<'_>) -> 
             )
             .set("time.tick", tick),
         None => {
-            let cure = "a quarter of the tick does not cure it: widen the funnel, or look at fields, noise, loss and delay";
+            let cure =
+                "no tick that was tried cures it: widen the funnel, or look at fields, noise, loss and delay";
             found.advise(status, format!("{why}; {cure}"))
         }
     }

@@ -1,5 +1,7 @@
 //! The first tick: the fields move the states before any input can answer (LAW.md 6).
 
+use funnelnet_law::Real;
+use funnelnet_law::range::SHORTEST_TICK_NS;
 use serde_json::json;
 
 use super::subject::Subject;
@@ -31,14 +33,21 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     if small {
         return Some(found);
     }
-    let tick = tick_of(scenario.time.tick_s() * GOOD / kick);
-    let advice = format!(
-        "no input can answer before that; use a tick of {tick} or less, or start in a funnel {} times as wide",
-        figure(kick / GOOD)
-    );
+    let wider = format!("start in a funnel {} times as wide", figure(kick / GOOD));
+    let seconds = scenario.time.tick_s() * GOOD / kick;
+    // Not a tick that no node takes.
+    let shorter = (seconds >= f64::from(SHORTEST_TICK_NS) * 1e-9).then(|| tick_of(seconds));
+    let advice = match &shorter {
+        Some(tick) => format!("no input can answer before that; use a tick of {tick} or less, or {wider}"),
+        None => format!("no input can answer before that; {wider}"),
+    };
     let inside = kick < WHOLE || subject.followed.as_ref().is_some_and(|followed| followed.start.ratio < 1.0);
     let status = if inside { Status::Warn } else { Status::Fail };
-    Some(found.advise(status, advice).set("time.tick", tick))
+    let found = found.advise(status, advice);
+    Some(match shorter {
+        Some(tick) => found.set("time.tick", tick),
+        None => found,
+    })
 }
 
 /// Index of the node that is kicked most, and how far.
@@ -56,7 +65,8 @@ pub(super) fn largest(scenario: &Scenario) -> (usize, f64) {
     // Nothing is thrown out where nothing moves, however narrow the funnel is.
     super::largest(nodes.map(|(node, kick)| match kick == 0.0 {
         true => 0.0,
-        false => scenario.time.tick_s() * kick / node.funnel.width(after),
+        // More than nothing, so that a funnel that has closed by then has a ratio.
+        false => scenario.time.tick_s() * kick / larger(node.funnel.width(after), f64::TINY),
     }))
 }
 

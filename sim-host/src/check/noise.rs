@@ -49,11 +49,18 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     if within {
         return Some(found);
     }
-    let advice = format!(
-        "noise alone carries |nu| out of the funnel; let psi be {} or more, or bring the noise down to a share of {}",
-        about(reach * worst.deviation * subject.narrowest(worst.index) / worst.room),
-        about(1.0 / (reach * share))
-    );
+    let roomy = worst.room > 0.0;
+    let advice = match roomy {
+        true => format!(
+            "noise alone carries |nu| out of the funnel; let psi be {} or more, or bring the noise down to a share of {}",
+            about(reach * worst.deviation * subject.narrowest(worst.index) / worst.room),
+            about(1.0 / (reach * share))
+        ),
+        false => format!(
+            "noise alone carries |nu| out of the funnel, which leaves it no room; let psi end at {} or more",
+            about(reach * worst.deviation)
+        ),
+    };
     Some(found.advise(Status::Warn, advice))
 }
 

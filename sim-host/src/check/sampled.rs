@@ -57,6 +57,8 @@ pub(super) struct Followed {
     pub input: f64,
     /// When the states ran away, s.
     pub lost: Option<f64>,
+    /// When a node is first outside its funnel (s).
+    pub left: Option<f64>,
     /// The first node that floors its funnel where the scenario accepts no floor so wide, and when (s).
     pub floored: Option<(usize, f64)>,
     /// By index and then by component (state units).
@@ -96,6 +98,7 @@ fn follow_for(scenario: &Scenario, degrees: &[f64], work: usize) -> Option<Follo
         worst: Worst::NONE,
         input: 0.0,
         lost: None,
+        left: None,
         floored: None,
         last: Vec::new(),
     };
@@ -160,6 +163,10 @@ impl<'s> Network<'s> {
         for (index, member) in self.members.iter_mut().enumerate() {
             let ratio = member.ratio(t, self.asked);
             followed.worst.note(ratio, index, t);
+            let inside = ratio < 1.0;
+            if !inside && followed.left.is_none() {
+                followed.left = Some(t);
+            }
             if t <= START {
                 followed.start.note(ratio, index, t);
             }
