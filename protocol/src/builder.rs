@@ -42,7 +42,7 @@ impl NodeConfig {
             state_limit: LARGEST as f32,
             field: Field { slope: [0.0].into_iter().collect(), offset: Vec::new(), sines: Vec::new() },
             coupling: Coupling::NodeWise,
-            gain: Gain::Reciprocal { scale: 1.0 },
+            gain: Gain::default(),
             funnel: Shape::Constant { width: 1.0 }.into(),
             extrapolate_ticks: 10,
             ..NodeConfig::empty()

@@ -107,6 +107,13 @@ gains! {
     Algebraic { scale },
 }
 
+/// Gives the reciprocal gain of scale 1 (paper, Example 1).
+impl<F: Real> Default for Gain<F> {
+    fn default() -> Self {
+        Self::Reciprocal { scale: F::ONE }
+    }
+}
+
 /// A kind of gain.
 ///
 /// ```

@@ -161,7 +161,7 @@ fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<
         dynamics: read_dynamics(&dynamics?, components, log)?,
         gain: match gain {
             // Nothing uses it.
-            None if *coupling == Coupling::None => Gain::Reciprocal { scale: 1.0 },
+            None if *coupling == Coupling::None => Gain::default(),
             gain => read_gain(&gain?, *coupling, log)?,
         },
         funnel: read_funnel(&funnel?, log)?,
