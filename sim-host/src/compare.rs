@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// Columns and figures that are spelt out; of more, how many.
 const SPELT_OUT: usize = 10;
 
-/// What a folder of a run holds.
+/// Files of a run in its folder.
 const TRAJECTORY: &str = "trajectory.csv";
 const SUMMARY: &str = "summary.json";
 

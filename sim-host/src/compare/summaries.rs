@@ -11,9 +11,9 @@ use std::fmt;
 pub struct Figure {
     /// Its place in the summary, as `funnel.max_ratio`.
     pub key: String,
-    /// What is in A; none where it is not there.
+    /// Value in A; none where it is not there.
     pub a: Option<Value>,
-    /// What is in B.
+    /// Value in B.
     pub b: Option<Value>,
 }
 

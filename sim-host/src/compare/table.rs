@@ -115,9 +115,9 @@ pub struct First {
     pub t: Option<f64>,
     /// Its column.
     pub column: String,
-    /// What is in A.
+    /// Value in A.
     pub a: f64,
-    /// What is in B.
+    /// Value in B.
     pub b: f64,
 }
 
@@ -159,7 +159,7 @@ impl fmt::Display for Apart {
     }
 }
 
-/// What was found.
+/// Differences of two tables.
 pub(super) struct Differences {
     pub first: Option<First>,
     pub apart: Vec<Apart>,
