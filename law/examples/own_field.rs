@@ -34,7 +34,7 @@ fn main() {
         let u = [0, 1, 2].map(|i| law.step(&mut memory[i], nu(&x, i), nu(&dx, i), funnel.widths(k)).u);
         let before = x;
         for i in 0..3 {
-            midpoint_step(&agents[i], TICK, k, &mut x[i], &mut carry[i], u[i]);
+            midpoint_step(&agents[i], TICK, u64::from(k), &mut x[i], &mut carry[i], u[i]);
             dx[i] = x[i] - before[i];
         }
         let h =

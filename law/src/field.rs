@@ -174,11 +174,11 @@ impl<F: Real> VectorField<F> for AffineSines<F> {
     }
 }
 
-/// Advances `x` by one tick with `u` held and a midpoint step for `f` (LAW.md 4); compensated, since `T xdot` is small
+/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (LAW.md 4); compensated, since `T xdot` is small
 /// beside `x`. `carry` is what rounding has left behind so far.
 #[inline]
-pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u32, x: &mut F, carry: &mut F, u: F) {
-    let half_ticks = u64::from(k) << 1;
+pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, x: &mut F, carry: &mut F, u: F) {
+    let half_ticks = k << 1;
     let middle = *x + tick * F::HALF * (field.at(half_ticks, *x) + u);
     compensated_add(x, carry, tick * (field.at(half_ticks | 1, middle) + u));
 }

@@ -15,6 +15,12 @@ pub const LARGEST_RATE: f64 = 1e6;
 pub const LARGEST_PHASE: f64 = 1e6;
 /// Shortest tick period, ns.
 pub const SHORTEST_TICK_NS: u32 = 10_000;
+/// `c` of (**): below 1 not even two nodes agree.
+pub const DAMPING: (f64, f64) = (1.0, 8.0);
+/// Widest guard.
+pub const WIDEST_GUARD: f64 = 0.9;
+/// Most ticks in a round.
+pub const LONGEST_ROUND: u8 = 100;
 /// Exponents of a funnel that closes in finite time.
 pub const POWERS: (f64, f64) = (0.1, 10.0);
 /// The `eps` of a schedule of funnels.

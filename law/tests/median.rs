@@ -68,7 +68,7 @@ fn run(values: &[f64], tick: f64) -> Vec<f64> {
         let inputs: Vec<f64> = (0..n).map(step).collect();
         for (i, u) in inputs.into_iter().enumerate() {
             let before = x[i];
-            midpoint_step(&Towards { target: values[i] }, tick, k, &mut x[i], &mut carry[i], u);
+            midpoint_step(&Towards { target: values[i] }, tick, u64::from(k), &mut x[i], &mut carry[i], u);
             dx[i] = x[i] - before;
         }
     }

@@ -10,7 +10,7 @@ use funnelnet_law::funnel::SampledFunnel;
 use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::gain::{GainFunction, Reciprocal};
 use funnelnet_law::law::edge_wise::{EdgeTerm, EdgeWise};
-use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
+use funnelnet_law::law::node_wise::{Constants, Memory, NodeWise, THETA};
 
 const NODES: usize = 5;
 const DURATION: f64 = 8.0;
@@ -55,11 +55,11 @@ fn around(i: usize) -> [usize; 2] {
 /// States every `SAMPLE` seconds on a ring, by the sampled law.
 fn sampled(coupling: Coupling, tick: f64) -> Vec<[f64; NODES]> {
     let funnel = funnel(tick);
-    let (node_wise, edge_wise) = (NodeWise::new(GAIN, tick, 2.0), EdgeWise::new(tick, THETA));
+    let (node_wise, edge_wise) = (NodeWise::new(GAIN, tick, 2.0), EdgeWise::new(tick, Constants::default()));
     let fields: Vec<_> = (0..NODES).map(|i| field(i, tick)).collect();
     let (mut x, mut carry, mut dx) = (START, [0.0; NODES], [0.0; NODES]);
     let mut memory = [Memory::default(); NODES];
-    let mut last = [[None; 2]; NODES];
+    let mut ends = [[Memory::default(); 2]; NODES];
     let stride = (SAMPLE / tick).round() as u32;
     let mut samples = Vec::new();
     for k in 0..(DURATION / tick).round() as u32 {
@@ -75,15 +75,15 @@ fn sampled(coupling: Coupling, tick: f64) -> Vec<[f64; NODES]> {
                     node_wise.step(&mut memory[i], sum(&now), sum(&change), funnel.widths(k)).u
                 }
                 Coupling::EdgeWise => {
-                    let edge = |(&j, last): (&usize, &mut Option<f64>)| {
+                    let edge = |(&j, memory): (&usize, &mut Memory<f64>)| {
                         let (nu, dnu) = (difference(&now, j), difference(&change, j));
-                        let term = EdgeTerm { nu, dnu, stiffness: 4.0, last: *last };
-                        *last.insert(edge_wise.step(&GAIN, &term, funnel.widths(k)))
+                        let term = EdgeTerm { nu, dnu, stiffness: 4.0 };
+                        edge_wise.step(&GAIN, memory, &term, funnel.widths(k))
                     };
-                    around(i).iter().zip(&mut last[i]).map(edge).sum()
+                    around(i).iter().zip(&mut ends[i]).map(edge).sum()
                 }
             };
-            midpoint_step(&fields[i], tick, k, &mut x[i], &mut carry[i], u);
+            midpoint_step(&fields[i], tick, u64::from(k), &mut x[i], &mut carry[i], u);
             dx[i] = x[i] - now[i];
         }
     }

@@ -8,6 +8,7 @@ use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::Widths;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::edge_wise::{EdgeTerm, EdgeWise};
+use funnelnet_law::law::node_wise::Memory;
 use funnelnet_law::math::{Real, larger};
 use funnelnet_protocol::config::{EdgeConfig, MAX_NEIGHBOURS};
 use funnelnet_protocol::message::{Component, NodeId};
@@ -34,8 +35,8 @@ struct Edge<F> {
     /// Of `value`; of one that was never heard, the tick before the first at which it should have been.
     tick: u32,
     hearing: Hearing,
-    /// The last input of this edge (edge-wise coupling), state units / s.
-    last: Option<F>,
+    /// Memory of edge-wise coupling.
+    memory: Memory<F>,
 }
 
 /// Presence of a neighbour, as a node knows it.
@@ -92,7 +93,7 @@ impl<F: Real> Edge<F> {
         };
         let gives_up = self.age(k) > extrapolate_ticks;
         if gives_up {
-            (self.hearing, self.last) = (given_up, None);
+            (self.hearing, self.memory) = (given_up, Memory::default());
         }
         gives_up
     }
@@ -103,12 +104,16 @@ impl<F: Real> Edge<F> {
         k.wrapping_sub(self.tick) as i32
     }
 
-    /// The value at tick `k`, extrapolated by the last increment.
+    /// The value at tick `k`, and its change per tick: extrapolated by the last one where no value of this tick has come, and by no more
+    /// than `slope_limit`.
     #[inline]
-    fn value_at(&self, k: u32) -> F {
+    fn at(&self, k: u32, slope_limit: F) -> (F, F) {
         match self.age(k) {
-            0 => self.value,
-            age => self.value + F::from_i32(age) * self.increment,
+            0 => (self.value, self.increment),
+            age => {
+                let increment = self.increment.max(-slope_limit).min(slope_limit);
+                (self.value + F::from_i32(age) * increment, increment)
+            }
         }
     }
 }
@@ -134,8 +139,8 @@ pub struct EdgeFunnel<F> {
 
 impl<F: Real> EdgeFunnel<F> {
     #[inline]
-    fn of(&self, edge: &EdgeTerm<F>, x: F, other: F) -> Widths<F> {
-        let input = edge.last.map_or(F::ZERO, F::abs);
+    fn of(&self, edge: &EdgeTerm<F>, last: Option<F>, x: F, other: F) -> Widths<F> {
+        let input = last.map_or(F::ZERO, F::abs);
         self.widths.floored(self.floor.times(edge.stiffness).width(larger(x.abs(), other.abs()), input))
     }
 }
@@ -185,6 +190,10 @@ pub struct Neighbours<F> {
     slot: [u8; 128],
     components: u8,
     extrapolate_ticks: u32,
+    /// The largest change of an extrapolated value per tick, state units.
+    slope_limit: F,
+    /// No edge has a value, though one had.
+    alone: bool,
 }
 
 const NONE: u8 = u8::MAX;
@@ -192,15 +201,24 @@ const NONE: u8 = u8::MAX;
 impl<F: Real> Neighbours<F> {
     /// Table without neighbours yet. States have `components` (1 to 8).
     pub fn new(components: u8) -> Self {
-        Self { edges: Vec::new(), slot: [NONE; 128], components, extrapolate_ticks: 0 }
+        Self {
+            edges: Vec::new(),
+            slot: [NONE; 128],
+            components,
+            extrapolate_ticks: 0,
+            slope_limit: F::WIDEST,
+            alone: false,
+        }
     }
 
     /// Makes it the table of `edges`, of which no two are of one neighbour. What has been heard of neighbours that stay, and the last inputs
-    /// of their edges, stay with them. Silent ones will be extrapolated for `extrapolate_ticks` ticks.
-    // In place, by swaps: a second table beside this one would be 4.5 KiB of stack.
-    pub fn set(&mut self, edges: &[EdgeConfig], extrapolate_ticks: u32) {
-        self.extrapolate_ticks = extrapolate_ticks;
+    /// of their edges, stay with them. Silent ones will be extrapolated for `extrapolate_ticks` ticks, by at most `slope_limit` (state units)
+    /// per tick. Gives whether the edges are others now, or have other weights.
+    // In place, by swaps: a second table beside this one would be 5.5 KiB of stack.
+    pub fn set(&mut self, edges: &[EdgeConfig], extrapolate_ticks: u32, slope_limit: F) -> bool {
+        (self.extrapolate_ticks, self.slope_limit) = (extrapolate_ticks, slope_limit);
         let slot = self.slots(edges);
+        let mut changed = slot != self.slot;
         let before = core::mem::replace(&mut self.slot, slot);
         self.edges.retain(|edge| slot.get(usize::from(edge.id)).is_some_and(|&slot| slot != NONE));
         for edge in edges {
@@ -211,10 +229,20 @@ impl<F: Real> Neighbours<F> {
         (0..self.edges.len()).for_each(|index| self.fill(index));
         for (edge, of_edge) in edges.iter().zip(self.edges.chunks_mut(usize::from(self.components.max(1)))) {
             let stiffness = f64::from(edge.weight) * (edges.len() + usize::from(edge.edges)) as f64;
+            let (weight, stiffness) = (F::from_f32(edge.weight), F::from_f64(stiffness));
             for part in of_edge {
-                (part.weight, part.stiffness) = (F::from_f32(edge.weight), F::from_f64(stiffness));
+                changed |= (part.weight, part.stiffness) != (weight, stiffness);
+                (part.weight, part.stiffness) = (weight, stiffness);
             }
         }
+        self.alone &= !self.edges.iter().any(Edge::is_known);
+        changed
+    }
+
+    /// Whether all its edges are gone, though it had some.
+    #[inline]
+    pub fn is_alone(&self) -> bool {
+        self.alone
     }
 
     /// Places of the first component of each edge, by node id.
@@ -240,7 +268,7 @@ impl<F: Real> Neighbours<F> {
                 increment: F::ZERO,
                 tick: 0,
                 hearing: Hearing::New,
-                last: None,
+                memory: Memory::default(),
             });
         }
     }
@@ -328,6 +356,7 @@ impl<F: Real> Neighbours<F> {
                 return Err(Refusal::Stale);
             }
             (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
+            self.alone = false;
             return Ok((Heard::First, age));
         }
         let gap = tick.wrapping_sub(edge.tick) as i32;
@@ -345,7 +374,7 @@ impl<F: Real> Neighbours<F> {
     #[inline]
     pub fn sums(&mut self, k: u32, component: u8, own: Own<F>) -> Sums<F> {
         let Own { x, dx } = own;
-        let extrapolate_ticks = self.extrapolate_ticks as i32;
+        let (extrapolate_ticks, slope_limit) = (self.extrapolate_ticks as i32, self.slope_limit);
         let mut sums = Sums { largest: x.abs(), ..Sums::default() };
         for edge in &mut self.edges {
             if edge.component != component {
@@ -359,16 +388,19 @@ impl<F: Real> Neighbours<F> {
                 }
                 continue;
             }
-            let value = edge.value_at(k);
+            let (value, increment) = edge.at(k, slope_limit);
             // A value that came early is taken back to `k`, which is not for want of a fresh one.
             sums.extrapolated += u32::from(age > 0);
             sums.nu += edge.weight * (value - x);
-            sums.dnu += edge.weight * (edge.increment - dx);
+            sums.dnu += edge.weight * (increment - dx);
             // `max` would look for NaN as well, at each edge; there is none.
             let size = value.abs();
             if size > sums.largest {
                 sums.largest = size;
             }
+        }
+        if sums.lost_count != 0 {
+            self.alone = !self.edges.iter().any(Edge::is_known);
         }
         sums
     }
@@ -377,8 +409,16 @@ impl<F: Real> Neighbours<F> {
     /// edge goes on from its part of that.
     pub fn feed_back(&mut self, component: u8, share: F) {
         for edge in self.edges.iter_mut().filter(|edge| edge.component == component) {
-            edge.last = edge.last.map(|u| u * share);
+            if let Some(u) = edge.memory.last_input() {
+                edge.memory.feed_back(u * share);
+            }
         }
+    }
+
+    /// Takes note that something in one component does not follow from what was before (LAW.md 3).
+    pub fn disturb(&mut self, component: u8) {
+        let edges = self.edges.iter_mut().filter(|edge| edge.component == component);
+        edges.for_each(|edge| edge.memory.disturb());
     }
 
     /// Inputs of all edges for one component at tick `k`, after [`Self::sums`] has dropped the silent ones.
@@ -391,13 +431,14 @@ impl<F: Real> Neighbours<F> {
         psi: EdgeFunnel<F>,
     ) -> EdgeInputs<F> {
         let mut inputs: EdgeInputs<F> = EdgeInputs::default();
+        let slope_limit = self.slope_limit;
         for edge in self.edges.iter_mut().filter(|edge| edge.is_known() && edge.component == component) {
-            let value = edge.value_at(k);
+            let (value, increment) = edge.at(k, slope_limit);
             let nu = edge.weight * (value - own.x);
-            let dnu = edge.weight * (edge.increment - own.dx);
-            let term = EdgeTerm { nu, dnu, stiffness: edge.stiffness, last: edge.last };
-            let u = law.step(gain, &term, psi.of(&term, own.x, value));
-            edge.last = Some(u);
+            let dnu = edge.weight * (increment - own.dx);
+            let term = EdgeTerm { nu, dnu, stiffness: edge.stiffness };
+            let widths = psi.of(&term, edge.memory.last_input(), own.x, value);
+            let u = law.step(gain, &mut edge.memory, &term, widths);
             inputs.u += u;
             if nu.abs() > inputs.nu.abs() {
                 inputs.nu = nu;

@@ -149,7 +149,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
 
     /// Makes its table of these edges. What it has heard of neighbours that stay it still knows.
     pub(crate) fn meet(&mut self, edges: &[EdgeConfig]) {
-        self.neighbours.set(edges, self.params.extrapolate_ticks);
+        let params = &self.params;
+        if self.neighbours.set(edges, params.extrapolate_ticks, params.slope_limit) {
+            self.disturb();
+        }
         self.outbox.introduce(self.neighbours.count() as u8);
     }
 

@@ -7,19 +7,20 @@ use crate::plant::PlantSetup;
 use funnelnet_law::collect::collect;
 use funnelnet_law::field::{AffineSines, State};
 use funnelnet_law::floor::Floor;
-use funnelnet_law::funnel::SampledFunnel;
+use funnelnet_law::funnel::{Guard, SampledFunnel};
 use funnelnet_law::gain::GainFunction;
-use funnelnet_law::law::node_wise::{NodeWise, THETA};
+use funnelnet_law::law::node_wise::{Constants, NodeWise, THETA};
 use funnelnet_law::law::{EdgeWise, LambdaTracker, Law};
 use funnelnet_law::math::Real;
 use funnelnet_protocol::config::{
     Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, MAX_COMPONENTS, MAX_NEIGHBOURS,
-    NodeConfig, Normalised, Shape, TickSource,
+    NodeConfig, Normalised, Shape, TickSource, Tuning,
 };
 use funnelnet_protocol::message::NodeId;
 
 pub use funnelnet_law::range::{
-    LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST,
+    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, SHORTEST_TICK_NS, SMALLEST,
+    WIDEST_GUARD,
 };
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
@@ -30,10 +31,12 @@ pub use funnelnet_law::range::{
 pub struct Params<F, V = AffineSines<F>, G = Gain<F>> {
     /// Own id.
     pub id: NodeId,
-    /// Tick period, ns.
+    /// Period of the law, ns: a round of one tick or more.
     pub tick_ns: u64,
-    /// Tick period `T`, s.
+    /// Tick period `T`, s, of the own field.
     pub tick: F,
+    /// Ticks in a round.
+    pub round: u8,
     /// What makes the node tick.
     pub tick_source: TickSource,
     /// Initial state, state units, 1 to 8 components.
@@ -44,10 +47,16 @@ pub struct Params<F, V = AffineSines<F>, G = Gain<F>> {
     pub field: V,
     /// Which law makes inputs.
     pub coupling: Law<F>,
-    /// Gain and step (*) of the node.
+    /// Gain and step (**) of the node.
     pub law: NodeWise<F, G>,
     /// Funnel.
     pub funnel: SampledFunnel<F>,
+    /// What the law leaves of the funnel at its edge.
+    pub guard: Guard<F>,
+    /// The largest `|u|`, state units / s.
+    pub input_limit: F,
+    /// The largest change of an extrapolated neighbour in a round, state units.
+    pub slope_limit: F,
     /// What rounding leaves of the funnel.
     pub floor: Floor<F>,
     /// What to do outside the funnel.
@@ -135,21 +144,27 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             check(ConfigField::InitialState, index, f64::from(x), -limit, limit)?;
         }
         check_funnel(&config.funnel)?;
-        let tick = f64::from(tick_ns) * 1e-9;
+        check_tuning(&config.tuning)?;
+        let (tick, period) = (f64::from(tick_ns) * 1e-9, config.period_ns() as f64 * 1e-9);
+        let constants = constants(&config.tuning);
         let degree = check_neighbours(config, id)?;
         Ok(Self {
             id,
-            tick_ns: u64::from(tick_ns),
+            tick_ns: config.period_ns(),
             tick: F::from_f64(tick),
+            round: config.tuning.ticks_in_round(),
             tick_source: config.tick_source,
             initial_state: collect(config.initial_state.iter().map(|&x| F::from_f32(x))),
             state_limit: F::from_f64(limit),
             field: field(tick)?,
-            coupling: check_coupling(&config.coupling, tick)?,
-            law: NodeWise::new(gain, tick, degree),
-            funnel: SampledFunnel::new(&config.funnel, tick, THETA),
-            floor: Floor::new(degree, tick),
-            on_breach: check_policy(&config.on_breach, &config.coupling, tick)?,
+            coupling: check_coupling(&config.coupling, period, constants)?,
+            law: NodeWise::with(gain, period, degree, constants),
+            funnel: SampledFunnel::new(&config.funnel, period, THETA),
+            guard: Guard::new(config.tuning.guard.into()),
+            input_limit: limit_or_none(config.tuning.input_limit, 1.0),
+            slope_limit: limit_or_none(config.tuning.slope_limit, period),
+            floor: Floor::new(degree, period),
+            on_breach: check_policy(&config.on_breach, &config.coupling, period)?,
             extrapolate_ticks: config.extrapolate_ticks.into(),
             plant: None,
             lost_neighbours: config.lost_neighbours,
@@ -169,6 +184,11 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
         let components = plant.inputs.len() as f64;
         check(ConfigField::Components, 0, self.initial_state.len() as f64, components, components)?;
         self.plant = Some(plant);
+        // What is measured does not follow from the inputs to the last digit (LAW.md 3).
+        self.law.stop_looking_back();
+        if let Law::EdgeWise(law) = &mut self.coupling {
+            law.stop_looking_back();
+        }
         Ok(())
     }
 }
@@ -193,13 +213,36 @@ fn check_id(field: ConfigField, index: usize, id: u8) -> Result<NodeId, ConfigEr
     })
 }
 
+/// The largest value, for so many seconds, and none where it is zero.
+fn limit_or_none<F: Real>(limit: f32, seconds: f64) -> F {
+    if limit == 0.0 { F::WIDEST } else { F::from_f64(f64::from(limit) * seconds) }
+}
+
+fn check_tuning(tuning: &Tuning) -> Result<(), ConfigError> {
+    // A zero is what was not said.
+    let told = |field, value: f64, low, high| match value {
+        0.0 => Ok(()),
+        _ => check(field, 0, value, low, high),
+    };
+    let (low, high) = DAMPING;
+    told(ConfigField::Damping, tuning.damping.into(), low, high)?;
+    check(ConfigField::Guard, 0, tuning.guard.into(), 0.0, WIDEST_GUARD)?;
+    told(ConfigField::Round, tuning.round.into(), 1.0, LONGEST_ROUND.into())?;
+    told(ConfigField::InputLimit, tuning.input_limit.into(), SMALLEST, LARGEST)?;
+    told(ConfigField::SlopeLimit, tuning.slope_limit.into(), SMALLEST, LARGEST)
+}
+
+fn constants(tuning: &Tuning) -> Constants {
+    if tuning.damping == 0.0 { Constants::default() } else { Constants::damped_by(tuning.damping.into()) }
+}
+
 /// A tick has to fit in. Only a node that ticks by SYNC can miss one.
 fn check_holdover(config: &NodeConfig) -> Result<Option<u64>, ConfigError> {
     let holdover_ns = config.holdover_ns;
     if holdover_ns == 0 {
         return Ok(None);
     }
-    check(ConfigField::Holdover, 0, holdover_ns as f64, f64::from(config.tick_ns), 1e18)?;
+    check(ConfigField::Holdover, 0, holdover_ns as f64, config.period_ns() as f64, 1e18)?;
     Ok((config.tick_source == TickSource::Sync).then_some(holdover_ns))
 }
 
@@ -270,11 +313,15 @@ fn check_gain_of_coupling(gain: &Gain<f32>, coupling: &Coupling<f32>) -> Result<
     if fits { Ok(()) } else { Err(ConfigError::GainOfCoupling) }
 }
 
-fn check_coupling<F: Real>(coupling: &Coupling<f32>, tick: f64) -> Result<Law<F>, ConfigError> {
+fn check_coupling<F: Real>(
+    coupling: &Coupling<f32>,
+    tick: f64,
+    constants: Constants,
+) -> Result<Law<F>, ConfigError> {
     Ok(match *coupling {
         Coupling::NodeWise | Coupling::ElementWise | Coupling::Linear => Law::NodeWise,
         Coupling::MaxGain => Law::MaxGain,
-        Coupling::EdgeWise => Law::EdgeWise(EdgeWise::new(tick, THETA)),
+        Coupling::EdgeWise => Law::EdgeWise(EdgeWise::new(tick, constants)),
         Coupling::LambdaTracker { eta } => {
             check(ConfigField::Eta, 0, f64::from(eta), 0.0, LARGEST)?;
             Law::LambdaTracker(LambdaTracker::new(F::from_f32(eta), tick))

@@ -4,7 +4,7 @@
 use funnelnet_law::VectorField;
 use funnelnet_law::gain::{Gain, GainFunction, Reciprocal};
 use funnelnet_law::law::max_gain::{self, Term};
-use funnelnet_law::law::node_wise::NodeWise;
+use funnelnet_law::law::node_wise::{Memory, NodeWise};
 use funnelnet_node::{Action, Event, Node, Params, Phase};
 use funnelnet_protocol::config::{
     Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, NodeConfig, Shape, Sine, TickSource,
@@ -147,8 +147,13 @@ proptest! {
         // psi s + b u = r with u = gamma(|s|_inf) s.
         let law = NodeWise::new(Reciprocal { scale }, 1e-3, 2.0);
         let b = 0.5 * 2.2 * 1e-3 * 2.0;
-        let mut terms: Vec<_> = nu.iter().zip(&u).map(|(&nu, &u)| Term { nu, dnu: 0.1 * nu, u }).collect();
-        max_gain::step(&law, &mut terms, false, funnelnet_law::funnel::Widths { now: psi, ahead: psi });
+        let term = |(&nu, &u): (&f64, &f64)| {
+            let mut memory = Memory::default();
+            memory.feed_back(u);
+            Term { nu, dnu: 0.1 * nu, u: 0.0, memory }
+        };
+        let mut terms: Vec<_> = nu.iter().zip(&u).map(term).collect();
+        max_gain::step(&law, &mut terms, funnelnet_law::funnel::Widths { now: psi, ahead: psi });
         let longest = terms.iter().fold(0.0f64, |most, term| most.max(term.u.abs()));
         let s = law.gain.inverse(longest);
         for (term, (&nu, &last)) in terms.iter().zip(nu.iter().zip(&u)) {

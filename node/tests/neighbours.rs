@@ -37,7 +37,7 @@ proptest! {
         let mut table: Neighbours<f32> = Neighbours::new(components);
         let mut heard = BTreeMap::new();
         for (tick, (edges, chosen)) in (10..).zip(&lists) {
-            table.set(edges, 100);
+            table.set(edges, 100, f32::MAX);
             heard.retain(|(id, _), _| edges.iter().any(|edge| edge.id == *id));
             prop_assert_eq!(table.count(), edges.len());
             for (index, edge) in edges.iter().enumerate() {

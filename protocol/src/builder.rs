@@ -2,7 +2,7 @@
 
 use crate::config::{
     Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS,
-    MAX_NEIGHBOURS, NodeConfig, Shape, TickSource,
+    MAX_NEIGHBOURS, NodeConfig, Shape, TickSource, Tuning,
 };
 use funnelnet_law::range::LARGEST;
 use heapless::Vec;
@@ -150,6 +150,12 @@ impl NodeBuilder {
     /// Stops a running node that ticks by SYNC and has heard none for so long, ns; 0 never does.
     pub fn holdover_ns(mut self, holdover_ns: u64) -> Self {
         self.config.holdover_ns = holdover_ns;
+        self
+    }
+
+    /// Sets the law's own numbers.
+    pub fn tuning(mut self, tuning: Tuning) -> Self {
+        self.config.tuning = tuning;
         self
     }
 

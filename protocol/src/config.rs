@@ -33,6 +33,30 @@ pub struct EdgeConfig {
     pub edges: u8,
 }
 
+/// What whoever knows the whole network tells a node about the law. A zero is what was not said, with the default beside it; so a stored
+/// configuration of wire version 1 reads as one in which nothing was said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tuning {
+    /// `c` of (**), 1 to 8; 2.2.
+    pub damping: f32,
+    /// The law runs in `(1 - guard) psi`, 0 to 0.9, grown from zero at tick 0; 0.
+    pub guard: f32,
+    /// Ticks in a round, 1 to 100: the law decides once in so many, the node's own field is integrated tick by tick; 1.
+    pub round: u8,
+    /// The largest `|u|`, state units / s, fed back; without bound.
+    pub input_limit: f32,
+    /// The largest slope by which a silent neighbour is extrapolated, state units / s; without bound.
+    pub slope_limit: f32,
+}
+
+impl Tuning {
+    /// Ticks in a round.
+    #[must_use]
+    pub const fn ticks_in_round(&self) -> u8 {
+        if self.round == 0 { 1 } else { self.round }
+    }
+}
+
 /// Everything that a node is told before it starts. Read by [`NodeConfig::read`], where it is to stay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeConfig {
@@ -66,6 +90,16 @@ pub struct NodeConfig {
     pub lost_neighbours: u8,
     /// With SYNC as tick source, a running node that has heard none for so long stops, ns; 0 never does.
     pub holdover_ns: u64,
+    /// The law's own numbers.
+    pub tuning: Tuning,
+}
+
+impl NodeConfig {
+    /// Period of its law and of its frames, ns: a round.
+    #[must_use]
+    pub fn period_ns(&self) -> u64 {
+        u64::from(self.tick_ns) * u64::from(self.tuning.ticks_in_round())
+    }
 }
 
 macro_rules! fields {
@@ -121,6 +155,11 @@ fields! {
     BreachRate = "coupling.on_breach.rate",
     NeighbourEdges = "edges of a neighbour",
     Holdover = "safety.holdover (ns)",
+    Damping = "coupling.damping",
+    Guard = "coupling.guard",
+    Round = "time.round (ticks)",
+    InputLimit = "coupling.u_max",
+    SlopeLimit = "slope limit",
 }
 
 /// Why a node refuses a configuration.

@@ -5,7 +5,7 @@
 
 use core::fmt;
 
-use crate::config::{Breach, Coupling, Field, Funnel, Gain, NodeConfig, Shape, TickSource};
+use crate::config::{Breach, Coupling, Field, Funnel, Gain, NodeConfig, Shape, TickSource, Tuning};
 use crate::refusal::Refusal;
 use heapless::Vec;
 use postcard::de_flavors::Flavor;
@@ -34,6 +34,7 @@ impl NodeConfig {
             telemetry_every: 0,
             lost_neighbours: 0,
             holdover_ns: 0,
+            tuning: Tuning { damping: 0.0, guard: 0.0, round: 0, input_limit: 0.0, slope_limit: 0.0 },
         }
     }
 
@@ -77,6 +78,7 @@ impl NodeConfig {
             telemetry_every,
             lost_neighbours,
             holdover_ns,
+            tuning,
         } = self;
         value(id, source)?;
         value(tick_ns, source)?;
@@ -94,7 +96,8 @@ impl NodeConfig {
         value(extrapolate_ticks, source)?;
         value(telemetry_every, source)?;
         value(lost_neighbours, source)?;
-        value(holdover_ns, source)
+        value(holdover_ns, source)?;
+        value(tuning, source)
     }
 }
 
@@ -129,6 +132,9 @@ impl<'a, T: Deserialize<'a>, const N: usize> Visitor<'a> for Items<'_, T, N> {
     }
 }
 
+/// As many as the longest number takes.
+static ZEROS: [u8; 8] = [0; 8];
+
 /// Bytes, and then zeros.
 struct Bytes<'a> {
     bytes: &'a [u8],
@@ -149,9 +155,14 @@ impl<'a> Flavor<'a> for Bytes<'a> {
     }
 
     fn try_take_n(&mut self, count: usize) -> Result<&'a [u8]> {
-        let (taken, rest) = self.bytes.split_at_checked(count).ok_or(Error::DeserializeUnexpectedEnd)?;
-        self.bytes = rest;
-        Ok(taken)
+        if let Some((taken, rest)) = self.bytes.split_at_checked(count) {
+            self.bytes = rest;
+            return Ok(taken);
+        }
+        // A number begins with the bytes or with the zeros, and ends there.
+        let zeros = ZEROS.get(..count).filter(|_| self.bytes.is_empty());
+        self.zeros = self.zeros.checked_sub(count).ok_or(Error::DeserializeUnexpectedEnd)?;
+        zeros.ok_or(Error::DeserializeUnexpectedEnd)
     }
 
     fn finalize(self) -> Result<Self> {

@@ -38,6 +38,8 @@ pub struct Counters {
     pub late: u32,
     /// Ticks that the node was moved on over without running them: SYNC skipped them, or they came too late to be made up for.
     pub skipped: u32,
+    /// Ticks at which the law asked for more than the largest input that it may.
+    pub limited: u32,
 }
 
 impl Counters {

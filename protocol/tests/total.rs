@@ -3,7 +3,7 @@
 
 use funnelnet_protocol::config::{
     Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX,
-    MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Shape, Sine, TickSource,
+    MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Shape, Sine, TickSource, Tuning,
 };
 use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnelnet_protocol::report::{Counters, Report};
@@ -14,8 +14,8 @@ use funnelnet_protocol::service::{
 use funnelnet_protocol::{Refusal, can};
 use proptest::prelude::*;
 
-/// `largest_config`, written down on 2026-11-25.
-const GOLDEN_CHECKSUM: u32 = 0x3074_917E;
+/// `largest_config` of wire version 2, written down on 2026-11-28.
+const GOLDEN_CHECKSUM: u32 = 0xA6FB_0112;
 
 fn largest_config() -> NodeConfig {
     let sine = Sine { component: 7, amplitude: 1.0, frequency: 2.0, phase: 3.0 };
@@ -43,6 +43,7 @@ fn largest_config() -> NodeConfig {
         telemetry_every: u32::MAX,
         lost_neighbours: u8::MAX,
         holdover_ns: u64::MAX,
+        tuning: Tuning { damping: 8.0, guard: 0.5, round: 100, input_limit: 1e9, slope_limit: 1e9 },
     }
 }
 
@@ -100,6 +101,7 @@ fn largest_reply_fits_and_little_is_wasted() {
         saturated: most,
         late: most,
         skipped: most,
+        limited: most,
         refused: [most; Refusal::COUNT],
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });
@@ -191,6 +193,7 @@ fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
         on_breach: Breach::Stop,
         lost_neighbours: 0,
         holdover_ns: 0,
+        tuning: Tuning::default(),
         ..largest_config()
     };
     let mut body = [0; MAX_BODY];
@@ -203,11 +206,14 @@ fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
         assert_eq!(room.read(&[&body[..length], &[0]].concat()), Err(Refusal::Length));
         assert_eq!((room.read(&body[..length]), &room), (Ok(()), &config));
     }
-    // As it was written before its last two fields, which are 0.
+    // As it was written before its last three fields, which are 0: of one byte, one byte and seventeen.
     let length = Request::Stage(small.clone()).encode(&mut body).unwrap();
-    assert_eq!((room.read_older(&body[..length - 2], 2), &room), (Ok(()), &small));
-    for missing in [0, 1, 3] {
-        assert_eq!(room.read_older(&body[..length - 2], missing), Err(Refusal::Value), "{missing}");
+    for newer in [17, 19] {
+        assert_eq!((room.read_older(&body[..length - newer], newer), &room), (Ok(()), &small));
+        for missing in [0, newer - 1, newer + 1] {
+            let refused = room.read_older(&body[..length - newer], missing);
+            assert_eq!(refused, Err(Refusal::Value), "{missing} of {newer}");
+        }
     }
 }
 

@@ -7,6 +7,8 @@
 //! ```text
 //! psi_i u_i / G + b_i u_i = r_i
 //! ```
+//!
+//! `r` is that of law (*), without a look back: that (**) is stable with a gain that is common to all has not been shown.
 
 use crate::engine::NodeEvent;
 use crate::noise::Noise;
@@ -15,7 +17,7 @@ use crate::scenario::Graph;
 use funnelnet_law::GainFunction;
 use funnelnet_law::field::{State, VectorField, compensated_add};
 use funnelnet_law::funnel::Widths;
-use funnelnet_law::law::node_wise::{C, THETA};
+use funnelnet_law::law::node_wise::THETA;
 use funnelnet_law::math::larger;
 use funnelnet_node::{Event, Observation, Params};
 use funnelnet_protocol::message::FaultCode;
@@ -69,8 +71,7 @@ impl Central {
         let member = |(index, params): (usize, Params<f32>)| {
             let neighbours: Vec<_> =
                 graph.neighbours(index).into_iter().map(|(other, weight)| (other, weight as f32)).collect();
-            let degree: f64 = neighbours.iter().map(|&(_, weight)| f64::from(weight)).sum();
-            let b = (THETA * C * (params.tick_ns as f64 * 1e-9) * degree) as f32;
+            let b = params.law.b();
             let parts = params.initial_state.iter().map(|&x| Part {
                 x,
                 seen: noise.measure(index, x),
@@ -242,6 +243,7 @@ impl Member {
             count(&mut self.counters.floored);
             self.psi = self.psi.floored(floor);
         }
+        self.psi = self.params.guard.of(tick, self.psi);
     }
 
     /// `r` of (*) for every component.
@@ -285,9 +287,16 @@ impl Member {
     }
 }
 
-/// The node's midpoint step, for all components at once.
+/// The node's midpoint steps of a tick, for all components at once.
 fn midpoint(params: &Params<f32>, k: u32, parts: &mut [Part]) {
-    let (field, tick, half_ticks) = (&params.field, params.tick, u64::from(k) << 1);
+    let first = u64::from(k) * u64::from(params.round);
+    for step in first..first + u64::from(params.round) {
+        midpoint_step(params, step << 1, parts);
+    }
+}
+
+fn midpoint_step(params: &Params<f32>, half_ticks: u64, parts: &mut [Part]) {
+    let (field, tick) = (&params.field, params.tick);
     let now: State<f32> = parts.iter().map(|part| part.x).collect();
     let to_middle = |(index, part): (usize, &Part)| {
         part.x + tick * 0.5 * (field.component(half_ticks, &now, index) + part.u)

@@ -1,9 +1,9 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
-use crate::scenario::{Affine, Coupling, Edge, LARGEST_RUN, NodeSpec, Scenario};
+use crate::scenario::{Affine, Coupling, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
-    EdgeConfig, Field, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Sine, TickSource,
+    EdgeConfig, Field, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Sine, TickSource, Tuning,
 };
 use std::fmt;
 
@@ -60,7 +60,8 @@ impl std::error::Error for Unfit {}
 /// nodes.
 pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
     let too_long = Unfit::TooMuch { node: 1, what: "nanoseconds in a tick", limit: u32::MAX as usize };
-    let tick_ns = u32::try_from(scenario.time.tick_ns).map_err(|_| too_long)?;
+    let TimeSpec { tick_ns, round, .. } = scenario.time;
+    let tick_ns = u32::try_from(tick_ns / u64::from(round)).map_err(|_| too_long)?;
     let coupling = scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?;
     let edges = edge_counts(scenario);
     let config = |(index, node): (usize, &NodeSpec)| {
@@ -83,6 +84,13 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             telemetry_every: drive.telemetry_every,
             lost_neighbours: scenario.safety.lost_neighbours,
             holdover_ns: scenario.safety.holdover_ns.unwrap_or(0),
+            tuning: Tuning {
+                damping: node.damping as f32,
+                guard: scenario.guard as f32,
+                round,
+                input_limit: scenario.u_max.unwrap_or(0.0) as f32,
+                slope_limit: 0.0,
+            },
         })
     };
     scenario.nodes.iter().enumerate().map(config).collect()

@@ -1,25 +1,28 @@
 //! How a configuration is written, and how older firmware wrote it.
 //!
-//! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is an integer, or
-//! a `bool`, that means "as before" at 0 and is one zero byte then. So an older configuration is read as if its missing bytes were zeros.
+//! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is a number, or
+//! a `bool`, that means "as before" at 0 and is nothing but zero bytes then. So an older configuration is read as if its missing bytes were zeros.
 
 use funnelnet_protocol::{NodeConfig, Refusal};
 
 /// What is written now; the number and what it stands for are in the commit record. 1 was the first. A field more at the end
 /// of `NodeConfig` changes the bytes, and needs a new number, an arm in `missing` and golden bytes in tests/layout.rs.
-pub const LAYOUT: u8 = 3;
+pub const LAYOUT: u8 = 4;
 
 /// Whether a key can be beside the configuration.
 pub(crate) fn has_key(layout: u8) -> bool {
     layout >= 3
 }
 
-/// Fields of `NodeConfig` that a layout does not have; `None` for one that is not known.
+/// Bytes of a `NodeConfig` that a layout does not have; `None` for one that is not known.
 fn missing(layout: u8) -> Option<usize> {
+    /// Four f32 and a u8.
+    const TUNING: usize = 17;
     match layout {
-        // lost_neighbours, holdover_ns
-        1 => Some(2),
-        2 | LAYOUT => Some(0),
+        // lost_neighbours, holdover_ns, one byte each at zero
+        1 => Some(2 + TUNING),
+        2 | 3 => Some(TUNING),
+        LAYOUT => Some(0),
         _ => None,
     }
 }

@@ -8,6 +8,7 @@ use configs::{longest, small};
 use flash::{Flash, load, now};
 use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::Tuning;
 use funnelnet_protocol::service::Key;
 use funnelnet_store::layout::LAYOUT;
 use funnelnet_store::record::{Commit, checksum};
@@ -38,6 +39,20 @@ const COMMIT_3: &str = "03050000007b47df6b";
 const COMMIT_3_WITHOUT_KEY: &str = "0305000000f6fcbcb3";
 
 const KEY: Key = Key([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
+
+/// [`tuned`] of layout 4, epoch 5, written down on 2026-11-28 and never to be changed.
+const CONFIG_4: &str = concat!(
+    "0103c0843d0001000040400024744901000080bf010000003f0000000000803f0000803f01000020",
+    "410002040000803f02050000803f0203020280cab5ee01",
+    "0000b03fcdcc4c3d02000096430000c841",
+);
+const COMMIT_4: &str = "0405000000304867e3";
+const COMMIT_4_WITHOUT_KEY: &str = "0405000000469a9fbd";
+
+fn tuned() -> NodeConfig {
+    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0 };
+    NodeConfig { tuning, ..guarded() }
+}
 
 fn guarded() -> NodeConfig {
     NodeConfig { lost_neighbours: 2, holdover_ns: 500_000_000, ..small(3) }
@@ -82,10 +97,13 @@ fn a_configuration_of_layout_2_is_read_for_ever() {
 #[test]
 fn what_is_stored_now_has_the_golden_bytes() {
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Change::Config(&guarded()))).unwrap();
+    now(store.stage(Change::Config(&tuned()))).unwrap();
     now(store.commit(5)).unwrap();
-    assert_eq!(LAYOUT, 3, "a new layout needs its own golden bytes");
-    assert!(store.release().bytes == written(&bytes(CONFIG_2), &bytes(COMMIT_3_WITHOUT_KEY)).bytes);
+    assert_eq!(LAYOUT, 4, "a new layout needs its own golden bytes");
+    let commit = |key| Commit { layout: 4, epoch: 5, crc: checksum(4, 5, key, &bytes(CONFIG_4)) }.encode();
+    assert_eq!(commit(None), bytes(COMMIT_4_WITHOUT_KEY)[..]);
+    assert_eq!(commit(Some(&KEY)), bytes(COMMIT_4)[..]);
+    assert!(store.release().bytes == written(&bytes(CONFIG_4), &bytes(COMMIT_4_WITHOUT_KEY)).bytes);
     let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
     let blank_with_key = now(async {
         store.stage(Change::Key(KEY, &mut None)).await?;
@@ -93,10 +111,10 @@ fn what_is_stored_now_has_the_golden_bytes() {
         Ok::<_, Error<flash::Fault>>((load(&mut store).await?, store.key().await?))
     });
     assert_eq!(blank_with_key, Ok((None, Some(KEY))));
-    now(store.stage(Change::Config(&guarded()))).unwrap();
+    now(store.stage(Change::Config(&tuned()))).unwrap();
     now(store.commit(5)).unwrap();
     let half = REGION.end as usize / 2;
-    let golden = written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_3));
+    let golden = written_with_key(&bytes(CONFIG_4), Some(&bytes(KEY_3)), &bytes(COMMIT_4));
     assert!(store.release().bytes[half..] == golden.bytes[..half]);
 }
 
@@ -121,6 +139,11 @@ fn a_configuration_of_layout_3_and_its_key_are_read_for_ever() {
     // One of before had none, whatever lies beside it.
     let older = written_with_key(&bytes(CONFIG_2), Some(&bytes(KEY_3)), &bytes(COMMIT_2));
     assert_eq!(loaded(older), (Ok(Some(guarded())), Ok(None)));
+}
+
+#[test]
+fn a_configuration_of_layout_4_is_read_for_ever() {
+    assert_eq!(load_from(written(&bytes(CONFIG_4), &bytes(COMMIT_4_WITHOUT_KEY))), Ok(Some(tuned())));
 }
 
 #[test]
@@ -187,7 +210,7 @@ fn what_is_staged_can_be_read_and_is_not_committed_once_it_has_changed() {
     assert_eq!((now(store.commit(1)), now(load(&mut store))), (Err(Error::Corrupt), Ok(None)));
 }
 
-/// Layout 1 lacks two fields: neither a record that has one of them nor one that lacks three is of that layout. A blank node lacks none.
+/// Layout 1 lacks three fields: neither a record that has one of them nor one that lacks four is of that layout. A blank node lacks none.
 #[test]
 fn an_older_layout_is_read_as_it_was_written_and_not_otherwise() {
     let good = bytes(CONFIG_1);

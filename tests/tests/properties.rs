@@ -81,7 +81,7 @@ fn build((graph, mut nodes): (Graph, Vec<NodeSpec>)) -> Scenario {
         }
     }
     let base = system_tests::scenario("five-agents.toml", &[]);
-    Scenario { graph, nodes, time: TimeSpec { tick_ns: TICK_NS, ticks: TICKS }, ..base }
+    Scenario { graph, nodes, time: TimeSpec { tick_ns: TICK_NS, ticks: TICKS, round: 1 }, ..base }
 }
 
 fn simulate(scenario: &Scenario) -> Outcome {
@@ -97,7 +97,7 @@ fn with_the_tick_of_check(scenario: &Scenario) -> Scenario {
     let factor = (0.25 / share).sqrt().min(1.0);
     let tick_ns = (TICK_NS as f64 * factor) as u64;
     let ticks = TICKS * TICK_NS / tick_ns;
-    Scenario { time: TimeSpec { tick_ns, ticks }, ..scenario.clone() }
+    Scenario { time: TimeSpec { tick_ns, ticks, round: 1 }, ..scenario.clone() }
 }
 
 /// The same network with node i called `to[i]`.

@@ -1,7 +1,9 @@
 //! Performance funnels `psi(t)`: as a designer draws them, in continuous time, and as a node evaluates them, tick by tick.
 
+mod guard;
 mod sampled;
 
+pub use guard::{GROWN_AFTER, Guard};
 pub use sampled::{SampledFunnel, Transient, Widths};
 
 use crate::math::{self, Real, larger};

@@ -1,6 +1,6 @@
 //! The lambda-tracker (paper, Section "Related approaches"): `u = k nu`, and `k' = |nu| (|nu| - eta)` while `|nu| > eta`.
 //!
-//! A baseline: its gain never falls, and amplifies noise for ever. It gets the implicit step (*) as well, with `psi mu^-1(u)` replaced by
+//! A baseline: its gain never falls, and amplifies noise for ever. It gets the implicit step of law (*) as well, with `psi mu^-1(u)` replaced by
 //! `u / k`: in a comparison an explicit step would only show that it is unstable.
 
 use super::node_wise::{Memory, NodeWise};
@@ -35,16 +35,16 @@ impl<F: Real> LambdaTracker<F> {
     }
 
     /// One tick: grows `k` (1/s), then gives the input (state units / s) for the diffusive term `nu` and its change `dnu` (both
-    /// state units). `law` carries the step (*) of the node.
+    /// state units). `law` carries the step of law (*) of the node.
     #[inline]
     pub fn step<G>(&self, law: &NodeWise<F, G>, memory: &mut Memory<F>, k: &mut F, nu: F, dnu: F) -> F {
         let size = nu.abs();
         // Explicit: a tracker has no better knowledge of the error to come. Bounded, so that nothing overflows.
         *k = (*k + self.tick * size * (size - self.eta).max(F::ZERO)).min(F::WIDEST);
         let gain = Linear { slope: *k };
-        let last = memory.last_input.unwrap_or(gain.solve(F::ONE, law.b, nu).u);
-        let u = gain.solve(F::ONE, law.b, nu + law.theta * dnu + law.b * last).u;
-        memory.last_input = Some(u);
+        let last = memory.last_input().unwrap_or(gain.solve(F::ONE, law.b, nu).u);
+        let u = gain.solve(F::ONE, law.b, nu + law.look_back.theta * dnu + law.b * last).u;
+        memory.feed_back(u);
         u
     }
 }

@@ -1,8 +1,10 @@
-//! Coupling laws: all of them solve (*) of LAW.md 3, each for an unknown of its own (docs/notes/2026-11-23-whole-paper.md).
+//! Coupling laws: all of them solve (**) of LAW.md 3, each for an unknown of its own (docs/notes/2026-11-23-whole-paper.md).
 
+mod constants;
 pub mod edge_wise;
 pub mod lambda_tracker;
 pub mod max_gain;
+mod memory;
 pub mod node_wise;
 
 pub use edge_wise::EdgeWise;

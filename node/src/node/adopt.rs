@@ -24,6 +24,7 @@ pub const COMMIT_AHEAD: u32 = (1 << 15) - 1;
 pub struct Lasting {
     id: u8,
     tick_ns: u64,
+    round: u8,
     tick_source: TickSource,
     components: usize,
 }
@@ -33,7 +34,8 @@ impl Lasting {
     pub fn of(config: &NodeConfig) -> Self {
         Self {
             id: config.id,
-            tick_ns: config.tick_ns.into(),
+            tick_ns: config.period_ns(),
+            round: config.tuning.ticks_in_round(),
             tick_source: config.tick_source,
             components: config.initial_state.len(),
         }
@@ -45,6 +47,7 @@ impl<F, V, G> Params<F, V, G> {
         Lasting {
             id: self.id.get(),
             tick_ns: self.tick_ns,
+            round: self.round,
             tick_source: self.tick_source,
             components: self.initial_state.len(),
         }
@@ -86,7 +89,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
-    /// `Value`, counted, where id, tick period, tick source, number of components or whether there is a plant
+    /// `Value`, counted, where id, tick period, ticks in a round, tick source, number of components or whether there is a plant
     /// are not those of the node; it goes on as it was. `Phase`, too, where it does not run.
     pub fn adopt(&mut self, params: Params<F, V, G>, edges: &[EdgeConfig]) -> Result<(), Refusal> {
         self.keep_on();
@@ -94,8 +97,12 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if core::mem::discriminant(&params.coupling) != core::mem::discriminant(&self.params.coupling) {
             self.change_coupling(&params);
         }
+        let damped_alike = params.law.b() == self.params.law.b();
         self.params = params;
         self.meet(edges);
+        if !damped_alike {
+            self.disturb();
+        }
         self.outbox.report(Event::Adopted { tick: self.clock.tick });
         Ok(())
     }
@@ -122,11 +129,17 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     fn change_coupling(&mut self, params: &Params<F, V, G>) {
         let k = params.law.gain.apply(F::ONE);
         let has_input = self.counters.ticks != 0;
+        // These two remember the same of each component.
+        let of_components = |law: &Law<F>| matches!(law, Law::NodeWise | Law::MaxGain);
+        let remembers = of_components(&self.params.coupling) && of_components(&params.coupling);
         for part in &mut self.parts {
             if params.coupling == Law::None {
                 part.u = F::ZERO;
             }
             part.k = k;
+            if remembers {
+                continue;
+            }
             part.memory = Memory::default();
             if has_input {
                 part.memory.feed_back(part.u);

@@ -63,9 +63,12 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             return Err(Refusal::OutOfRange);
         }
         let (heard, late) = self.neighbours.hear(source, component, tick, self.clock.tick, x)?;
-        // Once per neighbour, whatever its number of components.
-        if heard == Heard::First && component == Component::FIRST {
-            self.outbox.report(Event::NeighbourFound(source));
+        if heard == Heard::First {
+            self.disturb();
+            // Once per neighbour, whatever its number of components.
+            if component == Component::FIRST {
+                self.outbox.report(Event::NeighbourFound(source));
+            }
         }
         if late > 0 {
             count(&mut self.counters.late);

@@ -37,8 +37,8 @@ impl<F: Real> Part<F> {
 }
 
 /// Does the midpoint step of [`funnelnet_law::field::midpoint_step`] for all components at once.
-pub(super) fn vector_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u32, parts: &mut [Part<F>]) {
-    let half_ticks = u64::from(k) << 1;
+pub(super) fn vector_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, parts: &mut [Part<F>]) {
+    let half_ticks = k << 1;
     let now: State<F> = collect(parts.iter().map(|part| part.x));
     let to_middle = |(index, part): (usize, &Part<F>)| {
         part.x + tick * F::HALF * (field.component(half_ticks, &now, index) + part.u)

@@ -19,13 +19,17 @@ use funnelnet_protocol::message::{FaultCode, NodeId};
 use funnelnet_protocol::report::count;
 use heapless::Vec;
 
+/// What is left of the input of a node without edges from tick to tick: exp(-1/300).
+const HELD: f64 = 0.996_672_214_9;
+
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Runs the tick that comes next.
     pub(super) fn run_tick(&mut self) {
         let k = self.clock.tick;
         let (largest, input, mut nu) = self.listen(k);
         let mut psi = self.widths(k, self.params.floor.width(largest, input));
-        if let Law::EdgeWise(law) = self.params.coupling {
+        let alone = self.neighbours.is_alone();
+        if let (Law::EdgeWise(law), false) = (self.params.coupling, alone) {
             self.edge_inputs(k, &law);
             nu = self.parts.iter().fold(F::ZERO, |most, part| larger(most, part.nu.abs()));
         }
@@ -42,11 +46,16 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 return self.stop_at(k, left, FaultCode::FUNNEL_LEFT, self.id().get().into());
             }
             psi = self.reopen(k, ratio, psi);
+            self.disturb();
         }
-        self.compute_inputs(psi);
+        match alone {
+            true => self.hold_inputs(),
+            false => self.compute_inputs(self.params.guard.of(k, psi)),
+        }
         if !self.parts.iter().all(|part| part.u.is_finite()) {
             return self.refuse_input(k, left);
         }
+        self.limit_inputs();
         self.saturate();
         self.observe(k, left);
         self.advance(k);
@@ -117,10 +126,13 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 }
             }
             Law::MaxGain => {
-                let term = |part: &Part<F>| Term { nu: part.nu, dnu: part.dnu, u: part.u };
+                let term =
+                    |part: &Part<F>| Term { nu: part.nu, dnu: part.dnu, u: part.u, memory: part.memory };
                 let mut terms: Vec<_, MAX_COMPONENTS> = collect(self.parts.iter().map(term));
-                max_gain::step(law, &mut terms, self.counters.ticks == 0, psi);
-                self.parts.iter_mut().zip(&terms).for_each(|(part, term)| part.u = term.u);
+                max_gain::step(law, &mut terms, psi);
+                for (part, term) in self.parts.iter_mut().zip(&terms) {
+                    (part.u, part.memory) = (term.u, term.memory);
+                }
             }
             Law::LambdaTracker(tracker) => {
                 for part in &mut self.parts {
@@ -129,6 +141,45 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             }
             // Found already, and zero from the beginning.
             Law::EdgeWise(_) | Law::None => {}
+        }
+    }
+
+    /// Keeps the inputs of a node whose edges are all gone, and lets them decay: the others go on with theirs (LAW.md 9).
+    #[cold]
+    fn hold_inputs(&mut self) {
+        let decay = F::from_f64(HELD);
+        for part in &mut self.parts {
+            part.u = part.u * decay;
+            part.memory.feed_back(part.u);
+        }
+    }
+
+    /// Bounds the inputs, and has the law go on from the bounded ones: the best way back that was found from far away (LAW.md 9).
+    fn limit_inputs(&mut self) {
+        let limit = self.params.input_limit;
+        let mut limited = false;
+        for (component, part) in self.parts.iter_mut().enumerate() {
+            if part.u.abs() > limit {
+                limited = true;
+                let bounded = limit.copysign(part.u);
+                self.neighbours.feed_back(component as u8, bounded / part.u);
+                part.memory.feed_back(bounded);
+                part.u = bounded;
+            }
+        }
+        if limited {
+            count(&mut self.counters.limited);
+        }
+    }
+
+    /// Takes note of a tick that does not follow from those before it: `g` is 0 at this tick and the next one (LAW.md 3).
+    #[cold]
+    pub(super) fn disturb(&mut self) {
+        for (component, part) in self.parts.iter_mut().enumerate() {
+            part.memory.disturb();
+            if let Law::EdgeWise(_) = self.params.coupling {
+                self.neighbours.disturb(component as u8);
+            }
         }
     }
 
@@ -142,10 +193,13 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Advances the state by a tick, unless that leads beyond its limit.
     fn advance(&mut self, k: u32) {
         let before: State<F> = collect(self.parts.iter().map(|part| part.x));
-        let Params { field, tick, .. } = &self.params;
-        match self.parts.as_mut_slice() {
-            [part] => midpoint_step(field, *tick, k, &mut part.x, &mut part.carry, part.u),
-            parts => vector_step(field, *tick, k, parts),
+        let Params { field, tick, round, .. } = &self.params;
+        let first = u64::from(k) * u64::from(*round);
+        for step in first..first + u64::from(*round) {
+            match self.parts.as_mut_slice() {
+                [part] => midpoint_step(field, *tick, step, &mut part.x, &mut part.carry, part.u),
+                parts => vector_step(field, *tick, step, parts),
+            }
         }
         // Of `x` as neighbours see it: their `dnu` and this node's then add up to zero.
         self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.dx = part.x - before);
@@ -170,6 +224,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         lost_count: u32,
         lost: Option<NodeId>,
     ) {
+        // One component's edge alone is enough: they are few, and rarely lost one by one.
+        self.disturb();
         self.counters.extrapolated = self.counters.extrapolated.saturating_add(extrapolated);
         self.counters.neighbours_lost = self.counters.neighbours_lost.saturating_add(lost_count);
         // Once per neighbour, whatever its number of components.

@@ -85,12 +85,16 @@ fn tight(subject: &Subject<'_>, followed: &Followed) -> bool {
 
 /// The tick, of a half and a quarter of the scenario's, that keeps every node inside: for as long at least as it takes to leave the funnel now.
 fn better(subject: &Subject<'_>) -> Option<String> {
-    let TimeSpec { tick_ns, ticks } = subject.scenario.time;
+    let TimeSpec { tick_ns, ticks, round } = subject.scenario.time;
+    if round > 1 {
+        // A shorter round is a matter of the bus as well.
+        return None;
+    }
     let left = subject.followed.as_ref().and_then(|followed| followed.left).unwrap_or(0.0);
     let allowed =
         |parts: &u64| tick_ns.is_multiple_of(*parts) && tick_ns / parts >= u64::from(SHORTEST_TICK_NS);
     [2, 4].into_iter().filter(allowed).find_map(|parts| {
-        let time = TimeSpec { tick_ns: tick_ns / parts, ticks: ticks.saturating_mul(parts) };
+        let time = TimeSpec { tick_ns: tick_ns / parts, ticks: ticks.saturating_mul(parts), round };
         let scenario = Scenario { time, ..subject.scenario.clone() };
         let followed = sampled::follow(&scenario, &subject.degrees)?;
         let inside = followed.lost.is_none() && followed.worst.ratio < 1.0 && followed.until > left;

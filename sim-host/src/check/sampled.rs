@@ -127,7 +127,6 @@ struct Network<'s> {
 
 impl<'s> Network<'s> {
     fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
-        let tick = scenario.time.tick_s();
         let members = scenario.nodes.iter().zip(degrees);
         let asked = match scenario.floor {
             FloorSpec::Width(width) => width,
@@ -135,7 +134,7 @@ impl<'s> Network<'s> {
         };
         Self {
             scenario,
-            members: members.map(|(node, &degree)| Member::new(node, tick, degree)).collect(),
+            members: members.map(|(node, &degree)| Member::new(scenario, node, degree)).collect(),
             bus: Bus::new(scenario),
             asked,
         }
@@ -186,7 +185,7 @@ impl<'s> Network<'s> {
     fn advance(&mut self, k: u64, followed: &mut Followed) {
         let t = self.scenario.time.at_s(k);
         for member in &mut self.members {
-            followed.input = larger(followed.input, member.advance(t));
+            followed.input = larger(followed.input, member.advance(k, t));
         }
     }
 }

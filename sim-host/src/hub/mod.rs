@@ -232,7 +232,7 @@ impl Hub {
             }
         };
         let nodes: Vec<_> = attached.into_iter().zip(configs).map(node).collect();
-        let tick_ns = configs.first().map_or(0, |config| u64::from(config.tick_ns));
+        let tick_ns = configs.first().map_or(0, NodeConfig::period_ns);
         let states = configs.iter().flat_map(|config| config.initial_state.iter().copied());
         let observations = states.map(|x| Observation { x, ..Observation::default() }).collect();
         let stamps = vec![Stamps::default(); nodes.len()];

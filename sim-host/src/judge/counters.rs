@@ -31,6 +31,8 @@ pub struct CounterSummary {
     pub overruns: u64,
     /// Ticks at which an actuator could not do what the law asked for.
     pub saturated: u64,
+    /// Ticks at which the law asked for more than `coupling.u_max`.
+    pub limited: u64,
     /// Samples of a plant that failed.
     pub coasted: u64,
     /// FAULT frames that did not stop their node.
@@ -56,6 +58,7 @@ impl CounterSummary {
             sync_gaps: sum(|c| c.sync_gaps),
             overruns: sum(|c| c.overruns),
             saturated: sum(|c| c.saturated),
+            limited: sum(|c| c.limited),
             coasted: sum(|c| c.coasted),
             warnings,
         }
@@ -76,6 +79,7 @@ impl CounterSummary {
             ("SYNC gaps", self.sync_gaps),
             ("overruns", self.overruns),
             ("saturated", self.saturated),
+            ("limited", self.limited),
             ("samples missed", self.coasted),
             ("warnings", self.warnings),
         ];

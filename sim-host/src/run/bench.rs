@@ -143,7 +143,7 @@ fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, Run
     let mut configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     if scenario.safety.holdover_ns.is_none() {
         let holdover_ns = file.holdover_ns(configs.len());
-        configs.iter_mut().for_each(|config| config.holdover_ns = holdover_ns.max(config.tick_ns.into()));
+        configs.iter_mut().for_each(|config| config.holdover_ns = holdover_ns.max(config.period_ns()));
     }
     Ok(configs)
 }

@@ -16,6 +16,7 @@ use super::diagnostic::{Diagnostic, Problem};
 use super::model::NodeSpec;
 use super::reader::{Log, Range, Section, integer, later, number, ready};
 use super::tree::{Item, Place, Value};
+use funnelnet_law::law::node_wise::C;
 use funnelnet_law::{Coupling, Gain};
 
 const STATE: Range = Range::any("state units");
@@ -32,6 +33,7 @@ struct Given<'a> {
     gain: Option<&'a Item>,
     funnel: Option<&'a Item>,
     noise: Option<&'a Item>,
+    damping: Option<&'a Item>,
 }
 
 /// What all nodes have in common.
@@ -45,16 +47,18 @@ struct Common<'a> {
 
 /// The nodes and their states.
 #[derive(Default)]
-pub(super) struct Agents {
+pub(super) struct Agents<'a> {
     pub nodes: Vec<NodeSpec>,
     /// Where each node's initial state (or else its funnel) was written.
     pub places: Vec<Place>,
     /// The unit of the states.
     pub unit: Option<String>,
+    /// What is written of the damping of each node, to be understood once the graph is known.
+    pub damping: Vec<Option<&'a Item>>,
 }
 
 /// What `[agent]` and `[[node]]` say.
-pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Defaults<'a>, count: u64) -> Agents {
+pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Defaults<'a>, count: u64) -> Agents<'a> {
     let log = root.log();
     let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
     let (defaults, unit) = read_agent(root, coupling, &components);
@@ -69,7 +73,9 @@ pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Defaults<'a>, count: u
     let common = Common { defaults, coupling: coupling.kind, components, root: root.place(), log };
     let node = |id| read_node(id, &common, overrides.get(&u64::from(id)));
     let (nodes, places) = (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip();
-    Agents { nodes, places, unit }
+    let written = |id| overrides.get(&id).and_then(|given: &Given<'a>| given.damping).or(coupling.damping);
+    let damping = (1..=count).map(written).collect();
+    Agents { nodes, places, unit, damping }
 }
 
 /// What `[agent]` gives to all nodes, and the unit of the states.
@@ -120,10 +126,12 @@ fn read_overrides<'a>(
             gain: section.take("gain"),
             funnel: section.take("funnel"),
             noise: section.take("noise"),
+            damping: section.take("damping"),
         };
         section.finish();
         if coupling == Coupling::EdgeWise {
-            given.gain.into_iter().chain(given.funnel).for_each(|item| log.report(one_sided(item)));
+            let of_edges = given.gain.into_iter().chain(given.funnel).chain(given.damping);
+            of_edges.for_each(|item| log.report(one_sided(item)));
         }
         let Some(id) = id else { continue };
         match integer(id, (1, count), "[graph] nodes") {
@@ -139,8 +147,7 @@ fn read_overrides<'a>(
 
 /// With edge-wise coupling both ends of an edge must find the same input.
 fn one_sided(item: &Item) -> Box<Diagnostic> {
-    let allowed =
-        "must not be there with edge-wise coupling, where both ends of an edge need the same gain and funnel";
+    let allowed = "must not be there with edge-wise coupling, where both ends of an edge need the same gain, funnel and damping";
     let mut diagnostic = item.diagnostic(Problem::Value, allowed);
     diagnostic.hint = Some("set it in [coupling]".to_owned());
     diagnostic
@@ -165,6 +172,7 @@ fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<
             gain => read_gain(&gain?, *coupling, log)?,
         },
         funnel: read_funnel(&funnel?, log)?,
+        damping: C,
         noise: given.noise.or(defaults.noise).map_or(Some(0.0), |item| read_noise(item, log))?,
     };
     Some((node, place))

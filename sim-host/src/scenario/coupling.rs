@@ -7,7 +7,9 @@ use super::reader::{Choice, Log, Range, Section, number, ready};
 use super::tree::{Item, Table, Value};
 use funnelnet_law::funnel::{Normalised, Shape};
 use funnelnet_law::gain::{Gain, Kind, MAX_PARAMETERS};
-use funnelnet_law::range::{Allowed, LARGEST_RATE, POWERS, Parameter, SCHEDULE_EPS, STATE};
+use funnelnet_law::range::{
+    Allowed, INPUT, LARGEST_RATE, POWERS, Parameter, SCHEDULE_EPS, STATE, WIDEST_GUARD,
+};
 use funnelnet_law::{Breach, Coupling, Funnel};
 
 const COUPLINGS: [Coupling<f64>; 8] = [
@@ -26,6 +28,9 @@ pub(super) struct Defaults<'a> {
     pub kind: Coupling<f64>,
     pub floor: FloorSpec,
     pub on_breach: Breach<f64>,
+    pub guard: f64,
+    pub u_max: Option<f64>,
+    pub damping: Option<&'a Item>,
     pub gain: Option<&'a Item>,
     pub funnel: Option<&'a Item>,
 }
@@ -45,6 +50,10 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Defaults<'a>> {
     let funnel = section.need("funnel", allowed);
     let on_breach = section.take("on_breach");
     let floor = section.value("floor", FloorSpec::None, read_floor);
+    let guard =
+        section.number("guard", Some(0.0), Range::between(0.0, WIDEST_GUARD, "a share of the funnel"));
+    let u_max = section.optional_number("u_max", Range::positive(INPUT));
+    let damping = section.take("damping");
     let log = section.log();
     section.finish();
     gain.and_then(|item| read_gain(item, kind, log));
@@ -64,7 +73,7 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Defaults<'a>> {
             ),
         );
     }
-    Some(Defaults { kind, floor, on_breach: policy, gain, funnel })
+    Some(Defaults { kind, floor, on_breach: policy, guard, u_max, damping, gain, funnel })
 }
 
 /// Reads `floor`: a width, or "f32".

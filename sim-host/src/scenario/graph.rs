@@ -26,6 +26,9 @@ pub struct Graph {
     pub edges: Vec<Edge>,
 }
 
+/// Most nodes whose normalised spectrum is computed.
+const LARGEST_DENSE: usize = 300;
+
 impl Graph {
     /// The weighted degrees `d_i`, the sums of `alpha_ij`, one per node.
     #[must_use]
@@ -70,30 +73,7 @@ impl Graph {
     /// On one thread, so that the bits do not depend on the number of cores.
     #[must_use]
     pub fn spectrum(&self) -> Vec<f64> {
-        let mut values = Diag::zeros(self.nodes);
-        let scratch = evd::self_adjoint_evd_scratch::<f64>(
-            self.nodes,
-            ComputeEigenvectors::No,
-            Par::Seq,
-            Default::default(),
-        );
-        let mut memory = MemBuffer::new(scratch);
-        let stack = MemStack::new(&mut memory);
-        let laplacian = self.laplacian();
-        let solved = evd::self_adjoint_evd(
-            laplacian.as_ref(),
-            values.as_mut(),
-            None,
-            Par::Seq,
-            stack,
-            Default::default(),
-        );
-        let mut values: Vec<f64> = values.column_vector().iter().copied().collect();
-        if solved.is_err() {
-            values.fill(f64::NAN);
-        }
-        values.sort_by(f64::total_cmp);
-        values
+        spectrum_of(&self.laplacian())
     }
 
     /// Algebraic connectivity, the second eigenvalue; 0 for a single node.
@@ -106,6 +86,24 @@ impl Graph {
     #[must_use]
     pub fn lambda_max(&self) -> f64 {
         self.spectrum().last().copied().unwrap_or(0.0)
+    }
+
+    /// The largest eigenvalue of `D^-1 L`, from 1 to 2, which is what the damping of the law has to be above (LAW.md 2); 2, which is
+    /// above all, for a graph of more than 300 nodes, where it takes long.
+    #[must_use]
+    pub fn normalised_lambda_max(&self) -> f64 {
+        if self.nodes > LARGEST_DENSE {
+            return 2.0;
+        }
+        let degrees = self.degrees();
+        let mut matrix = self.laplacian();
+        for (row, a) in degrees.iter().enumerate() {
+            for (column, b) in degrees.iter().enumerate() {
+                matrix[(row, column)] /= (a * b).sqrt();
+            }
+        }
+        let largest = spectrum_of(&matrix).last().copied().unwrap_or(2.0);
+        if largest.is_finite() { largest.clamp(1.0, 2.0) } else { 2.0 }
     }
 
     /// The diffusive terms `nu_i`, the sums of `alpha_ij (x_j - x_i)`, one per node (state units).
@@ -160,6 +158,24 @@ impl Graph {
         parts.retain(|part| !part.is_empty());
         parts
     }
+}
+
+/// Eigenvalues of a symmetric matrix, ascending.
+fn spectrum_of(matrix: &Mat<f64>) -> Vec<f64> {
+    let size = matrix.nrows();
+    let mut values = Diag::zeros(size);
+    let scratch =
+        evd::self_adjoint_evd_scratch::<f64>(size, ComputeEigenvectors::No, Par::Seq, Default::default());
+    let mut memory = MemBuffer::new(scratch);
+    let stack = MemStack::new(&mut memory);
+    let solved =
+        evd::self_adjoint_evd(matrix.as_ref(), values.as_mut(), None, Par::Seq, stack, Default::default());
+    let mut values: Vec<f64> = values.column_vector().iter().copied().collect();
+    if solved.is_err() {
+        values.fill(f64::NAN);
+    }
+    values.sort_by(f64::total_cmp);
+    values
 }
 
 /// The root of a node's tree, which is flattened on the way (union-find by path halving).

@@ -7,6 +7,7 @@ mod affine;
 mod agents;
 mod components;
 mod coupling;
+mod damping;
 mod diagnostic;
 mod duration;
 mod expect;
@@ -138,7 +139,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let time = need_section(&mut file, "time").map(read_time);
     let network = need_section(&mut file, "graph").and_then(network::read);
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
-    let Agents { nodes, places, unit } = match (&network, &coupling) {
+    let Agents { mut nodes, places, unit, damping } = match (&network, &coupling) {
         (Some(network), Some(coupling)) if network.nodes > 0 => {
             agents::read(&mut file, coupling, network.nodes)
         }
@@ -152,7 +153,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     if let Some(event) = file.take("event") {
         log.report(unsupported(event, "this version runs scenarios without events"));
     }
-    let safety = safety::read(&mut file, time.as_ref().map_or(1, |time| time.tick_ns));
+    let safety = safety::read(&mut file, time.as_ref().map_or(1, Time::round_ns));
     let nodes_asked = network.as_ref().map_or(0, |network| network.nodes);
     let mut expect = expect::read(&mut file, nodes_asked);
     file.finish();
@@ -163,13 +164,14 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let time = whole_ticks(&time, network.nodes, &log);
     expect::in_ticks(&mut expect, &time, root.get("expect"), &log);
     let graph = network::build(&network, seed, &log);
+    damping::resolve(&mut nodes, &damping, &graph, coupling.kind, &log);
     fresh(&bus, &time, root, &log);
     no_bus(coupling.kind, root, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
     network::room(&graph, components, &network, &log);
     log.checkpoint()?;
     let path = path.to_owned();
-    let Defaults { kind: coupling, on_breach, floor, .. } = coupling;
+    let Defaults { kind: coupling, on_breach, floor, guard, u_max, .. } = coupling;
     let scenario = Scenario {
         title,
         seed,
@@ -178,6 +180,8 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         coupling,
         floor,
         on_breach,
+        guard,
+        u_max,
         nodes,
         unit,
         bus,
@@ -203,15 +207,25 @@ fn need_section<'a>(file: &mut Section<'a>, key: &'static str) -> Option<Section
 /// `[time]` before it is known to be whole.
 struct Time<'a> {
     tick_ns: u64,
+    /// Ticks in a round.
+    round: u8,
     duration_ns: u64,
     duration: Option<&'a Item>,
     place: &'a Place,
 }
 
+impl Time<'_> {
+    fn round_ns(&self) -> u64 {
+        self.tick_ns.saturating_mul(self.round.into())
+    }
+}
+
 fn read_time(mut section: Section<'_>) -> Time<'_> {
     let ticks = (u64::from(params::SHORTEST_TICK_NS), u64::from(u32::MAX));
+    let tick_ns = section.duration_within("tick", ticks, "to suit a node");
     let time = Time {
-        tick_ns: section.duration_within("tick", ticks, "to suit a node"),
+        tick_ns,
+        round: section.value("round", 1, |item| read_round(item, tick_ns)),
         duration_ns: section.duration("duration", None),
         duration: section.take("duration"),
         place: section.place(),
@@ -220,8 +234,21 @@ fn read_time(mut section: Section<'_>) -> Time<'_> {
     time
 }
 
+/// Ticks in a round, which is written as a duration.
+fn read_round(item: &Item, tick_ns: u64) -> Result<u8, Box<Diagnostic>> {
+    let round_ns = reader::duration_ns(item, false)?;
+    let most = u64::from(params::LONGEST_ROUND);
+    let ticks = (round_ns % tick_ns == 0).then_some(round_ns / tick_ns).filter(|ticks| *ticks <= most);
+    ticks.and_then(|ticks| u8::try_from(ticks).ok()).ok_or_else(|| {
+        let tick = format_duration(tick_ns);
+        item.diagnostic(Problem::Value, format!("must be a whole number of ticks of {tick}, 1 to {most}"))
+    })
+}
+
 fn whole_ticks(time: &Time<'_>, nodes: u64, log: &Log) -> TimeSpec {
-    let (ticks, rest) = (time.duration_ns / time.tick_ns, time.duration_ns % time.tick_ns);
+    let tick_ns = time.round_ns();
+    let name = if time.round == 1 { "ticks" } else { "rounds" };
+    let (ticks, rest) = (time.duration_ns / tick_ns, time.duration_ns % tick_ns);
     let report = |allowed: String, hint: String| {
         let mut diagnostic = match time.duration {
             Some(item) => item.diagnostic(Problem::Value, allowed),
@@ -231,10 +258,9 @@ fn whole_ticks(time: &Time<'_>, nodes: u64, log: &Log) -> TimeSpec {
         log.report(diagnostic);
     };
     if rest != 0 {
-        let allowed = format!("must be a whole number of ticks of {}", format_duration(time.tick_ns));
-        let below = ticks.saturating_mul(time.tick_ns);
-        let near =
-            if rest * 2 < time.tick_ns && ticks > 0 { below } else { below.saturating_add(time.tick_ns) };
+        let allowed = format!("must be a whole number of {name} of {}", format_duration(tick_ns));
+        let below = ticks.saturating_mul(tick_ns);
+        let near = if rest * 2 < tick_ns && ticks > 0 { below } else { below.saturating_add(tick_ns) };
         report(allowed, format!("\"{}\" would do", format_duration(near)));
     } else if ticks.saturating_mul(nodes) > MAX_NODE_TICKS {
         let allowed =
@@ -244,7 +270,7 @@ fn whole_ticks(time: &Time<'_>, nodes: u64, log: &Log) -> TimeSpec {
         let allowed = format!("{ticks} ticks are more than a node counts, which is 2^32 - 1");
         report(allowed, "shorten it, or lengthen the tick".to_owned());
     }
-    TimeSpec { tick_ns: time.tick_ns, ticks }
+    TimeSpec { tick_ns, ticks, round: time.round }
 }
 
 /// Frames carry eight bits of their tick: one that is late by nearly 256 ticks would pass for a new one.

@@ -24,6 +24,10 @@ pub struct Scenario {
     pub floor: FloorSpec,
     /// What a node does outside its funnel.
     pub on_breach: Breach<f64>,
+    /// The law runs in `(1 - guard) psi`, once that has grown from nothing.
+    pub guard: f64,
+    /// The largest `|u|` that a node may ask for (state units / s), where the designer says.
+    pub u_max: Option<f64>,
     /// One per node; index i has id i + 1.
     pub nodes: Vec<NodeSpec>,
     /// The unit of the states, for who reads a picture.
@@ -72,16 +76,25 @@ impl Scenario {
     }
 }
 
-/// The network tick and how many of them are run.
+/// The network tick and how many of them are run. Where the law decides once in a round of several ticks, all that counts ticks, here and
+/// on the wire, counts rounds (LAW.md 5): a tick of the network is a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimeSpec {
-    /// Network tick T in nanoseconds, above zero.
+    /// Network tick T in nanoseconds, above zero: a whole round.
     pub tick_ns: u64,
-    /// Number of ticks, above zero; the run ends at `ticks * tick_ns`.
+    /// Number of them, above zero; the run ends at `ticks * tick_ns`.
     pub ticks: u64,
+    /// Ticks in a round, 1 to 100: steps in which a node integrates its own field.
+    pub round: u8,
 }
 
 impl TimeSpec {
+    /// A step of a node's own field in seconds.
+    #[must_use]
+    pub fn step_s(&self) -> f64 {
+        self.tick_s() / f64::from(self.round)
+    }
+
     /// T in seconds.
     #[must_use]
     pub fn tick_s(&self) -> f64 {
@@ -135,6 +148,8 @@ pub struct NodeSpec {
     pub gain: Gain<f64>,
     /// Its funnel.
     pub funnel: Funnel<f64>,
+    /// `c` of (**).
+    pub damping: f64,
     /// Standard deviation of what is added to each state as it is sent (state units).
     pub noise: f64,
 }

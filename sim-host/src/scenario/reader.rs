@@ -433,7 +433,7 @@ fn integer_text((low, high): (u64, u64), why: &str) -> String {
     if why.is_empty() { range } else { format!("{range} ({why})") }
 }
 
-fn duration_ns(item: &Item, zero_allowed: bool) -> Result<u64, Box<Diagnostic>> {
+pub(super) fn duration_ns(item: &Item, zero_allowed: bool) -> Result<u64, Box<Diagnostic>> {
     let text = item.text().ok_or_else(|| item.diagnostic(Problem::Value, duration::ALLOWED))?;
     match parse_duration(text) {
         Ok(0) if !zero_allowed => Err(item.diagnostic(Problem::Value, "must be longer than 0s")),

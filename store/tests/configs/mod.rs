@@ -4,7 +4,7 @@
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
     Breach, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES,
-    Normalised, Shape, Sine, TickSource,
+    Normalised, Shape, Sine, TickSource, Tuning,
 };
 
 /// The configuration of node `id`, with a few numbers that depend on it.
@@ -53,5 +53,6 @@ pub fn longest(id: u8) -> NodeConfig {
         telemetry_every: u32::MAX,
         lost_neighbours: u8::MAX,
         holdover_ns: u64::MAX,
+        tuning: Tuning { damping: 8.0, guard: 0.5, round: 100, input_limit: 1e9, slope_limit: 1e9 },
     }
 }

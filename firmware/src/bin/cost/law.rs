@@ -133,7 +133,7 @@ pub fn parts(table: &Table) {
 
 #[inline(never)]
 fn step(own: &impl VectorField<f32>, k: u32, x: &mut f32, carry: &mut f32) {
-    midpoint_step(own, TICK as f32, k, x, carry, 0.25);
+    midpoint_step(own, TICK as f32, u64::from(k), x, carry, 0.25);
 }
 
 fn functions(table: &Table) {

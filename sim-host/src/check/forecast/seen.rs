@@ -5,11 +5,11 @@ use super::motion::Motion;
 use super::relative_widths;
 use crate::check::widths::Widths;
 use crate::extremes::{beyond, larger};
-use crate::scenario::Scenario;
+use crate::scenario::{NodeSpec, Scenario};
 use funnelnet_law::emergent::{Agent, contraction, partial_by_time, partials_by_field};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::gain::{Gain, GainFunction};
-use funnelnet_law::law::node_wise::{C, THETA};
+use funnelnet_law::law::node_wise::{G, THETA};
 
 /// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnelnet_law::floor` (5 ulp at degree 2).
 const ROUNDING: f64 = 2.5;
@@ -24,7 +24,7 @@ pub(in crate::check) struct NodeSeen {
     /// The smallest `1 - |s_i|`, `s_i = mu_i^-1(f_em - f_i)`, and when (s).
     pub margin: f64,
     pub margin_at: f64,
-    /// The narrowest funnel that one exchange per tick can hold: the largest `theta c T^2 d |d/dt (f_em - f_i)| / (1 - |s_i|)`
+    /// The narrowest funnel that one exchange per tick can hold: the largest `(1 - 2 g) theta c T^2 d |d/dt (f_em - f_i)| / (1 - |s_i|)`
     /// (state units).
     pub floor: f64,
     /// The largest share of the kept funnel that this takes up, when (s), and how wide the funnel is then (state units).
@@ -179,7 +179,7 @@ fn apart(a: f64, b: f64) -> f64 {
 /// The excess over the steady ratio that one exchange per tick leaves (LAW.md 2, theorem 2).
 struct Excess<'s> {
     scenario: &'s Scenario,
-    /// `theta c T^2 d_i` (s^2).
+    /// `(1 - 2 g) theta c T^2 d_i` (s^2).
     per_drift: Vec<f64>,
     /// Whether all funnels are of one shape, which leaves the weights of the nodes as they are.
     one_shape: bool,
@@ -188,10 +188,13 @@ struct Excess<'s> {
 impl<'s> Excess<'s> {
     fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
         let tick = scenario.time.tick_s();
+        // The look back takes its part of the excess (LAW.md 3).
+        let share = THETA * (1.0 - 2.0 * G) * tick * tick;
+        let per_drift = |(degree, node): (&f64, &NodeSpec)| share * node.damping * degree;
         let shapes = scenario.nodes.windows(2).all(|pair| pair[0].funnel.shape == pair[1].funnel.shape);
         Self {
             scenario,
-            per_drift: degrees.iter().map(|degree| THETA * C * tick * tick * degree).collect(),
+            per_drift: degrees.iter().zip(&scenario.nodes).map(per_drift).collect(),
             one_shape: shapes,
         }
     }

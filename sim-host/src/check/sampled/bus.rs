@@ -15,15 +15,17 @@ struct Ear {
     tick: Option<u64>,
     value: f64,
     increment: f64,
+    /// Nothing was heard before.
+    is_new: bool,
 }
 
 impl Ear {
     fn hear(&mut self, tick: u64, value: f64) {
         match self.tick {
-            None => *self = Self { tick: Some(tick), value, increment: 0.0 },
+            None => *self = Self { tick: Some(tick), value, increment: 0.0, is_new: true },
             Some(before) if tick > before => {
                 let increment = (value - self.value) / (tick - before) as f64;
-                *self = Self { tick: Some(tick), value, increment };
+                *self = Self { tick: Some(tick), value, increment, is_new: self.is_new };
             }
             // What comes too late says nothing new.
             Some(_) => {}
@@ -107,12 +109,16 @@ impl<'s> Bus<'s> {
         self.send(k, members);
         self.deliver(k);
         for member in members.iter_mut() {
-            member.parts.iter_mut().for_each(|part| (part.nu, part.dnu) = (0.0, 0.0));
+            for part in &mut member.parts {
+                (part.nu, part.dnu, part.is_disturbed) = (0.0, 0.0, false);
+            }
         }
         for end in &mut self.ends {
             for (part, ear) in members[end.at].parts.iter_mut().zip(&mut end.ears) {
+                part.is_disturbed |= std::mem::take(&mut ear.is_new);
                 let Some(tick) = ear.tick else { continue };
                 let age = k - tick;
+                part.is_disturbed |= age > 0;
                 if age > u64::from(EXTRAPOLATE_TICKS) {
                     ear.tick = None;
                     continue;
@@ -120,6 +126,9 @@ impl<'s> Bus<'s> {
                 part.nu += end.weight * (ear.value + age as f64 * ear.increment - part.x);
                 part.dnu += end.weight * (ear.increment - part.dx);
             }
+        }
+        for member in members.iter_mut().filter(|member| member.parts.iter().any(|part| part.is_disturbed)) {
+            member.parts.iter_mut().for_each(|part| part.memory.disturb());
         }
     }
 

@@ -1,11 +1,11 @@
 //! One node of the network that is followed.
 
 use crate::extremes::{larger, largest};
-use crate::scenario::NodeSpec;
+use crate::scenario::{NodeSpec, Scenario};
 use funnelnet_law::floor::Floor;
-use funnelnet_law::funnel::Widths;
+use funnelnet_law::funnel::{Guard, Widths};
 use funnelnet_law::gain::Gain;
-use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
+use funnelnet_law::law::node_wise::{Constants, Memory, NodeWise, THETA};
 
 /// By how much a floor has to be above a funnel so that the f32 of a node, which rounds elsewhere, is above it as well.
 const SURELY: f64 = 1.05;
@@ -21,14 +21,19 @@ pub(super) struct Part {
     /// What the node believes that it is, and its change.
     pub nu: f64,
     pub dnu: f64,
+    /// Whether they do not follow from those of the last tick.
+    pub is_disturbed: bool,
     u: f64,
-    memory: Memory<f64>,
+    pub memory: Memory<f64>,
 }
 
 /// A node.
 pub(super) struct Member<'s> {
     node: &'s NodeSpec,
     tick: f64,
+    /// Steps of the field in a tick.
+    round: u8,
+    guard: Guard<f64>,
     law: NodeWise<f64, Gain<f64>>,
     floor: Floor<f64>,
     pub parts: Vec<Part>,
@@ -41,12 +46,15 @@ pub(super) struct Member<'s> {
 }
 
 impl<'s> Member<'s> {
-    pub fn new(node: &'s NodeSpec, tick: f64, degree: f64) -> Self {
+    pub fn new(scenario: &Scenario, node: &'s NodeSpec, degree: f64) -> Self {
+        let tick = scenario.time.tick_s();
         let part = |&x: &f64| Part { x, ..Part::default() };
         Self {
             node,
             tick,
-            law: NodeWise::new(node.gain.prepared(), tick, degree),
+            law: NodeWise::with(node.gain.prepared(), tick, degree, Constants::damped_by(node.damping)),
+            guard: Guard::new(scenario.guard),
+            round: scenario.time.round,
             floor: Floor::of_f32(degree, tick),
             parts: node.state.iter().map(part).collect(),
             seen: 0.0,
@@ -87,18 +95,26 @@ impl<'s> Member<'s> {
     }
 
     /// The inputs of a tick at time `t` (s), and one midpoint step; gives the largest `|u|`.
-    pub fn advance(&mut self, t: f64) -> f64 {
+    pub fn advance(&mut self, k: u64, t: f64) -> f64 {
         let width = |t: f64| self.node.funnel.width(t);
         let psi = Widths { now: width(t), ahead: width(t + THETA * self.tick) }.floored(self.kept);
+        // As a node, which counts its ticks in 32 bits.
+        let psi = self.guard.of(k as u32, psi);
         for part in &mut self.parts {
             part.u = self.law.step(&mut part.memory, part.nu, part.dnu, psi).u;
         }
-        self.step(t);
+        // `dx` holds the state before, until it is the change.
+        self.parts.iter_mut().for_each(|part| part.dx = part.x);
+        let step = self.tick / f64::from(self.round);
+        for part in 0..self.round {
+            self.step(t + f64::from(part) * step, step);
+        }
+        self.parts.iter_mut().for_each(|part| part.dx = part.x - part.dx);
         largest(0.0, self.parts.iter().map(|part| part.u.abs()))
     }
 
-    fn step(&mut self, t: f64) {
-        let (field, half) = (&self.node.dynamics, 0.5 * self.tick);
+    fn step(&mut self, t: f64, tick: f64) {
+        let (field, half) = (&self.node.dynamics, 0.5 * tick);
         // Room for the largest state.
         let mut now = [0.0; funnelnet_law::field::MAX_COMPONENTS];
         now.iter_mut().zip(&self.parts).for_each(|(slot, part)| *slot = part.x);
@@ -107,8 +123,7 @@ impl<'s> Member<'s> {
             self.middle[component] = part.x + half * (field.component(component, t, now) + part.u);
         }
         for (component, part) in self.parts.iter_mut().enumerate() {
-            part.dx = self.tick * (field.component(component, t + half, &self.middle) + part.u);
-            part.x += part.dx;
+            part.x += tick * (field.component(component, t + half, &self.middle) + part.u);
         }
     }
 }
