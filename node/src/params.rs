@@ -219,17 +219,17 @@ fn limit_or_none<F: Real>(limit: f32, seconds: f64) -> F {
 }
 
 fn check_tuning(tuning: &Tuning) -> Result<(), ConfigError> {
+    let Tuning { damping, guard, round, input_limit, slope_limit } = *tuning;
+    let told = [
+        (ConfigField::Damping, damping, DAMPING),
+        (ConfigField::Guard, guard, (0.0, WIDEST_GUARD)),
+        (ConfigField::Round, f32::from(round), (1.0, f64::from(LONGEST_ROUND))),
+        (ConfigField::InputLimit, input_limit, (SMALLEST, LARGEST)),
+        (ConfigField::SlopeLimit, slope_limit, (SMALLEST, LARGEST)),
+    ];
     // A zero is what was not said.
-    let told = |field, value: f64, low, high| match value {
-        0.0 => Ok(()),
-        _ => check(field, 0, value, low, high),
-    };
-    let (low, high) = DAMPING;
-    told(ConfigField::Damping, tuning.damping.into(), low, high)?;
-    check(ConfigField::Guard, 0, tuning.guard.into(), 0.0, WIDEST_GUARD)?;
-    told(ConfigField::Round, tuning.round.into(), 1.0, LONGEST_ROUND.into())?;
-    told(ConfigField::InputLimit, tuning.input_limit.into(), SMALLEST, LARGEST)?;
-    told(ConfigField::SlopeLimit, tuning.slope_limit.into(), SMALLEST, LARGEST)
+    let mut said = told.into_iter().filter(|(_, value, _)| *value != 0.0);
+    said.try_for_each(|(field, value, (low, high))| check(field, 0, value.into(), low, high))
 }
 
 fn constants(tuning: &Tuning) -> Constants {

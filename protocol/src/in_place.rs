@@ -78,7 +78,7 @@ impl NodeConfig {
             telemetry_every,
             lost_neighbours,
             holdover_ns,
-            tuning,
+            tuning: Tuning { damping, guard, round, input_limit, slope_limit },
         } = self;
         value(id, source)?;
         value(tick_ns, source)?;
@@ -97,7 +97,11 @@ impl NodeConfig {
         value(telemetry_every, source)?;
         value(lost_neighbours, source)?;
         value(holdover_ns, source)?;
-        value(tuning, source)
+        value(damping, source)?;
+        value(guard, source)?;
+        value(round, source)?;
+        value(input_limit, source)?;
+        value(slope_limit, source)
     }
 }
 

@@ -44,6 +44,7 @@ fn node() -> impl Strategy<Value = NodeSpec> {
         dynamics,
         gain,
         funnel,
+        damping: 2.2,
         noise: 0.0,
     })
 }

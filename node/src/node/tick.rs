@@ -20,7 +20,7 @@ use funnelnet_protocol::report::count;
 use heapless::Vec;
 
 /// What is left of the input of a node without edges from tick to tick: exp(-1/300).
-const HELD: f64 = 0.996_672_214_9;
+const HELD: f32 = 0.996_672_2;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Runs the tick that comes next.
@@ -147,7 +147,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Keeps the inputs of a node whose edges are all gone, and lets them decay: the others go on with theirs (LAW.md 9).
     #[cold]
     fn hold_inputs(&mut self) {
-        let decay = F::from_f64(HELD);
+        let decay = F::from_f32(HELD);
         for part in &mut self.parts {
             part.u = part.u * decay;
             part.memory.feed_back(part.u);

@@ -339,8 +339,8 @@ fn the_tick_holds_what_the_fields_leave() {
     // xi rests; u_1 = -10 sin(5 t) changes by 50 at most, from the start on; both degrees are 1.
     let report = pair(&[]);
     assert_eq!(find(&report, "narrowest-funnel").status, Status::Ok);
-    // 1.1 T^2 50 cos(5 t), in the margin 1 / (1 + |u|) that a reciprocal gain leaves with |u| = 10 sin(5 t).
-    let excess = |angle: f64| 5.5e-5 * math::cos(angle) * (1.0 + 10.0 * math::sin(angle));
+    // (1 - 2 g) 1.1 T^2 50 cos(5 t), in the margin 1 / (1 + |u|) that a reciprocal gain leaves with |u| = 10 sin(5 t).
+    let excess = |angle: f64| 0.8 * 5.5e-5 * math::cos(angle) * (1.0 + 10.0 * math::sin(angle));
     let most = (0..9000).map(|part| excess(f64::from(part) * 1e-4)).fold(0.0, f64::max);
     near(value(&report, "narrowest-funnel", "narrowest"), most, 1e-3);
     near(value(&report, "narrowest-funnel", "share"), most, 1e-3);

@@ -56,7 +56,7 @@ fn defaults_and_overrides_are_resolved() {
     let scenario = read(FILE, &[]).unwrap();
     assert_eq!(scenario.title, "a");
     assert_eq!(scenario.seed, 7);
-    assert_eq!(scenario.time, TimeSpec { tick_ns: 1_000_000, ticks: 2_000 });
+    assert_eq!(scenario.time, TimeSpec { tick_ns: 1_000_000, ticks: 2_000, round: 1 });
     assert_eq!(scenario.time.end_s(), 2.0);
     assert_eq!(scenario.graph.edges.len(), 2);
     let sines = vec![Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: 0.0 }];
@@ -68,6 +68,7 @@ fn defaults_and_overrides_are_resolved() {
             dynamics: Affine::scalar(-1.0, 0.0, sines.clone()),
             gain: Gain::Reciprocal { scale: 2.0 },
             funnel: Funnel { factor: 1.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
+            damping: 2.2,
             noise: 0.0,
         }
     );
@@ -79,6 +80,7 @@ fn defaults_and_overrides_are_resolved() {
             dynamics: Affine::scalar(-0.5, 0.0, sines),
             gain: Gain::Logarithmic { scale: 1.0 },
             funnel: Funnel { factor: 3.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
+            damping: 2.2,
             noise: 0.0,
         }
     );
