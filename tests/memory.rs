@@ -116,8 +116,11 @@ impl MemoryNet {
     pub fn start(scenario: &Scenario) -> Self {
         let spec = &scenario.bus;
         let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-        let configs =
-            node_configs(scenario, Drive { tick_source: TickSource::Sync, telemetry_every: 1 }).unwrap();
+        let configs = node_configs(
+            scenario,
+            Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false },
+        )
+        .unwrap();
         let mut net = Self {
             boards: configs.iter().map(configured).collect(),
             bus: IdealBus::new(params, scenario.seed, listeners(scenario)),

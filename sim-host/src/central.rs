@@ -319,7 +319,7 @@ mod tests {
     fn an_input_that_is_not_finite_stops_all_with_their_states() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios/side-by-side-weakly-centralised.toml");
         let scenario = Scenario::load(path.as_ref(), &[]).unwrap();
-        let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
+        let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
         let configs = central_configs(&scenario, drive).unwrap();
         let params = configs.iter().map(|config| Params::new(config).unwrap()).collect();
         let mut central = Central::new(params, &scenario.graph, Noise::of(&scenario));

@@ -28,6 +28,7 @@ use crate::scenario::{LARGEST_RUN, Scenario, format_duration};
 use forecast::Forecast;
 use funnelnet_law::math;
 pub use nodes::NodeRow;
+pub(crate) use sampled::Bounds;
 use subject::Subject;
 
 /// How a finding stands.

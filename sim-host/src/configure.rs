@@ -1,5 +1,6 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
+use crate::check::Bounds;
 use crate::scenario::{Affine, Coupling, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
@@ -9,9 +10,6 @@ use std::fmt;
 
 /// States beyond this are refused by every node, state units.
 const STATE_LIMIT: f32 = 1e9;
-/// Ticks for which a silent neighbour is extrapolated (LAW.md 5).
-pub(crate) const EXTRAPOLATE_TICKS: u8 = 10;
-
 /// How the nodes of a run are driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drive {
@@ -19,6 +17,8 @@ pub struct Drive {
     pub tick_source: TickSource,
     /// Ticks between telemetry frames; 0 is none.
     pub telemetry_every: u32,
+    /// Whether nothing can happen to their frames but what the scenario says.
+    pub is_simulated: bool,
 }
 
 /// A scenario asks for more than a node can be told.
@@ -64,6 +64,10 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
     let tick_ns = u32::try_from(tick_ns / u64::from(round)).map_err(|_| too_long)?;
     let coupling = scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?;
     let edges = edge_counts(scenario);
+    let bounds = match drive.is_simulated {
+        true => Bounds::of(scenario),
+        false => Bounds::of_disturbed(scenario),
+    };
     let config = |(index, node): (usize, &NodeSpec)| {
         let too_much = |what, limit| Unfit::TooMuch { node: node.id, what, limit };
         let state = node.state.iter().map(|&x| x as f32);
@@ -80,7 +84,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             funnel: node.funnel.map(|value| value as f32),
             on_breach: scenario.on_breach.map(|value| value as f32),
             neighbours: collect(neighbours).ok_or(too_much("neighbours", MAX_NEIGHBOURS))?,
-            extrapolate_ticks: EXTRAPOLATE_TICKS,
+            extrapolate_ticks: bounds.extrapolate,
             telemetry_every: drive.telemetry_every,
             lost_neighbours: scenario.safety.lost_neighbours,
             holdover_ns: scenario.safety.holdover_ns.unwrap_or(0),
@@ -88,8 +92,8 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
                 damping: node.damping as f32,
                 guard: scenario.guard as f32,
                 round,
-                input_limit: scenario.u_max.unwrap_or(0.0) as f32,
-                slope_limit: 0.0,
+                input_limit: bounds.input.unwrap_or(0.0) as f32,
+                slope_limit: bounds.slope.unwrap_or(0.0) as f32,
             },
         })
     };

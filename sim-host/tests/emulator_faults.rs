@@ -229,7 +229,7 @@ fn an_image_that_is_none_is_code_3_with_the_emulators_complaint() {
 fn a_node_refuses_a_configuration_with_its_reason() {
     // The scenario reader refuses such a tick first; the node has the last word all the same.
     let scenario = Scenario::load(&repository().join("scenarios/five-agents.toml"), &[]).unwrap();
-    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
     let mut configs = node_configs(&scenario, drive).unwrap();
     configs.truncate(1);
     configs[0].tick_ns = 5000;

@@ -106,7 +106,7 @@ struct Hour {
 fn emulated(scenario: &Scenario) -> Hour {
     let folder = tempfile::tempdir().unwrap();
     let (_machine, mut stream) = machine(folder.path());
-    let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
+    let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
     let configs = node_configs(scenario, drive).unwrap();
     assert_eq!(configs.len(), NODES as usize);
     let period_us = u32::try_from(scenario.time.tick_ns / 1000).unwrap();

@@ -167,7 +167,7 @@ impl Network {
             neighbours[first].push(second);
             neighbours[second].push(first);
         }
-        let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+        let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
         let configs = node_configs(scenario, drive).unwrap();
         let start = |(config, lines): (&NodeConfig, &Vec<Chardev>)| {
             let mut node = Node::start(config.id, lines, folder.path());

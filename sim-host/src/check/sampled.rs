@@ -3,12 +3,15 @@
 //! The emergent dynamics say what happens once the states have come together. Everything before, and everything that the bus does, is
 //! found by following the law. That is cheap for small networks and short runs; else only the start is followed.
 
+mod bounds;
 mod bus;
 mod member;
 
 use super::extremes;
-use crate::extremes::{beyond, larger};
+use crate::extremes::{beyond, larger, largest};
 use crate::scenario::{Coupling, FloorSpec, LARGEST_RUN, Scenario};
+use bounds::Bend;
+pub(crate) use bounds::Bounds;
 use bus::Bus;
 use funnelnet_node::params;
 use member::Member;
@@ -55,6 +58,10 @@ pub(super) struct Followed {
     pub worst: Worst,
     /// The largest `|u|` (state units / s).
     pub input: f64,
+    /// The largest `|x'|` (state units / s).
+    pub slope: f64,
+    /// Root mean square of the second derivative of the mean state, once the states have come together (state units / s^2).
+    pub bend: f64,
     /// When the states ran away, s.
     pub lost: Option<f64>,
     /// When a node is first outside its funnel (s).
@@ -82,21 +89,24 @@ fn affordable(scenario: &Scenario, work: usize) -> u64 {
 
 /// Follows the law; `None` where it is not known here.
 pub(super) fn follow(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
-    follow_for(scenario, degrees, WORK)
+    follow_for(scenario, degrees, Bounds::of(scenario), WORK)
 }
 
-fn follow_for(scenario: &Scenario, degrees: &[f64], work: usize) -> Option<Followed> {
+fn follow_for(scenario: &Scenario, degrees: &[f64], bounds: Bounds, work: usize) -> Option<Followed> {
     if !known(scenario) {
         return None;
     }
     let ticks = affordable(scenario, work);
-    let mut network = Network::new(scenario, degrees);
+    let mut network = Network::new(scenario, degrees, bounds);
+    let mut bend = Bend::new(scenario, ticks);
     let mut followed = Followed {
         until: scenario.time.at_s(ticks),
         whole: ticks == scenario.time.ticks,
         start: Worst::NONE,
         worst: Worst::NONE,
         input: 0.0,
+        slope: 0.0,
+        bend: 0.0,
         lost: None,
         left: None,
         floored: None,
@@ -111,7 +121,9 @@ fn follow_for(scenario: &Scenario, degrees: &[f64], work: usize) -> Option<Follo
             break;
         }
         network.advance(k, &mut followed);
+        bend.note(k, network.states());
     }
+    followed.bend = bend.rms();
     followed.last = network.states().collect();
     Some(followed)
 }
@@ -126,7 +138,7 @@ struct Network<'s> {
 }
 
 impl<'s> Network<'s> {
-    fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
+    fn new(scenario: &'s Scenario, degrees: &[f64], bounds: Bounds) -> Self {
         let members = scenario.nodes.iter().zip(degrees);
         let asked = match scenario.floor {
             FloorSpec::Width(width) => width,
@@ -134,8 +146,8 @@ impl<'s> Network<'s> {
         };
         Self {
             scenario,
-            members: members.map(|(node, &degree)| Member::new(scenario, node, degree)).collect(),
-            bus: Bus::new(scenario),
+            members: members.map(|(node, &degree)| Member::new(scenario, node, degree, bounds)).collect(),
+            bus: Bus::new(scenario, bounds),
             asked,
         }
     }
@@ -183,9 +195,11 @@ impl<'s> Network<'s> {
     }
 
     fn advance(&mut self, k: u64, followed: &mut Followed) {
-        let t = self.scenario.time.at_s(k);
+        let (t, tick) = (self.scenario.time.at_s(k), self.scenario.time.tick_s());
         for member in &mut self.members {
             followed.input = larger(followed.input, member.advance(k, t));
+            let moved = largest(0.0, member.parts.iter().map(|part| part.dx.abs()));
+            followed.slope = larger(followed.slope, moved / tick);
         }
     }
 }

@@ -21,8 +21,8 @@ pub fn commission(scenario: &Scenario, options: &RunOptions) -> Result<Vec<Commi
         Clock::Host => TickSource::Sync,
         Clock::Own => TickSource::Timer,
     };
-    let configs =
-        node_configs(scenario, Drive { tick_source, telemetry_every: 0 }).map_err(RunError::bad_input)?;
+    let configs = node_configs(scenario, Drive { tick_source, telemetry_every: 0, is_simulated: false })
+        .map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let nodes = meet(file, &ids, options).and_then(|nodes| nodes.commission(&configs));
     nodes.map_err(|failed| told(failed, "committed", "`bench --list` shows each checksum"))

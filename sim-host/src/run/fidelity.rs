@@ -22,9 +22,10 @@ use funnelnet_protocol::{NodeConfig, Refusal};
 use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
-const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
+const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes behind streams of bytes: they tick when the hub says so, and tell all they see.
-pub(super) const LOCKSTEP: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+pub(super) const LOCKSTEP: Drive =
+    Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
 
 /// Fidelity `loopback`.
 pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {

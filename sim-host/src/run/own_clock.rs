@@ -10,7 +10,8 @@ use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::report::Counters;
 
 /// Drive of nodes behind streams of bytes that tick by themselves, and tell all they see.
-pub(super) const DRIVE: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 1 };
+pub(super) const DRIVE: Drive =
+    Drive { tick_source: TickSource::Timer, telemetry_every: 1, is_simulated: false };
 
 /// This program may die, and no SYNC tells the nodes so. But with it go all its relays: a node stops once all its neighbours are lost, unless
 /// the scenario says how many of them stop it.

@@ -660,7 +660,7 @@ fn what_no_node_takes_is_refused_with_its_place() {
 
 #[test]
 fn what_the_reader_takes_a_node_takes() {
-    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
     for sets in [
         &["time.tick=10us"][..],
         &["time.tick=4s", "time.duration=8s"],
@@ -725,7 +725,7 @@ fn safety_is_read_and_refused_by_name() {
         let error = set_error(&format!("safety.{key}={value}"));
         assert!(error.contains(text), "{error}");
     }
-    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
     let scenario = read(FILE, &["safety.lost_neighbours=2", "safety.holdover=1ms"]).unwrap();
     for config in node_configs(&scenario, drive).unwrap() {
         assert_eq!((config.lost_neighbours, config.holdover_ns), (2, 1_000_000));

@@ -1,7 +1,7 @@
 //! What a bus that loses, delays or disturbs makes of the states: each node hears its neighbours as LAW.md 5 has it.
 
+use super::Bounds;
 use super::member::Member;
-use crate::configure::EXTRAPOLATE_TICKS;
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::Scenario;
@@ -52,6 +52,9 @@ struct Frame {
 /// The bus of a scenario.
 pub(super) struct Bus<'s> {
     scenario: &'s Scenario,
+    /// Ticks for which a silent neighbour is extrapolated, and by how much in each at most (state units).
+    extrapolate: u64,
+    slope: f64,
     /// Empty where the bus is perfect.
     ends: Vec<End>,
     /// The ends that hear each node, by index.
@@ -71,7 +74,7 @@ impl<'s> Bus<'s> {
         in_time && bus.loss == 0.0 && scenario.nodes.iter().all(|node| node.noise == 0.0)
     }
 
-    pub fn new(scenario: &'s Scenario) -> Self {
+    pub fn new(scenario: &'s Scenario, bounds: Bounds) -> Self {
         let streams = |purpose| {
             (0..scenario.nodes.len() as u64)
                 .map(|node| random::stream(scenario.seed, purpose, node))
@@ -79,6 +82,8 @@ impl<'s> Bus<'s> {
         };
         let mut bus = Self {
             scenario,
+            extrapolate: bounds.extrapolate.into(),
+            slope: bounds.slope.unwrap_or(f64::INFINITY) * scenario.time.tick_s(),
             ends: Vec::new(),
             listeners: vec![Vec::new(); scenario.nodes.len()],
             frames: Vec::new(),
@@ -119,12 +124,14 @@ impl<'s> Bus<'s> {
                 let Some(tick) = ear.tick else { continue };
                 let age = k - tick;
                 part.is_disturbed |= age > 0;
-                if age > u64::from(EXTRAPOLATE_TICKS) {
+                if age > self.extrapolate {
                     ear.tick = None;
                     continue;
                 }
-                part.nu += end.weight * (ear.value + age as f64 * ear.increment - part.x);
-                part.dnu += end.weight * (ear.increment - part.dx);
+                let increment =
+                    if age == 0 { ear.increment } else { ear.increment.clamp(-self.slope, self.slope) };
+                part.nu += end.weight * (ear.value + age as f64 * increment - part.x);
+                part.dnu += end.weight * (increment - part.dx);
             }
         }
         for member in members.iter_mut().filter(|member| member.parts.iter().any(|part| part.is_disturbed)) {

@@ -1,5 +1,6 @@
 //! One node of the network that is followed.
 
+use super::Bounds;
 use crate::extremes::{larger, largest};
 use crate::scenario::{NodeSpec, Scenario};
 use funnelnet_law::floor::Floor;
@@ -34,6 +35,8 @@ pub(super) struct Member<'s> {
     /// Steps of the field in a tick.
     round: u8,
     guard: Guard<f64>,
+    /// The largest `|u|` (state units / s).
+    limit: f64,
     law: NodeWise<f64, Gain<f64>>,
     floor: Floor<f64>,
     pub parts: Vec<Part>,
@@ -46,7 +49,7 @@ pub(super) struct Member<'s> {
 }
 
 impl<'s> Member<'s> {
-    pub fn new(scenario: &Scenario, node: &'s NodeSpec, degree: f64) -> Self {
+    pub fn new(scenario: &Scenario, node: &'s NodeSpec, degree: f64, bounds: Bounds) -> Self {
         let tick = scenario.time.tick_s();
         let part = |&x: &f64| Part { x, ..Part::default() };
         Self {
@@ -55,6 +58,7 @@ impl<'s> Member<'s> {
             law: NodeWise::with(node.gain.prepared(), tick, degree, Constants::damped_by(node.damping)),
             guard: Guard::new(scenario.guard),
             round: scenario.time.round,
+            limit: bounds.input.unwrap_or(f64::INFINITY),
             floor: Floor::of_f32(degree, tick),
             parts: node.state.iter().map(part).collect(),
             seen: 0.0,
@@ -102,6 +106,10 @@ impl<'s> Member<'s> {
         let psi = self.guard.of(k as u32, psi);
         for part in &mut self.parts {
             part.u = self.law.step(&mut part.memory, part.nu, part.dnu, psi).u;
+            if part.u.abs() > self.limit {
+                part.u = self.limit.copysign(part.u);
+                part.memory.feed_back(part.u);
+            }
         }
         // `dx` holds the state before, until it is the change.
         self.parts.iter_mut().for_each(|part| part.dx = part.x);

@@ -50,7 +50,7 @@ fn a_law_that_runs_away_is_lost() {
 #[test]
 fn what_is_followed_is_bounded_by_its_work() {
     let scenario = gallery("five-agents.toml", &[]);
-    let followed = follow_for(&scenario, &scenario.graph.degrees(), 105_000).unwrap();
+    let followed = follow_for(&scenario, &scenario.graph.degrees(), Bounds::NONE, 105_000).unwrap();
     // 5 nodes of 20 and 5 edges.
     assert_eq!((followed.until, followed.whole), (1.0, false));
 }
