@@ -97,6 +97,10 @@ fn funnels(funnel: &FunnelSummary) -> String {
             text += &format!("; nodes believe {ratio}, {}", believed.breaches);
         }
     }
+    if let Some(during) = funnel.during_events {
+        let ratio = figure(during.max_ratio, 4);
+        text += &format!("; during events {ratio}, {}", during.breaches);
+    }
     if funnel.unknown > 0 {
         text += &format!("; not known at {} node-ticks", funnel.unknown);
     }

@@ -9,7 +9,7 @@ use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::record::{AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter};
 use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
-use crate::scenario::Scenario;
+use crate::scenario::{Absence, Course, Scenario};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -114,6 +114,11 @@ fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
     }
+    let course = Course::of(&outcome.happened, &scenario.graph);
+    for Absence { node, from_tick, to_tick } in course.absences(scenario.nodes.len(), &scenario.time) {
+        let at_s = |tick: u64| scenario.time.at_s(tick);
+        trace.mark(node + 1, at_s(from_tick), to_tick.map(at_s), MarkKind::Away);
+    }
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let at_s = |tick: u32| scenario.time.at_s(tick.into());
         let to = absence.to_tick.map(at_s);
@@ -127,11 +132,15 @@ fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
     svg.map_err(|error| RunError { message: error.to_string(), exit: Exit::Defect })
 }
 
-/// What nodes reported and when they were away, in the order of time.
+/// What happened, what nodes reported and when they were away, in the order of time.
 fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     let tick_ns = scenario.time.tick_ns;
     let line = |event: &NodeEvent| (event.at.saturating_sub(tick_ns), events([event], tick_ns));
-    let mut lines: Vec<_> = outcome.events.iter().map(line).collect();
+    // Before what nodes say at the same time: the cause comes first.
+    let happened = outcome.happened.iter();
+    let mut lines: Vec<_> =
+        happened.map(|event| (event.at_ns, format!("{} s, event {event}\n", seconds(event.at_ns)))).collect();
+    lines.extend(outcome.events.iter().map(line));
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let mut tell = |tick: u32, what: String| {
             let at = u64::from(tick).saturating_mul(tick_ns);
