@@ -157,19 +157,29 @@ impl Engine {
 
     /// Does what events do up to `now`, each at its time.
     fn happen(&mut self, now: u64) {
-        while let Some((at, change)) = self.world.as_mut().and_then(|world| world.take_due(now)) {
+        while let Some(at) = self.world.as_ref().and_then(World::next_change).filter(|&at| at <= now) {
             self.deliver_before(at);
-            if let Change::Off { node, told: true } = change {
-                self.command(node, Command::Stop, at);
+            while let Some(change) = self.world.as_mut().and_then(|world| world.take_change(at)) {
+                self.change(change, at);
             }
-            let Some(world) = &mut self.world else { return };
+            if let Some(world) = &self.world {
+                self.bus.set_listeners(world.listeners());
+            }
+        }
+    }
+
+    /// Makes one change.
+    fn change(&mut self, change: Change, now: u64) {
+        if let Change::Off { node, told: true } = change {
+            self.command(node, Command::Stop, now);
+        }
+        if let Some(world) = &mut self.world {
             world.make(change);
-            self.bus.set_listeners(world.listeners());
-            match change {
-                Change::Off { node, .. } => self.forget(node),
-                Change::On { node } => self.command(node, Command::Start, at),
-                Change::Cut(..) | Change::Mend(..) => {}
-            }
+        }
+        match change {
+            Change::Off { node, .. } => self.forget(node),
+            Change::On { node } => self.command(node, Command::Start, now),
+            Change::Cut(..) | Change::Mend(..) => {}
         }
     }
 

@@ -53,11 +53,16 @@ impl World {
         (tick, (tick + 1).saturating_mul(self.tick_ns))
     }
 
-    /// Takes the next change that is due at `now`, with its time (ns).
-    pub(super) fn take_due(&mut self, now: u64) -> Option<(u64, Change)> {
-        let &(at, change) = self.steps.get(self.next).filter(|(at, _)| *at <= now)?;
+    /// Time of the next change, ns.
+    pub(super) fn next_change(&self) -> Option<u64> {
+        self.steps.get(self.next).map(|&(at, _)| at)
+    }
+
+    /// Takes the next change of those at the time `at`, ns.
+    pub(super) fn take_change(&mut self, at: u64) -> Option<Change> {
+        let &(_, change) = self.steps.get(self.next).filter(|step| step.0 == at)?;
         self.next += 1;
-        Some((at, change))
+        Some(change)
     }
 
     /// Makes a change.

@@ -20,13 +20,13 @@ pub struct DuringEvents {
 /// Follows how a network recovers from the events of its scenario.
 pub(super) struct Recovery {
     tick_ns: u64,
-    /// First tick of each event, and its end, ns.
-    events: Vec<(u64, u64)>,
+    /// First ticks of the events that have not begun, the next one last.
+    begins: Vec<u64>,
+    /// Ends of the events that have not ended, ns, the next one last.
+    ends: Vec<u64>,
     /// Ticks that are disturbed, ascending, apart from each other.
     disturbed: Vec<Range<u64>>,
-    /// Events that have ended.
-    ended: usize,
-    /// Those of them from which the network has not recovered yet, or may leave its funnels again.
+    /// Events that have ended, and from which the network has not recovered yet, or may leave its funnels again.
     open: Vec<Open>,
     /// Whether a node was outside at the last tick.
     outside: bool,
@@ -53,15 +53,15 @@ impl Recovery {
         let events = events.filter(|events| !events.is_empty())?;
         let range =
             |&(from, end_ns): &(u64, u64)| from..first_tick(end_ns.saturating_add(within), &scenario.time);
-        Some(Self {
-            tick_ns: scenario.time.tick_ns,
-            disturbed: joined(events.iter().map(range)),
-            events,
-            ended: 0,
-            open: Vec::new(),
-            outside: false,
-            longest: 0,
-        })
+        Some(Self::new(scenario.time.tick_ns, &events, joined(events.iter().map(range))))
+    }
+
+    /// Of events by first tick and end (ns).
+    fn new(tick_ns: u64, events: &[(u64, u64)], disturbed: Vec<Range<u64>>) -> Self {
+        let (mut begins, mut ends): (Vec<u64>, Vec<u64>) = events.iter().copied().unzip();
+        begins.sort_unstable_by(|a, b| b.cmp(a));
+        ends.sort_unstable_by(|a, b| b.cmp(a));
+        Self { tick_ns, begins, ends, disturbed, open: Vec::new(), outside: false, longest: 0 }
     }
 
     /// Whether events disturb tick `k`.
@@ -72,15 +72,18 @@ impl Recovery {
 
     /// Takes tick `k`, at which a node was outside or none was.
     pub(super) fn tick(&mut self, k: u64, outside: bool) {
-        if !self.outside && self.events.iter().any(|&(from, _)| from == k) {
+        let now = k.saturating_mul(self.tick_ns);
+        let mut begins = false;
+        while self.begins.pop_if(|from| *from <= k).is_some() {
+            begins = true;
+        }
+        if begins && !self.outside {
             self.close();
         }
-        let tick_ns = self.tick_ns;
-        let ends = self.events.iter().filter(|(_, end_ns)| end_ns.div_ceil(tick_ns) == k);
-        self.open.extend(ends.map(|&(_, end_ns)| Open { end_ns, outside_at: None }));
-        self.ended += self.events.iter().filter(|(_, end_ns)| end_ns.div_ceil(tick_ns) == k).count();
+        while let Some(end_ns) = self.ends.pop_if(|end_ns| *end_ns <= now) {
+            self.open.push(Open { end_ns, outside_at: None });
+        }
         if outside {
-            let now = k.saturating_mul(tick_ns);
             self.open.iter_mut().for_each(|open| open.outside_at = Some(now));
         }
         self.outside = outside;
@@ -96,7 +99,7 @@ impl Recovery {
     /// The longest time from the end of an event to the last tick outside, s; `None` where the run ended before an event did, or
     /// with a node outside.
     pub(super) fn finish(mut self) -> Option<f64> {
-        let recovered = self.ended == self.events.len() && !(self.outside && !self.open.is_empty());
+        let recovered = self.ends.is_empty() && !(self.outside && !self.open.is_empty());
         self.close();
         recovered.then_some(self.longest as f64 / 1e9)
     }
@@ -120,15 +123,8 @@ mod tests {
 
     /// Ticks of 1 ms; events by first tick and end in ms.
     fn recovery(events: &[(u64, u64)]) -> Recovery {
-        Recovery {
-            tick_ns: 1_000_000,
-            events: events.iter().map(|&(from, end)| (from, end * 1_000_000)).collect(),
-            disturbed: Vec::new(),
-            ended: 0,
-            open: Vec::new(),
-            outside: false,
-            longest: 0,
-        }
+        let events: Vec<_> = events.iter().map(|&(from, end)| (from, end * 1_000_000)).collect();
+        Recovery::new(1_000_000, &events, Vec::new())
     }
 
     fn took(events: &[(u64, u64)], ticks: u64, outside: impl Fn(u64) -> bool) -> Option<f64> {

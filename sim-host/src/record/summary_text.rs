@@ -109,7 +109,8 @@ fn funnels(funnel: &FunnelSummary) -> String {
 
 fn agreement(sync: &SyncSummary) -> String {
     let [last, most, bound] = [sync.final_spread, sync.max_spread, sync.bound].map(|value| figure(value, 4));
-    format!("final spread {last}, bound {bound}; largest spread {most}")
+    let bound = if sync.bound.is_nan() { "no bound".to_owned() } else { format!("bound {bound}") };
+    format!("final spread {last}, {bound}; largest spread {most}")
 }
 
 /// Lines on how far from the predictions the states ended, where these are known.

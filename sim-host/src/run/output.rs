@@ -9,7 +9,7 @@ use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::record::{AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter};
 use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
-use crate::scenario::{Absence, Course, Scenario};
+use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -105,7 +105,9 @@ fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
     Ok(file)
 }
 
-fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
+/// The curves of a run, with stops, absences and cut links.
+#[must_use]
+pub fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     let title = scenario.title.as_str();
     let mut trace =
         Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
@@ -114,17 +116,28 @@ fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
     }
-    let course = Course::of(&outcome.happened, &scenario.graph);
-    for Absence { node, from_tick, to_tick } in course.absences(scenario.nodes.len(), &scenario.time) {
-        let at_s = |tick: u64| scenario.time.at_s(tick);
-        trace.mark(node + 1, at_s(from_tick), to_tick.map(at_s), MarkKind::Away);
-    }
+    mark_events(scenario, &outcome.happened, &mut trace);
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let at_s = |tick: u32| scenario.time.at_s(tick.into());
         let to = absence.to_tick.map(at_s);
         trace.mark(usize::from(absence.node), at_s(absence.from_tick), to, MarkKind::Away);
     }
     trace
+}
+
+/// Marks what events have done.
+fn mark_events(scenario: &Scenario, events: &[EventSpec], trace: &mut Trace) {
+    let course = Course::of(events, &scenario.graph);
+    for Absence { node, from_tick, to_tick } in course.absences(&scenario.time) {
+        let at_s = |tick: u64| scenario.time.at_s(tick);
+        trace.mark(node + 1, at_s(from_tick), to_tick.map(at_s), MarkKind::Away);
+    }
+    for (event, disturbance) in events.iter().zip(course.disturbances(events)) {
+        if event.kind == EventKind::Partition {
+            let at_s = |ns: u64| ns as f64 / 1e9;
+            trace.mark(0, at_s(disturbance.from_ns), disturbance.end_ns.map(at_s), MarkKind::Cut);
+        }
+    }
 }
 
 /// A plot that cannot be drawn from whole rows is a defect of the program.

@@ -2,6 +2,7 @@
 
 use super::{EventKind, EventSpec};
 use crate::scenario::{Graph, TimeSpec};
+use std::collections::BTreeMap;
 
 /// One change that an event makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,37 +70,29 @@ pub struct Disturbance {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Course {
     steps: Vec<Step>,
+    /// Nodes to which it happens first that they come, by index.
+    absent: Vec<bool>,
 }
 
 impl Course {
     /// The course of `events`, which are in the order of time. What happens at the same time happens in the order of the file.
     #[must_use]
     pub fn of(events: &[EventSpec], graph: &Graph) -> Self {
-        let mut steps: Vec<Step> = Vec::new();
-        for (event, spec) in events.iter().enumerate() {
-            let mut add = |at_ns, change| steps.push(Step { at_ns, event, change });
-            for &node in spec.targets.nodes() {
-                match spec.kind {
-                    EventKind::Join => add(spec.at_ns, Change::On { node }),
-                    kind => add(spec.at_ns, Change::Off { node, told: kind == EventKind::Leave }),
-                }
-                if spec.kind == EventKind::Bounce {
-                    add(spec.at_ns.saturating_add(spec.lasts_ns), Change::On { node });
-                }
-            }
-            for (a, b) in spec.targets.links(graph) {
-                add(
-                    spec.at_ns,
-                    match spec.kind {
-                        EventKind::Repair => Change::Mend(a, b),
-                        _ => Change::Cut(a, b),
-                    },
-                );
-            }
-        }
+        let steps = events.iter().enumerate().flat_map(|(event, spec)| {
+            changes(spec, graph).into_iter().map(move |(at_ns, change)| Step { at_ns, event, change })
+        });
+        let mut steps: Vec<Step> = steps.collect();
         // Stable: a node that comes back has been bounced before the event that happens at that time.
         steps.sort_by_key(|step| step.at_ns);
-        Self { steps }
+        let (mut absent, mut seen) = (vec![false; graph.nodes], vec![false; graph.nodes]);
+        for change in steps.iter().map(|step| step.change) {
+            if let Some(node) = change.node()
+                && !std::mem::replace(&mut seen[node], true)
+            {
+                absent[node] = matches!(change, Change::On { .. });
+            }
+        }
+        Self { steps, absent }
     }
 
     /// The steps.
@@ -111,22 +104,28 @@ impl Course {
     /// Whether a node is absent from the start: the first thing that happens to it is that it comes.
     #[must_use]
     pub fn begins_absent(&self, node: usize) -> bool {
-        let first = self.steps.iter().find(|step| step.change.node() == Some(node));
-        first.is_some_and(|step| matches!(step.change, Change::On { .. }))
+        self.absent.get(node) == Some(&true)
     }
 
-    /// The absences of all `nodes`, in the order in which they begin. A node that is back before its next tick misses none.
+    /// The absences of all nodes, in the order in which they begin. A node that is back before its next tick misses none.
     #[must_use]
-    pub fn absences(&self, nodes: usize, time: &TimeSpec) -> Vec<Absence> {
+    pub fn absences(&self, time: &TimeSpec) -> Vec<Absence> {
         let mut absences: Vec<Absence> = Vec::new();
-        let begins = (0..nodes).filter(|&node| self.begins_absent(node));
-        absences.extend(begins.map(|node| Absence { node, from_tick: 0, to_tick: None }));
+        // Place of the last absence of each node.
+        let mut last = vec![None; self.absent.len()];
+        for node in (0..last.len()).filter(|&node| self.absent[node]) {
+            last[node] = Some(absences.len());
+            absences.push(Absence { node, from_tick: 0, to_tick: None });
+        }
         for step in &self.steps {
             let tick = first_tick(step.at_ns, time);
             match step.change {
-                Change::Off { node, .. } => absences.push(Absence { node, from_tick: tick, to_tick: None }),
+                Change::Off { node, .. } => {
+                    last[node] = Some(absences.len());
+                    absences.push(Absence { node, from_tick: tick, to_tick: None });
+                }
                 Change::On { node } => {
-                    if let Some(absence) = absences.iter_mut().rev().find(|absence| absence.node == node) {
+                    if let Some(absence) = last[node].and_then(|at| absences.get_mut(at)) {
                         absence.to_tick = Some(tick);
                     }
                 }
@@ -141,28 +140,43 @@ impl Course {
     /// The disturbances of `events`, in their order.
     #[must_use]
     pub fn disturbances(&self, events: &[EventSpec]) -> Vec<Disturbance> {
-        let of = |(event, spec): (usize, &EventSpec)| {
-            let end_ns = match spec.kind {
-                EventKind::Partition => self.mended(event),
-                _ => Some(spec.at_ns.saturating_add(spec.lasts_ns)),
-            };
-            Disturbance { from_ns: spec.at_ns, end_ns }
+        let of = |spec: &EventSpec| Disturbance {
+            from_ns: spec.at_ns,
+            end_ns: Some(spec.at_ns.saturating_add(spec.lasts_ns)),
         };
-        events.iter().enumerate().map(of).collect()
-    }
-
-    /// Time at which every link that `event` has cut is mended, ns.
-    fn mended(&self, event: usize) -> Option<u64> {
-        let cut = self.steps.iter().enumerate().filter(|(_, step)| step.event == event);
-        let mended = cut.filter_map(|(at, step)| match step.change {
-            Change::Cut(a, b) => {
-                let mut later = self.steps.iter().skip(at);
-                Some(later.find(|step| step.change == Change::Mend(a, b)).map(|step| step.at_ns))
+        let mut disturbances: Vec<_> = events.iter().map(of).collect();
+        // Backwards: when each link is mended next.
+        let mut mended = BTreeMap::new();
+        for step in self.steps.iter().rev() {
+            match step.change {
+                Change::Mend(a, b) => drop(mended.insert((a, b), step.at_ns)),
+                Change::Cut(a, b) => {
+                    let end_ns = &mut disturbances[step.event].end_ns;
+                    *end_ns = end_ns.zip(mended.get(&(a, b)).copied()).map(|(end, mended)| end.max(mended));
+                }
+                Change::Off { .. } | Change::On { .. } => {}
             }
-            _ => None,
-        });
-        mended.collect::<Option<Vec<u64>>>()?.into_iter().max()
+        }
+        disturbances
     }
+}
+
+/// The changes that an event makes, each with its time, ns.
+fn changes(spec: &EventSpec, graph: &Graph) -> Vec<(u64, Change)> {
+    let mut changes = Vec::new();
+    for &node in spec.targets.nodes() {
+        changes.push(match spec.kind {
+            EventKind::Join => (spec.at_ns, Change::On { node }),
+            kind => (spec.at_ns, Change::Off { node, told: kind == EventKind::Leave }),
+        });
+        if spec.kind == EventKind::Bounce {
+            changes.push((spec.at_ns.saturating_add(spec.lasts_ns), Change::On { node }));
+        }
+    }
+    let links = spec.targets.links(graph).into_iter();
+    let change = |(a, b)| if spec.kind == EventKind::Repair { Change::Mend(a, b) } else { Change::Cut(a, b) };
+    changes.extend(links.map(|link| (spec.at_ns, change(link))));
+    changes
 }
 
 /// The first tick at or after a time: what happens at the time of a tick happens before it.

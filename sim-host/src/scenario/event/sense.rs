@@ -12,6 +12,10 @@ use std::collections::BTreeSet;
 /// less than half of their range ahead.
 const LAST_JOIN: u64 = (1 << 23) - 1;
 
+/// Most events, and most nodes and links that they change in all: more would take longer than the run.
+const MOST_EVENTS: usize = 1_000;
+const MOST_CHANGES: usize = 1_000_000;
+
 /// What events are looked at with.
 pub(in crate::scenario) struct Setting<'a> {
     pub time: &'a TimeSpec,
@@ -41,9 +45,21 @@ pub(in crate::scenario) fn make_sense(
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
+    if let Some(item) = items.get(MOST_EVENTS) {
+        let allowed = format!("is one event too many: a scenario takes {MOST_EVENTS}");
+        setting.log.report(item.diagnostic(Problem::Value, allowed));
+        return events;
+    }
+    let mut changes = 0;
     for (event, item) in events.iter().zip(&items) {
         setting.in_the_run(event, item);
-        setting.of_the_graph(event, item);
+        changes += setting.of_the_graph(event, item);
+        if changes > MOST_CHANGES {
+            let allowed =
+                format!("events change {MOST_CHANGES} nodes and links at most, up to and with this one more");
+            setting.log.report(item.diagnostic(Problem::Value, allowed));
+            return events;
+        }
     }
     let course = Course::of(&events, setting.graph);
     setting.walk(&events, &items, &course);
@@ -78,10 +94,11 @@ impl Setting<'_> {
         }
     }
 
-    /// The links of an event are edges.
-    fn of_the_graph(&self, event: &EventSpec, item: &Item) {
-        if !event.targets.nodes().is_empty() || !event.targets.links(self.graph).is_empty() {
-            return;
+    /// The links of an event are edges. Gives how many nodes or links it has.
+    fn of_the_graph(&self, event: &EventSpec, item: &Item) -> usize {
+        let count = event.targets.nodes().len() + event.targets.links(self.graph).len();
+        if count > 0 {
+            return count;
         }
         match &event.targets {
             Targets::Link(a, _) => {
@@ -97,6 +114,7 @@ impl Setting<'_> {
                 "must have an edge of the graph from one group to another".to_owned(),
             ),
         }
+        0
     }
 
     /// Goes through the run, and reports events that change nothing.

@@ -280,7 +280,7 @@ fn a_coupling_without_nodes_and_links_takes_no_event() {
 
 fn absences(events: &str) -> Vec<(usize, u64, Option<u64>)> {
     let Scenario { events, graph, time, .. } = read(events);
-    let absences = Course::of(&events, &graph).absences(graph.nodes, &time);
+    let absences = Course::of(&events, &graph).absences(&time);
     absences.into_iter().map(|absence| (absence.node + 1, absence.from_tick, absence.to_tick)).collect()
 }
 
@@ -313,4 +313,34 @@ fn a_disturbance_lasts_until_nodes_are_back_and_links_are_mended() {
 fn the_first_tick_of_an_event_is_the_one_at_or_after_it() {
     let time = TimeSpec { tick_ns: MS, ticks: 10 };
     assert_eq!([0, 1, MS, MS + 1].map(|at| first_tick(at, &time)), [0, 1, 1, 2]);
+}
+
+#[test]
+fn more_events_than_a_run_can_follow_are_refused_in_a_moment() {
+    let many = |count: usize| {
+        let pair = "{ at = '1s', kind = 'crash', node = 1 }, { at = '1s', kind = 'join', node = 1 },";
+        format!("event = [{}]", pair.repeat(count / 2))
+    };
+    assert_eq!(read(&many(1000)).events.len(), 1000);
+    assert!(refused(&many(20_000)).contains("event[1000] = "));
+    // A million links of a complete graph, twice.
+    let halves = |count: usize| {
+        let ids = |range: std::ops::RangeInclusive<u16>| {
+            range.map(|id| id.to_string()).collect::<Vec<_>>().join(",")
+        };
+        let pair = format!(
+            "{{ at = '1s', kind = 'partition', groups = [[{}], [{}]] }}, {{ at = '1s', kind = 'repair' }},",
+            ids(1..=500),
+            ids(501..=1000)
+        );
+        text(&format!("event = [{}]", pair.repeat(count)))
+            .replace("\"ring\", nodes = 5", "\"complete\", nodes = 1000")
+            .replace("width = 2.0", "width = 2e6")
+    };
+    let refused = Scenario::parse(&halves(20), Path::new("a.toml"), &[]).unwrap_err().to_string();
+    assert!(
+        refused.contains("events change 1000000 nodes and links at most"),
+        "{}",
+        &refused[refused.len() - 200..]
+    );
 }
