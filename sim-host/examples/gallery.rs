@@ -7,8 +7,8 @@
 use sim_host::figure::figure;
 use sim_host::interrupt::Interrupt;
 use sim_host::record::Summary;
-use sim_host::report::{Trace, states_svg};
-use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate};
+use sim_host::report::states_svg;
+use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate, trace};
 use sim_host::scenario::Scenario;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -92,12 +92,8 @@ fn digits_of(value: f64, digits: usize) -> String {
 }
 
 fn draw(scenario: &Scenario, outcome: &Outcome) {
-    let title = scenario.title.as_str();
-    let mut trace =
-        Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
-    outcome.rows.iter().for_each(|row| trace.push(row));
     let folder = Path::new("docs/book/src/figures");
     std::fs::create_dir_all(folder).expect("a folder for the figures");
-    let svg = states_svg(&trace).expect("a figure");
+    let svg = states_svg(&trace(scenario, outcome)).expect("a figure");
     std::fs::write(folder.join(format!("{}.svg", name(scenario))), svg).expect("a figure can be written");
 }

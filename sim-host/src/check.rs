@@ -6,6 +6,7 @@
 mod assumptions;
 mod bus;
 mod capacity;
+mod events;
 mod expectations;
 mod followed;
 mod forecast;
@@ -161,6 +162,8 @@ pub fn check(scenario: &Scenario) -> Report {
     findings.extend(noise::finding(&subject));
     findings.extend(bus::findings(&subject));
     findings.extend(expectations::findings(&subject));
+    findings.extend(events::finding(scenario));
+    events::unsettle(scenario, &mut findings);
     findings.push(capacity::finding(scenario));
     findings.extend(size(scenario));
     Report {

@@ -2,12 +2,18 @@
 //!
 //! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
 
+mod world;
+
+pub use world::World;
+
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
-use funnelnet_node::{Action, Event, Node, Observation};
+use crate::scenario::Change;
+use funnelnet_node::{Action, Event, Node, Observation, Phase};
 use funnelnet_protocol::can::{self, CanFrame};
-use funnelnet_protocol::message::{Command, Message, Target};
+use funnelnet_protocol::message::{Command, Message, Target, TickStamp};
+use funnelnet_protocol::report::Report;
 
 /// An event of a node, with the node's index and the engine's time (ns).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,11 +29,17 @@ pub struct NodeEvent {
 /// A node that waits for a message.
 const NEVER: u64 = u64::MAX;
 
+/// What is seen of a node that is off. Not a number, so that nothing is judged by it unnoticed.
+const NOTHING: Observation<f32> =
+    Observation { tick: u32::MAX, x: f32::NAN, nu: f32::NAN, psi: f32::NAN, ratio: f32::NAN, u: f32::NAN };
+
 /// Nodes on an ideal bus.
 pub struct Engine {
     nodes: Vec<Node>,
     bus: IdealBus<CanFrame>,
     noise: Noise,
+    /// Where events happen.
+    world: Option<World>,
     /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
     wakes: Vec<u64>,
     /// Node by node, and the components of each in order.
@@ -40,7 +52,8 @@ impl Engine {
     pub fn new(nodes: Vec<Node>, bus: IdealBus<CanFrame>) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
-        Self { wakes: vec![NEVER; nodes.len()], observations, events: Vec::new(), nodes, bus, noise }
+        let wakes = vec![NEVER; nodes.len()];
+        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, world: None }
     }
 
     /// With noise on the states that nodes send.
@@ -48,23 +61,43 @@ impl Engine {
         Self { noise, ..self }
     }
 
-    /// Starts all nodes at time 0.
+    /// With the events of a world.
+    pub fn with_world(mut self, world: World) -> Self {
+        self.bus.set_listeners(world.listeners());
+        self.world = Some(world);
+        let absent: Vec<usize> = (0..self.nodes.len()).filter(|&index| !self.is_on(index)).collect();
+        absent.into_iter().for_each(|index| self.forget(index));
+        self
+    }
+
+    /// Starts all nodes that are on at time 0.
     pub fn start(&mut self) {
-        let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
-        let frame = can::encode(&start);
+        self.happen(0);
         for index in 0..self.nodes.len() {
-            receive(&mut self.nodes, index, &frame, 0);
-            self.poll(index, 0);
+            if self.is_on(index) && self.nodes.get(index).map(Node::phase) == Some(Phase::Ready) {
+                self.command(index, Command::Start, 0);
+            }
         }
     }
 
     /// Runs until all nodes that are due at the next tick instant have ticked, and gives what they saw, by index and
-    /// then by component. `None` when nothing is left to do.
+    /// then by component. `None` when nothing is left to do, which is never where events may happen.
     ///
     /// A node that has stopped keeps its last observation.
     pub fn advance(&mut self) -> Option<&[Observation<f32>]> {
-        let now = self.wakes.iter().copied().min().filter(|&at| at != NEVER)?;
-        self.deliver_before(now);
+        let now = match self.world.as_mut().map(World::next_tick) {
+            Some((tick, now)) => {
+                self.happen(now);
+                self.deliver_before(now);
+                self.synchronise(tick, now);
+                now
+            }
+            None => {
+                let now = self.wakes.iter().copied().min().filter(|&at| at != NEVER)?;
+                self.deliver_before(now);
+                now
+            }
+        };
         for index in 0..self.nodes.len() {
             if self.wakes.get(index) == Some(&now) {
                 self.poll(index, now);
@@ -81,12 +114,30 @@ impl Engine {
     /// Presence of each node at tick `k`, at which all were due last, by index.
     pub fn presence(&self, k: u64) -> Vec<Presence> {
         let components = self.nodes.first().map_or(1, Node::components);
-        let of = |seen: &[Observation<f32>]| match seen.first() {
+        let of = |(index, seen): (usize, &[Observation<f32>])| match seen.first() {
+            _ if !self.is_on(index) => Presence::Off,
             Some(seen) if u64::from(seen.tick) == k => Presence::Ran,
             // Its state is what it stopped with.
             _ => Presence::Stopped,
         };
-        self.observations.chunks(components).map(of).collect()
+        self.observations.chunks(components).enumerate().map(of).collect()
+    }
+
+    /// Whether no event keeps a node off, by index.
+    pub fn is_on(&self, index: usize) -> bool {
+        self.world.as_ref().is_none_or(|world| world.is_on(index))
+    }
+
+    /// Whether two nodes that are on can hear each other: no event has cut their link.
+    pub fn are_joined(&self, a: usize, b: usize) -> bool {
+        let world = self.world.as_ref();
+        world.is_none_or(|world| world.is_on(a) && world.is_on(b) && !world.is_cut(a, b))
+    }
+
+    /// What the nodes report since they were last switched on, by index; `None` for one that is off.
+    pub fn reports(&self) -> Vec<Option<Report>> {
+        let report = |(index, node): (usize, &Node)| self.is_on(index).then(|| node.report());
+        self.nodes.iter().enumerate().map(report).collect()
     }
 
     /// The nodes, by index.
@@ -102,6 +153,68 @@ impl Engine {
     /// Frame counts so far.
     pub fn traffic(&self) -> Traffic {
         self.bus.traffic()
+    }
+
+    /// Does what events do up to `now`, each at its time.
+    fn happen(&mut self, now: u64) {
+        while let Some(at) = self.world.as_ref().and_then(World::next_change).filter(|&at| at <= now) {
+            self.deliver_before(at);
+            while let Some(change) = self.world.as_mut().and_then(|world| world.take_change(at)) {
+                self.change(change, at);
+            }
+            if let Some(world) = &self.world {
+                self.bus.set_listeners(world.listeners());
+            }
+        }
+    }
+
+    /// Makes one change.
+    fn change(&mut self, change: Change, now: u64) {
+        if let Change::Off { node, told: true } = change {
+            self.command(node, Command::Stop, now);
+        }
+        if let Some(world) = &mut self.world {
+            world.make(change);
+        }
+        match change {
+            Change::Off { node, .. } => self.forget(node),
+            Change::On { node } => self.command(node, Command::Start, now),
+            Change::Cut(..) | Change::Mend(..) => {}
+        }
+    }
+
+    /// Takes a node's state away: what is left is what it is made of after power-on.
+    fn forget(&mut self, index: usize) {
+        let fresh = self.world.as_ref().and_then(|world| world.fresh(index));
+        let (Some(node), Some(fresh)) = (self.nodes.get_mut(index), fresh) else { return };
+        let first = index * fresh.components();
+        self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
+        *node = fresh;
+        if let Some(wake) = self.wakes.get_mut(index) {
+            *wake = NEVER;
+        }
+    }
+
+    /// Gives a command to one node, and does what follows.
+    fn command(&mut self, index: usize, command: Command, now: u64) {
+        let message = Message::Ctrl { target: Target::All, command, arg: 0, at_tick: 0 };
+        receive(&mut self.nodes, index, &can::encode(&message), now);
+        self.poll(index, now);
+    }
+
+    /// Marks `tick` for the nodes that tick by SYNC.
+    fn synchronise(&mut self, tick: u64, now: u64) {
+        let previous_tick = TickStamp::full((tick as u32).wrapping_sub(1));
+        let frame = can::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        for index in 0..self.nodes.len() {
+            let by_sync = self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
+            if by_sync && self.nodes.get(index).map(Node::phase) == Some(Phase::Running) {
+                receive(&mut self.nodes, index, &frame, now);
+                if let Some(wake) = self.wakes.get_mut(index) {
+                    *wake = now;
+                }
+            }
+        }
     }
 
     fn deliver_before(&mut self, now: u64) {

@@ -12,6 +12,8 @@ pub enum Presence {
     Unrecorded,
     /// It is lost, and nothing is known of it.
     Absent,
+    /// An event keeps it off: it has no state and no edge.
+    Off,
 }
 
 impl Presence {

@@ -80,6 +80,11 @@ impl<P> IdealBus<P> {
         }
     }
 
+    /// Has the nodes `listeners[i]` accept the frames of node `i` from now on, those under way among them.
+    pub fn set_listeners(&mut self, listeners: Vec<Vec<usize>>) {
+        self.listeners = listeners;
+    }
+
     /// Whether `receiver` accepts the frames of `sender`.
     pub fn carries(&self, sender: usize, receiver: usize) -> bool {
         self.listeners.get(sender).is_some_and(|listeners| listeners.contains(&receiver))

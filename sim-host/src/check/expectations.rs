@@ -24,6 +24,8 @@ pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
     judge("expect-blended-error", "blended_error", expect.blended_error, from_blended(subject));
     judge("expect-reference-error", "reference_error", expect.reference_error, None);
     judge("expect-max-input", "max_input", expect.max_input, run.map(|run| run.input));
+    let within = expect.recovered_within_ns.map(|ns| ns as f64 / 1e9);
+    judge("expect-recovered-within", "recovered_within", within, None);
     found.extend(expect.final_value.map(|value| {
         let missed = final_states(subject).map(|states| {
             let apart = states.iter().map(|x| (x - value.is).abs());

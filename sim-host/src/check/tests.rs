@@ -550,3 +550,21 @@ fn a_motion_that_errors_outgrow_is_not_ok() {
     assert_eq!(find(&unstable("1.0"), "prediction").status, Status::NotChecked);
     assert_eq!(find(&unstable("-1.0"), "prediction").status, Status::Ok);
 }
+
+#[test]
+fn nothing_of_a_run_with_events_reads_as_checked() {
+    let report = load("partition.toml", &[]);
+    assert_eq!(find(&report, "events").status, Status::NotChecked);
+    assert_eq!(find(&report, "events").values, json!({ "events": 2 }));
+    let expected: Vec<_> =
+        report.findings.iter().filter(|finding| finding.name.starts_with("expect-")).collect();
+    assert_eq!(expected.len(), 2);
+    assert!(expected.iter().all(|finding| finding.status == Status::NotChecked), "{report}");
+    assert!(load("five-agents.toml", &[]).findings.iter().all(|finding| finding.name != "events"));
+    // All nodes at once, from their initial states on, is no part of a run with a node that joins.
+    let report = load("bounce-join.toml", &["node.5.state=500"]);
+    for name in ["kick", "sampled"] {
+        assert_eq!(find(&report, name).status, Status::NotChecked, "{report}");
+    }
+    assert!(report.pass, "{report}");
+}

@@ -6,17 +6,20 @@
 
 mod checks;
 mod counters;
+mod recovery;
 mod truth;
 mod windows;
 
 pub use checks::{Account, Check, Evidence, Stop, checks};
 pub use counters::CounterSummary;
+pub use recovery::DuringEvents;
 pub use windows::WindowFigures;
 
 use crate::extremes::{larger, largest, smallest};
 use crate::presence::Presence;
 use crate::scenario::{Coupling, FloorSpec, Scenario};
 use funnelnet_law::floor::Floor;
+use recovery::Recovery;
 use truth::Truth;
 use windows::Windows;
 
@@ -52,8 +55,14 @@ pub struct Findings {
     pub final_spread: f64,
     /// The largest `|u|`, state units / s.
     pub max_input: f64,
+    /// What was found at ticks that events disturb, and is not in the figures above; none where nothing is expected of the recovery.
+    pub during_events: Option<DuringEvents>,
+    /// Longest time from the end of an event to the last tick outside, s; none where it is not asked for or not known.
+    pub recovered_s: Option<f64>,
     /// States at the end, by index and then by component; NaN where one is not known.
     pub last: Vec<f64>,
+    /// Which of them an event keeps off.
+    pub off: Vec<bool>,
     /// By window of the scenario, in its order.
     pub windows: Vec<WindowFigures>,
     /// The same figures of each node, by index and then by component.
@@ -96,6 +105,7 @@ pub struct Judge<'a> {
     /// What the f32 of each node resolves, by index; with edge-wise coupling that of its steepest edge.
     floors: Vec<Floor<f64>>,
     windows: Windows<'a>,
+    recovery: Option<Recovery>,
     findings: Findings,
     /// Of the last tick, by index and then by component: true terms, NaN where they are not known.
     terms: Vec<f64>,
@@ -108,12 +118,16 @@ impl<'a> Judge<'a> {
     #[must_use]
     pub fn new(scenario: &'a Scenario) -> Self {
         let entries = scenario.nodes.len() * scenario.components();
+        let recovery = Recovery::of(scenario);
+        let during_events = recovery.as_ref().map(|_| DuringEvents::default());
+        let worst = vec![Worst::default(); entries];
         Self {
             scenario,
             truth: Truth::of(scenario),
             floors: floors(scenario),
             windows: Windows::of(scenario),
-            findings: Findings { worst: vec![Worst::default(); entries], ..Findings::default() },
+            recovery,
+            findings: Findings { worst, during_events, ..Findings::default() },
             terms: vec![f64::NAN; entries],
             psi: vec![f64::NAN; entries],
         }
@@ -123,15 +137,22 @@ impl<'a> Judge<'a> {
     pub fn tick(&mut self, moment: &Moment<'_>, reference: Option<&[f64]>) {
         self.truth.terms(moment.x, moment.presence, &mut self.terms);
         self.widths(moment);
-        let ratio = self.ratios(moment);
+        let disturbed = self.recovery.as_ref().is_some_and(|recovery| recovery.is_disturbed(moment.k));
+        let ratios = self.ratios(moment);
+        match self.findings.during_events.as_mut().filter(|_| disturbed) {
+            Some(during) => during.take(ratios),
+            None => self.findings.take(moment.k, ratios),
+        }
+        if let Some(recovery) = &mut self.recovery {
+            recovery.tick(moment.k, ratios.breaches > 0);
+        }
         let spread = spread(moment, self.scenario.components());
         let input = input(moment, self.scenario.components());
-        self.findings.max_ratio = larger(self.findings.max_ratio, ratio);
         self.findings.max_input = larger(self.findings.max_input, input);
         if let Some(spread) = spread {
             self.findings.max_spread = larger(self.findings.max_spread, spread);
         }
-        self.windows.tick(moment, ratio, spread, input, reference);
+        self.windows.tick(moment, ratios.largest, spread, input, reference);
         if moment.k == self.scenario.time.ticks {
             self.end(moment);
         }
@@ -142,6 +163,9 @@ impl<'a> Judge<'a> {
         let spread = spread(moment, self.scenario.components());
         self.findings.final_spread = spread.unwrap_or(f64::NAN);
         self.findings.last = self.known(moment);
+        let components = self.scenario.components();
+        let off = moment.presence.iter().map(|presence| *presence == Presence::Off);
+        self.findings.off = off.flat_map(|off| std::iter::repeat_n(off, components)).collect();
     }
 
     /// The true diffusive terms of the last tick, by index and then by component, state units; NaN where one is not known.
@@ -159,7 +183,8 @@ impl<'a> Judge<'a> {
     /// What was found.
     #[must_use]
     pub fn finish(self) -> Findings {
-        Findings { windows: self.windows.finish(), ..self.findings }
+        let recovered_s = self.recovery.and_then(Recovery::finish);
+        Findings { windows: self.windows.finish(), recovered_s, ..self.findings }
     }
 
     fn known(&self, moment: &Moment<'_>) -> Vec<f64> {
@@ -176,6 +201,7 @@ impl<'a> Judge<'a> {
             let floor = match self.scenario.floor {
                 FloorSpec::None => 0.0,
                 FloorSpec::Width(width) => width,
+                FloorSpec::F32 if is_off(moment, index) => 0.0,
                 FloorSpec::F32 => self.resolution(moment, index),
             };
             let slots = self.psi.iter_mut().skip(index * components).take(components);
@@ -197,28 +223,63 @@ impl<'a> Judge<'a> {
         self.floors[index].width(state, input)
     }
 
-    /// Counts what is outside, and gives the largest ratio of the tick.
-    fn ratios(&mut self, moment: &Moment<'_>) -> f64 {
+    /// The ratios of a tick; a node that is off has none.
+    fn ratios(&mut self, moment: &Moment<'_>) -> Ratios {
         let components = self.scenario.components();
-        let mut most = 0.0;
+        let mut found = Ratios::default();
         let terms = self.terms.iter().zip(&self.psi).zip(&mut self.findings.worst);
         for (at, ((nu, psi), worst)) in terms.enumerate() {
             let index = at / components;
+            if is_off(moment, index) {
+                continue;
+            }
             if !self.truth.is_known(index, moment.presence) {
                 self.findings.unknown += 1;
                 worst.take(None);
                 continue;
             }
-            self.findings.judged += 1;
+            found.judged += 1;
             // Zero in a funnel that has closed is inside it by no more than any other value is.
             let ratio = if *nu == 0.0 && *psi == 0.0 { 1.0 } else { nu.abs() / psi };
-            most = larger(most, ratio);
+            found.largest = larger(found.largest, ratio);
             if worst.take(Some(ratio)) {
-                self.findings.breaches += 1;
-                self.findings.first_breach.get_or_insert((moment.k, index));
+                found.breaches += 1;
+                found.first.get_or_insert(index);
             }
         }
-        most
+        found
+    }
+}
+
+/// What the terms of a tick came to.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ratios {
+    /// The largest `|nu| / psi`; NaN where one was not a number.
+    largest: f64,
+    /// Terms that were judged.
+    judged: u64,
+    /// Terms that were outside.
+    breaches: u64,
+    /// Index of the first node that was outside.
+    first: Option<usize>,
+}
+
+impl Findings {
+    /// Takes the ratios of a tick that no event disturbs.
+    fn take(&mut self, k: u64, ratios: Ratios) {
+        self.judged += ratios.judged;
+        self.breaches += ratios.breaches;
+        self.max_ratio = larger(self.max_ratio, ratios.largest);
+        self.first_breach = self.first_breach.or(ratios.first.map(|index| (k, index)));
+    }
+}
+
+impl DuringEvents {
+    /// Takes the ratios of a tick that events disturb.
+    fn take(&mut self, ratios: Ratios) {
+        self.judged += ratios.judged;
+        self.breaches += ratios.breaches;
+        self.max_ratio = larger(self.max_ratio, ratios.largest);
     }
 }
 
@@ -243,6 +304,10 @@ fn floors(scenario: &Scenario) -> Vec<Floor<f64>> {
 
 fn is_known(moment: &Moment<'_>, index: usize) -> bool {
     moment.presence.get(index).is_some_and(|presence| presence.is_known())
+}
+
+fn is_off(moment: &Moment<'_>, index: usize) -> bool {
+    moment.presence.get(index) == Some(&Presence::Off)
 }
 
 /// `max x - min x` over the nodes that are known, of the component in which they are farthest apart; `None` where none is known.

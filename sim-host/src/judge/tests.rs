@@ -136,3 +136,44 @@ fn every_node_has_figures_of_its_own() {
     assert_eq!(found.worst, [worst(1.25, 1, 1, 2), worst(2.5, 1, 1, 2), worst(1.25, 1, 0, 3)]);
     assert_eq!(found.breaches, 3);
 }
+
+#[test]
+fn a_node_that_is_off_has_no_state_and_no_edge() {
+    let scenario = scenario(PATH, &["coupling.floor='f32'"]);
+    let presence = [Presence::Off, Presence::Ran, Presence::Ran];
+    let mut judge = Judge::new(&scenario);
+    let u = [f64::NAN, 0.5, 1.0];
+    judge.tick(&Moment { k: 10, x: &[f64::NAN, 3.0, 1.0], u: &u, presence: &presence }, None);
+    // 0.5 (1 - 3), and nothing of node 1; its funnel is the scenario's all the same.
+    assert_eq!((judge.terms()[1], judge.terms()[2], judge.psi()), (-1.0, 1.0, &[2.0; 3][..]));
+    assert!(judge.terms()[0].is_nan());
+    let found = judge.finish();
+    assert_eq!((found.unknown, found.judged, found.breaches, found.max_ratio), (0, 2, 0, 0.5));
+    assert_eq!((found.final_spread, found.max_input, found.off), (2.0, 1.0, vec![true, false, false]));
+}
+
+#[test]
+fn only_disturbed_ticks_are_excused() {
+    let events = ["event=[{at='4ms',kind='crash',node=1}]", "expect.recovered_within=2ms"];
+    let scenario = scenario(PATH, &events);
+    let gone = [Presence::Off, Presence::Ran, Presence::Ran];
+    let outside = |from: u64, to: u64| {
+        let ticks: Vec<_> = (0..=10)
+            .map(|k| {
+                (
+                    k,
+                    [0.0, if (from..to).contains(&k) { 9.0 } else { 0.0 }, 0.0],
+                    if k < 4 { RAN } else { gone },
+                )
+            })
+            .collect();
+        let found = findings(&scenario, &ticks);
+        let during = found.during_events.unwrap();
+        (found.breaches, during.breaches, during.judged, found.recovered_s)
+    };
+    // Ticks 4 and 5, of two nodes each.
+    assert_eq!(outside(4, 6), (0, 4, 4, Some(0.001)));
+    assert_eq!(outside(4, 7), (2, 4, 4, Some(0.002)));
+    assert_eq!(outside(3, 5), (3, 2, 4, Some(0.0)));
+    assert_eq!(outside(9, 11), (4, 0, 4, None));
+}

@@ -27,10 +27,12 @@ impl Truth {
         self.neighbours.get(index).map_or(&[], Vec::as_slice)
     }
 
-    /// Whether the term of a node is known: its own state is, and those of all its neighbours are. Edges exist whether or not a frame comes.
+    /// Whether the term of a node is known: its own state is, and those of all its neighbours are. Edges exist whether or not a frame comes,
+    /// but for those of a node that an event keeps off.
     pub(super) fn is_known(&self, index: usize, presence: &[Presence]) -> bool {
         let known = |index: usize| presence.get(index).is_some_and(|presence| presence.is_known());
-        known(index) && self.neighbours(index).iter().all(|&(other, _)| known(other))
+        known(index)
+            && self.neighbours(index).iter().all(|&(other, _)| known(other) || is_off(other, presence))
     }
 
     /// Writes `sum_j alpha_ij (x_j - x_i)` by index and then by component, state units; with edge-wise coupling the term of the edge where
@@ -43,13 +45,18 @@ impl Truth {
                 Some(&own) if self.is_known(index, presence) => {
                     let other =
                         |other: usize| x.get(other * components + component).copied().unwrap_or(f64::NAN);
-                    let edges = self.neighbours(index).iter().map(|&(j, weight)| weight * (other(j) - own));
+                    let there = self.neighbours(index).iter().filter(|&&(j, _)| !is_off(j, presence));
+                    let edges = there.map(|&(j, weight)| weight * (other(j) - own));
                     if self.edge_wise { edges.fold(0.0, farther) } else { edges.sum() }
                 }
                 _ => f64::NAN,
             };
         }
     }
+}
+
+fn is_off(index: usize, presence: &[Presence]) -> bool {
+    presence.get(index) == Some(&Presence::Off)
 }
 
 /// The one of larger size; NaN where one is.

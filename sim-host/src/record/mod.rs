@@ -19,9 +19,9 @@ pub use junit::{JunitError, junit, junit_error};
 pub use number::{Precision, shortest};
 pub use rights::remove_earlier;
 pub use summary::{
-    AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, EmergentSummary,
-    Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, PerInterface,
-    ReferenceSummary, Summary, SyncSummary, WiresSummary,
+    AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary,
+    DuringEventsSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary,
+    PerComponent, PerInterface, ReferenceSummary, Summary, SyncSummary, WiresSummary,
 };
 pub use summary_text::failures;
 pub use temporary::remove_abandoned;

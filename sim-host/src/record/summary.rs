@@ -70,12 +70,26 @@ pub struct FunnelSummary {
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
     pub breaches: u64,
+    /// The same at ticks that events disturb, which do not count above; left out where nothing is expected of the recovery.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub during_events: Option<DuringEventsSummary>,
     /// Node-ticks of which the term is not known, since a state in it was not recorded.
     pub unknown: u64,
     /// Where a node has reopened its funnel, the largest ratio by its own; else `null`.
     pub reopened_ratio: Option<f64>,
     /// The same as nodes believe it; `null` where no `f32` node ran.
     pub believed: Option<BelievedSummary>,
+}
+
+/// How the funnels held from the begin of each event to `expect.recovered_within` after its end.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct DuringEventsSummary {
+    /// The largest `|nu| / psi`.
+    pub max_ratio: f64,
+    /// Node-ticks with `|nu| >= psi`.
+    pub breaches: u64,
+    /// Node-ticks that were judged.
+    pub node_ticks: u64,
 }
 
 /// How the funnels held as nodes believe it: by what they have heard, in the funnels that they have made of the scenario's.
@@ -171,7 +185,7 @@ pub struct BenchSummary {
     pub unrecorded: u64,
     /// Nodes that were away for a time, in the order in which they were lost.
     pub absences: Vec<AbsenceSummary>,
-    /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay.
+    /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay, and events.
     pub skipped: Vec<&'static str>,
     /// What nodes that ticked by their own clock did with it; left out where they ticked by SYNC.
     #[serde(skip_serializing_if = "Option::is_none")]

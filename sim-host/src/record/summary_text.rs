@@ -97,6 +97,10 @@ fn funnels(funnel: &FunnelSummary) -> String {
             text += &format!("; nodes believe {ratio}, {}", believed.breaches);
         }
     }
+    if let Some(during) = funnel.during_events {
+        let ratio = figure(during.max_ratio, 4);
+        text += &format!("; during events {ratio}, {}", during.breaches);
+    }
     if funnel.unknown > 0 {
         text += &format!("; not known at {} node-ticks", funnel.unknown);
     }
@@ -105,7 +109,8 @@ fn funnels(funnel: &FunnelSummary) -> String {
 
 fn agreement(sync: &SyncSummary) -> String {
     let [last, most, bound] = [sync.final_spread, sync.max_spread, sync.bound].map(|value| figure(value, 4));
-    format!("final spread {last}, bound {bound}; largest spread {most}")
+    let bound = if sync.bound.is_nan() { "no bound".to_owned() } else { format!("bound {bound}") };
+    format!("final spread {last}, {bound}; largest spread {most}")
 }
 
 /// Lines on how far from the predictions the states ended, where these are known.

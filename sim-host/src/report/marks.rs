@@ -1,4 +1,5 @@
-//! Where a node stops or is away: nothing is known of it there, or nothing changes any more, and the picture says so.
+//! Where a node stops or is away, nothing is known of it, or nothing changes any more, and the picture says so. It also says when links
+//! are cut.
 
 use std::ops::Range;
 
@@ -10,13 +11,15 @@ use super::PlotError;
 use super::legend::{Entry, Stroke};
 use super::style::{INK, at, font, line, px};
 
-/// Why a node's curves end.
+/// Why a node's curves end, or move apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// The node stopped by itself; its state stays.
     Stopped,
     /// The node was away, and nothing is known of it.
     Away,
+    /// An event has cut links of the network, which is no node's own.
+    Cut,
 }
 
 impl Kind {
@@ -25,14 +28,15 @@ impl Kind {
         match self {
             Self::Stopped => "stopped",
             Self::Away => "away",
+            Self::Cut => "links cut",
         }
     }
 }
 
-/// A time without curves.
+/// A time without curves, or with links that are cut.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Mark {
-    /// Id of the node.
+    /// Id of the node; 0 for the network.
     pub(super) id: usize,
     pub(super) from: f64,
     /// To the end where there is none.
@@ -45,7 +49,16 @@ impl Mark {
     pub(super) fn hides(&self, t: f64) -> bool {
         match self.kind {
             Kind::Stopped => t > self.from,
+            Kind::Cut => false,
             Kind::Away => t >= self.from && self.to.is_none_or(|to| t < to),
+        }
+    }
+
+    /// Whose it is, and the word: `node 3 away`.
+    pub(super) fn label(&self) -> String {
+        match self.id {
+            0 => self.kind.word().to_owned(),
+            id => format!("node {id} {}", self.kind.word()),
         }
     }
 
@@ -54,12 +67,12 @@ impl Mark {
         let time = |t: f64| crate::figure::figure(t, 4);
         match (self.kind, self.to) {
             (Kind::Stopped, _) => format!("stopped at {} s", time(self.from)),
-            (Kind::Away, None) => format!("away from {} s on", time(self.from)),
-            (Kind::Away, Some(to)) => format!("away from {} s to {} s", time(self.from), time(to)),
+            (kind, None) => format!("{} from {} s on", kind.word(), time(self.from)),
+            (kind, Some(to)) => format!("{} from {} s to {} s", kind.word(), time(self.from), time(to)),
         }
     }
 
-    /// A line across the picture; for an absence the time of it is shaded, up to the end of `span`.
+    /// A line across the picture; for what lasts, the time of it is shaded, up to the end of `span`.
     pub(super) fn draw<DB, CT>(
         &self,
         chart: &mut ChartContext<'_, DB, CT>,
@@ -71,7 +84,7 @@ impl Mark {
         CT: CoordTranslate<From = (f64, f64)>,
     {
         let from = self.from.clamp(span.start, span.end);
-        if self.kind == Kind::Away {
+        if self.kind != Kind::Stopped {
             let to = self.to.unwrap_or(span.end).clamp(from, span.end);
             let shade = Rectangle::new([(from, heights.start), (to, heights.end)], colour.mix(0.12).filled());
             chart.draw_series([shade]).map_err(PlotError::new)?;
@@ -117,7 +130,7 @@ where
 /// What a legend says of `marks`.
 pub(super) fn entries<'a>(marks: impl Iterator<Item = &'a Mark> + Clone) -> impl Iterator<Item = Entry> {
     let any = move |kind| marks.clone().any(|mark| mark.kind == kind);
-    let kinds = [(Kind::Stopped, Stroke::Cross), (Kind::Away, Stroke::Shade)];
+    let kinds = [(Kind::Stopped, Stroke::Cross), (Kind::Away, Stroke::Shade), (Kind::Cut, Stroke::Shade)];
     let entry =
         |(kind, stroke): (Kind, Stroke)| Entry { label: kind.word().to_owned(), style: line(INK, 1), stroke };
     kinds.into_iter().filter(move |&(kind, _)| any(kind)).map(entry)

@@ -96,7 +96,7 @@ fn picture<DB: DrawingBackend>(
     clip::say(area, (right, 44), clip::words(curves.iter().flatten().map(|p| p.1), &heights))
 }
 
-/// Draws and names stops and absences, in the order in which they began.
+/// Draws and names stops, absences and cut links, in the order in which they began.
 fn mark<DB, CT>(
     chart: &mut ChartContext<'_, DB, CT>,
     trace: &Trace,
@@ -117,7 +117,7 @@ where
         // Below the line that says what is cut.
         let y = heights.end - (heights.end - heights.start) * LINE * (n as f64 + 1.0);
         let words = match n {
-            n if n < NAMED => format!("node {} {}", mark.id, mark.kind.word()),
+            n if n < NAMED => mark.label(),
             n if n == NAMED => format!("and {more} more"),
             _ => continue,
         };

@@ -150,7 +150,7 @@ impl Trace {
     }
 
     /// Node `id` stopped or was away from `from_s` on; where it came back, until `to_s`. Its curves end there. Of several stops of a
-    /// node the first is shown.
+    /// node the first is shown. What belongs to no node has the id 0.
     pub fn mark(&mut self, id: usize, from_s: f64, to_s: Option<f64>, kind: Kind) {
         let mark = Mark { id, from: from_s, to: to_s, kind };
         let first = self.marks.iter_mut().find(|m| m.id == id && m.kind == kind && kind == Kind::Stopped);

@@ -21,6 +21,9 @@ use std::io::Write;
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
 pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
+    let events = skipped_events(scenario, options);
+    // What does not happen is not judged as if it had, nor is it in the loopback beside.
+    let scenario = &Scenario { events: Vec::new(), ..scenario.clone() };
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
     let comparison = Comparison::new(engine(scenario)?);
@@ -55,6 +58,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
                 settle_s: file.settle.as_secs_f64(),
                 extrapolated: outcome.counters.iter().map(|counters| u64::from(counters.extrapolated)).sum(),
             });
+            let skipped = skipped.into_iter().chain(events).collect();
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });
             Ok(Outcome { logs: hub.into_logs(), bench, ..outcome })
         }
@@ -78,6 +82,16 @@ fn skipped(scenario: &Scenario) -> Vec<&'static str> {
         ("noise", !Noise::of(scenario).is_none()),
     ];
     asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect()
+}
+
+/// The key of events, where a scenario has some: no bench makes them yet.
+fn skipped_events(scenario: &Scenario, options: &RunOptions) -> Option<&'static str> {
+    let count = scenario.events.len();
+    if count > 0 && options.verbosity != Verbosity::Quiet {
+        // Nobody is left to tell where standard error is closed.
+        let _ = writeln!(std::io::stderr(), "skipped: {count} of [[event]], which a bench does not make yet");
+    }
+    (count > 0).then_some("event")
 }
 
 fn tell_skipped(skipped: &[&str], options: &RunOptions) {

@@ -16,6 +16,9 @@ const FUNNEL_SHARE: f64 = 1e-3;
 const FUNNEL_OF_START: f64 = 1e-6;
 /// The floor of f32 is judged by true states and present inputs; a node has measured ones and its last input.
 const FLOOR_SHARE: f64 = 1.5;
+/// What the hash takes for a state that a node does not have, or of which nothing is known: no run without such a gap is equal to one
+/// with it.
+const NO_STATE: f32 = f32::from_bits(0x7fc0_0000);
 /// Wider than any f32 funnel.
 const WIDEST: f64 = 1e17;
 
@@ -57,10 +60,9 @@ impl<'a> Collector<'a> {
 
     /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
-        // Runs of which something is not known are equal to none.
         for (seen, presence) in seen.chunks(self.scenario.components()).zip(presence) {
             let known = presence.is_known();
-            self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { f32::NAN }));
+            self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { NO_STATE }));
         }
         self.x.clear();
         self.x.extend(seen.iter().map(|observation| f64::from(observation.x)));
@@ -132,7 +134,7 @@ impl<'a> Collector<'a> {
         for (((account, node), presence), (seen, asked)) in nodes.zip(seen.chunks(components).zip(asked)) {
             match presence {
                 Presence::Ran => {}
-                Presence::Stopped => continue,
+                Presence::Stopped | Presence::Off => continue,
                 Presence::Unrecorded | Presence::Absent => {
                     account.unknown += 1;
                     continue;

@@ -10,7 +10,7 @@ use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
-use crate::engine::Engine;
+use crate::engine::{Engine, World};
 use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::record::BusSummary;
@@ -23,6 +23,8 @@ use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
 const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
+/// Drive of nodes in this program that come during a run: only SYNC tells them the tick.
+const JOINING: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes behind streams of bytes: they tick when the hub says so, and tell all they see.
 pub(super) const LOCKSTEP: Drive =
     Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
@@ -39,16 +41,26 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         Some(_) => (Vec::new(), Vec::new()),
         None => heard::unheard_and_silent(scenario, &engine),
     };
-    let reports = engine.nodes().iter().map(Node::report).collect();
-    Ok(Outcome { unheard, silent, ..with_reports(reports, scenario, &engine, record) })
+    let happened = scenario.events.clone();
+    Ok(Outcome { unheard, silent, happened, ..with_reports(engine.reports(), scenario, &engine, record) })
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.
 pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
-    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario)).with_noise(Noise::of(scenario));
+    if scenario.events.is_empty() {
+        return Ok(engine);
+    }
+    let fresh = nodes(scenario, JOINING)?;
+    let world = World::new(&scenario.course(), scenario.time.tick_ns, listeners(scenario), fresh);
+    Ok(engine.with_world(world))
+}
+
+/// The nodes of a scenario, configured.
+fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<Node>, RunError> {
+    let configs = node_configs(scenario, drive).map_err(RunError::bad_input)?;
     let params = accepted(&configs)?.into_iter();
-    let nodes = params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect();
-    Ok(Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario)))
+    Ok(params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
 }
 
 /// Parameters that the nodes make of their configurations.
@@ -66,23 +78,29 @@ fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
     let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?)?;
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
     let record = drive("loopback", scenario, options, &mut central, |_, _| Ok(()))?;
-    Ok(with_reports(central.reports(), scenario, &central, record))
+    let reports = central.reports().into_iter().map(Some).collect();
+    Ok(with_reports(reports, scenario, &central, record))
 }
 
 /// Adds what a network in this program says at the end to what was recorded of it.
 fn with_reports(
-    reports: Vec<Report>,
+    reports: Vec<Option<Report>>,
     scenario: &Scenario,
     network: &impl Network,
     Record { outcome, cut }: Record,
 ) -> Outcome {
-    let bus = Some(bus_record(network.traffic(), &reports));
+    let bus = Some(bus_record(network.traffic(), reports.iter().flatten()));
     let (events, ended_early) = (network.events().to_vec(), cut.map(|cut| cut.told(scenario)));
     Outcome { bus, events, ended_early, ..outcome.with_reports(reports) }
 }
 
 /// Fidelity `emulator`.
 pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+    if !scenario.events.is_empty() {
+        return Err(RunError::bad_input(
+            "emulated nodes have no [[event]] yet; run this scenario with --on loopback",
+        ));
+    }
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let attached = emulator::attach(&ids, &options.emulator())?;

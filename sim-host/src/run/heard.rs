@@ -7,14 +7,15 @@ use funnelnet_node::{Node, Phase};
 use funnelnet_protocol::NodeId;
 
 /// Ids of nodes that no neighbour has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes
-/// that have stopped say nothing, as they should, and have a check of their own.
+/// that have stopped say nothing, as they should, and have a check of their own. Nor does anybody hear over a link that an event keeps cut
+/// at the end, or a node that it keeps off.
 pub(super) fn unheard_and_silent(scenario: &Scenario, engine: &Engine) -> (Vec<u16>, Vec<u16>) {
     let (mut unheard, mut silent) = (Vec::new(), Vec::new());
     for (index, node) in engine.nodes().iter().enumerate() {
         let id = node.id();
         let neighbours = scenario.graph.neighbours(index);
-        let listeners: Vec<&Node> =
-            neighbours.iter().filter_map(|&(other, _)| engine.nodes().get(other)).collect();
+        let joined = neighbours.iter().filter(|&&(other, _)| engine.are_joined(index, other));
+        let listeners: Vec<&Node> = joined.filter_map(|&(other, _)| engine.nodes().get(other)).collect();
         if listeners.is_empty() || matches!(node.phase(), Phase::Faulted(_)) {
             continue;
         }

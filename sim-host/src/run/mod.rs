@@ -29,6 +29,7 @@ pub use error::RunError;
 pub(crate) use fidelity::engine as engine_of;
 pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
+pub use output::trace;
 pub use places::Wanted;
 
 use crate::emergent::EmergentTrajectory;

@@ -8,10 +8,10 @@ use crate::exit::Exit;
 use crate::extremes::largest;
 use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
 use crate::record::{
-    BelievedSummary, BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary, PerComponent,
-    ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
+    BelievedSummary, BenchSummary, BusSummary, DuringEventsSummary, EmergentSummary, Expectation,
+    FunnelSummary, PerComponent, ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
 };
-use crate::scenario::{Scenario, Window};
+use crate::scenario::{EventSpec, Scenario, Window};
 use funnelnet_node::Event;
 use funnelnet_protocol::report::{Counters, Report};
 use std::collections::BTreeSet;
@@ -104,6 +104,8 @@ pub struct Outcome {
     pub counters: Vec<Counters>,
     /// What nodes reported.
     pub events: Vec<NodeEvent>,
+    /// The scenario's events, where they have been made to happen.
+    pub happened: Vec<EventSpec>,
     /// The nodes of a bench, and how they differ from loopback.
     pub bench: Option<BenchSummary>,
     /// Logs of emulated nodes: id and text.
@@ -138,7 +140,12 @@ impl Outcome {
             sync: Some(SyncSummary {
                 final_spread: self.findings.final_spread,
                 max_spread: self.findings.max_spread,
-                bound: scenario.sync_bound(self.widest),
+                // The bound is that of the whole graph.
+                bound: if self.findings.off.contains(&true) {
+                    f64::NAN
+                } else {
+                    scenario.sync_bound(self.widest)
+                },
                 lambda2: scenario.graph.lambda2(),
             }),
             max_input: self.findings.max_input,
@@ -166,6 +173,11 @@ impl Outcome {
         FunnelSummary {
             max_ratio: self.max_ratio,
             breaches: self.breaches,
+            during_events: self.findings.during_events.map(|during| DuringEventsSummary {
+                max_ratio: during.max_ratio,
+                breaches: during.breaches,
+                node_ticks: during.judged,
+            }),
             unknown: self.findings.unknown,
             reopened_ratio: self.believed.filter(|_| reopened).map(|believed| believed.max_ratio),
             believed: self.believed.map(believed),
@@ -221,7 +233,7 @@ impl Outcome {
         let known = |values: &[f64]| (!values.is_empty()).then(|| PerComponent(values.to_vec()));
         // The distance to what was not resolved is no measurement.
         let known_error = |values: &[f64]| !values.is_empty() && prediction.unresolved.is_none();
-        let error = |values: &[f64]| known_error(values).then(|| distance(&self.last, values));
+        let error = |values: &[f64]| known_error(values).then(|| self.distance(values));
         EmergentSummary {
             unresolved: prediction.unresolved.clone(),
             final_error: error(&prediction.xi),
@@ -234,12 +246,19 @@ impl Outcome {
         }
     }
 
+    /// The largest distance of a state at the end to a point; NaN where one is not known. A node that an event keeps off has none.
+    fn distance(&self, point: &[f64]) -> f64 {
+        let states = self.last.iter().zip(point.iter().cycle()).enumerate();
+        let on = states.filter(|(at, _)| !self.findings.off.get(*at).is_some_and(|off| *off));
+        largest(0.0, on.map(|(_, (x, point))| (x - point).abs()))
+    }
+
     fn expectations(&self, scenario: &Scenario, emergent: &EmergentSummary) -> Vec<Expectation> {
         let (expect, findings) = (&scenario.expect, &self.findings);
         // Where no term is known there is no ratio; zero would pass.
         let ratio = (findings.judged > 0).then_some(self.max_ratio);
         let final_value = expect.final_value.map(|expected| {
-            let value = distance(&self.last, &vec![expected.is; scenario.components()]);
+            let value = self.distance(&vec![expected.is; scenario.components()]);
             Expectation::below("final_value", expected.within, Some(value))
         });
         let reference = self.reference.zip(expect.reference_error);
@@ -251,7 +270,11 @@ impl Outcome {
             ("blended_error".to_owned(), expect.blended_error, emergent.blended_error),
             ("reference_error".to_owned(), expect.reference_error, reference),
         ]);
-        let after = judged([("max_input".to_owned(), expect.max_input, Some(findings.max_input))]);
+        let within = expect.recovered_within_ns.map(|ns| ns as f64 / 1e9);
+        let after = judged([
+            ("max_input".to_owned(), expect.max_input, Some(findings.max_input)),
+            ("recovered_within".to_owned(), within, findings.recovered_s),
+        ]);
         let windows = expect.windows.iter().zip(&findings.windows).enumerate();
         let beside = self.reference.unwrap_or_default();
         let windows = windows.flat_map(|(n, (window, figures))| of_window(n + 1, window, figures, beside));
@@ -283,9 +306,4 @@ fn of_window(
         (name("reference_error"), window.reference_error, reference_error),
         (name("max_input"), window.max_input, figures.max_input),
     ])
-}
-
-/// The largest distance of a state, by index and then by component, to a point; NaN where a state is not known.
-fn distance(states: &[f64], point: &[f64]) -> f64 {
-    largest(0.0, states.iter().zip(point.iter().cycle()).map(|(x, xi)| (x - xi).abs()))
 }

@@ -9,7 +9,7 @@ use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::record::{AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter};
 use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
-use crate::scenario::Scenario;
+use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -105,7 +105,9 @@ fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
     Ok(file)
 }
 
-fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
+/// The curves of a run, with stops, absences and cut links.
+#[must_use]
+pub fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     let title = scenario.title.as_str();
     let mut trace =
         Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
@@ -114,6 +116,7 @@ fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
     }
+    mark_events(scenario, &outcome.happened, &mut trace);
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let at_s = |tick: u32| scenario.time.at_s(tick.into());
         let to = absence.to_tick.map(at_s);
@@ -122,16 +125,35 @@ fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     trace
 }
 
+/// Marks what events have done.
+fn mark_events(scenario: &Scenario, events: &[EventSpec], trace: &mut Trace) {
+    let course = Course::of(events, &scenario.graph);
+    for Absence { node, from_tick, to_tick } in course.absences(&scenario.time) {
+        let at_s = |tick: u64| scenario.time.at_s(tick);
+        trace.mark(node + 1, at_s(from_tick), to_tick.map(at_s), MarkKind::Away);
+    }
+    for (event, disturbance) in events.iter().zip(course.disturbances(events)) {
+        if event.kind == EventKind::Partition {
+            let at_s = |ns: u64| ns as f64 / 1e9;
+            trace.mark(0, at_s(disturbance.from_ns), disturbance.end_ns.map(at_s), MarkKind::Cut);
+        }
+    }
+}
+
 /// A plot that cannot be drawn from whole rows is a defect of the program.
 fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
     svg.map_err(|error| RunError { message: error.to_string(), exit: Exit::Defect })
 }
 
-/// What nodes reported and when they were away, in the order of time.
+/// What happened, what nodes reported and when they were away, in the order of time.
 fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     let tick_ns = scenario.time.tick_ns;
     let line = |event: &NodeEvent| (event.at.saturating_sub(tick_ns), events([event], tick_ns));
-    let mut lines: Vec<_> = outcome.events.iter().map(line).collect();
+    // Before what nodes say at the same time: the cause comes first.
+    let happened = outcome.happened.iter();
+    let mut lines: Vec<_> =
+        happened.map(|event| (event.at_ns, format!("{} s, event {event}\n", seconds(event.at_ns)))).collect();
+    lines.extend(outcome.events.iter().map(line));
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let mut tell = |tick: u32, what: String| {
             let at = u64::from(tick).saturating_mul(tick_ns);

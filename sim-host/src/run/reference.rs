@@ -120,6 +120,12 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
 }
 
 fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
+    if !scenario.events.is_empty() {
+        return Err(RunError::bad_input(
+            "there is no reference for a scenario with an [[event]]: the continuous-time solution is that of all nodes and all links; \
+             run it with --on loopback, without reference_error among its expectations",
+        ));
+    }
     let coupling = scenario.coupling;
     let law = matches!(coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
     if scenario.components() > 1 || !law {

@@ -24,15 +24,24 @@ pub fn initial_ratios(scenario: &Scenario) -> Vec<f64> {
 fn initial_terms(scenario: &Scenario) -> Vec<f64> {
     let count = scenario.components();
     let mut terms = vec![0.0f64; scenario.nodes.len() * count];
+    let graph = graph_at_the_start(scenario);
     for component in 0..count {
         let states: Vec<f64> = scenario.nodes.iter().map(|node| node.state[component]).collect();
         let found = match scenario.coupling {
-            Coupling::EdgeWise => largest_edge_terms(&scenario.graph, &states),
-            _ => scenario.graph.diffusive_terms(&states),
+            Coupling::EdgeWise => largest_edge_terms(&graph, &states),
+            _ => graph.diffusive_terms(&states),
         };
         found.into_iter().enumerate().for_each(|(index, term)| terms[index * count + component] = term);
     }
     terms
+}
+
+/// The graph without the edges of nodes that join later.
+fn graph_at_the_start(scenario: &Scenario) -> Graph {
+    let course = scenario.course();
+    let absent: Vec<bool> = (0..scenario.graph.nodes).map(|node| course.begins_absent(node)).collect();
+    let edges = scenario.graph.edges.iter().filter(|edge| !absent[edge.a] && !absent[edge.b]);
+    Graph { nodes: scenario.graph.nodes, edges: edges.copied().collect() }
 }
 
 /// The largest `alpha_ij |x_i - x_j|` at each node.
@@ -57,6 +66,7 @@ pub(super) fn check(scenario: &Scenario, places: &[Place]) -> Result<(), Diagnos
     let worst: Vec<_> = ratios.chunks_exact(scenario.components()).map(worst).collect();
     // Written so that NaN is outside.
     let inside = |ratio: f64| ratio < 1.0;
+    // A node that joins later has no edge at the start, and a term of zero.
     let outside = scenario.nodes.iter().zip(worst).zip(places).filter(|((_, ratio), _)| !inside(*ratio));
     let found: Vec<_> = outside.map(|((node, ratio), place)| explain(node, ratio, place)).collect();
     if found.is_empty() { Ok(()) } else { Err(Diagnostics(found)) }

@@ -10,6 +10,7 @@ mod coupling;
 mod damping;
 mod diagnostic;
 mod duration;
+mod event;
 mod expect;
 mod graph;
 mod initial;
@@ -31,6 +32,8 @@ use std::path::Path;
 pub use affine::Affine;
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
+pub(crate) use event::first_tick;
+pub use event::{Absence, Change, Course, Disturbance, EventKind, EventSpec, Step, Targets};
 /// One sinusoid of a field.
 pub type Sine = funnelnet_law::field::Sine<f64>;
 pub use funnelnet_law::funnel::{Normalised, Shape};
@@ -46,7 +49,7 @@ pub use written::FIRST_LINE;
 
 use agents::Agents;
 use coupling::Defaults;
-use reader::{Log, Range, Section, later, ready, unsupported};
+use reader::{Log, Range, Section, later, ready};
 use tree::{Item, Place};
 
 /// The most nodes of a run: ids are 7 bits on the wire, and 0 means all (protocol/README.md). A larger scenario can be checked.
@@ -150,11 +153,9 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         }
     };
     let bus = read_bus(&mut file);
-    if let Some(event) = file.take("event") {
-        log.report(unsupported(event, "this version runs scenarios without events"));
-    }
-    let safety = safety::read(&mut file, time.as_ref().map_or(1, Time::round_ns));
     let nodes_asked = network.as_ref().map_or(0, |network| network.nodes);
+    let events = event::read(&mut file, nodes_asked);
+    let safety = safety::read(&mut file, time.as_ref().map_or(1, Time::round_ns));
     let mut expect = expect::read(&mut file, nodes_asked);
     file.finish();
     log.checkpoint()?;
@@ -169,6 +170,9 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     no_bus(coupling.kind, root, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
     network::room(&graph, components, &network, &log);
+    log.checkpoint()?;
+    let setting = event::Setting { time: &time, graph: &graph, coupling: coupling.kind, root, log: &log };
+    let events = event::make_sense(events, &expect, &setting);
     log.checkpoint()?;
     let path = path.to_owned();
     let Defaults { kind: coupling, on_breach, floor, guard, u_max, .. } = coupling;
@@ -185,6 +189,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         nodes,
         unit,
         bus,
+        events,
         safety,
         expect,
         path,

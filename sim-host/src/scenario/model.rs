@@ -4,6 +4,7 @@ use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 use std::path::PathBuf;
 
 use super::affine::Affine;
+use super::event::{Course, EventSpec};
 use super::graph::Graph;
 use crate::extremes::largest;
 
@@ -34,6 +35,8 @@ pub struct Scenario {
     pub unit: Option<String>,
     /// The bus between the nodes.
     pub bus: BusSpec,
+    /// What happens to nodes and links, in the order of time.
+    pub events: Vec<EventSpec>,
     /// What stops a node, beside its own state and funnel.
     pub safety: SafetySpec,
     /// What must hold at the end.
@@ -49,6 +52,12 @@ impl Scenario {
     #[must_use]
     pub fn components(&self) -> usize {
         self.nodes.first().map_or(1, |node| node.state.len())
+    }
+
+    /// What its events come to, step by step.
+    #[must_use]
+    pub fn course(&self) -> Course {
+        Course::of(&self.events, &self.graph)
     }
 
     /// The initial states, by index and then by component (state units).
@@ -197,6 +206,8 @@ pub struct Expect {
     pub final_value: Option<FinalValue>,
     /// The largest `|u|` over all nodes and ticks (state units / s).
     pub max_input: Option<f64>,
+    /// Time after the end of each event from which all nodes are inside their funnels again, ns.
+    pub recovered_within_ns: Option<u64>,
     /// Nodes that may stop by themselves.
     pub stopped: Stoppable,
     /// Limits for a part of the run.
@@ -249,7 +260,9 @@ impl Expect {
             self.reference_error,
             self.max_input,
         ];
-        figures.iter().all(Option::is_none) && self.final_value.is_none() && self.windows.is_empty()
+        let others =
+            self.final_value.is_none() && self.recovered_within_ns.is_none() && self.windows.is_empty();
+        others && figures.iter().all(Option::is_none)
     }
 
     /// Whether the distance to the emergent dynamics is limited anywhere.

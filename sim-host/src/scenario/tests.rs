@@ -171,7 +171,6 @@ fn what_comes_later_is_told_apart_from_what_is_unknown() {
     for (from, to, place) in [
         ("\"affine\"", "\"expression\"", "19:21: agent.dynamics.kind"),
         ("[expect]", "[bus]\nmodel = \"can\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can\""),
-        ("[expect]", "[[event]]\nat = \"1s\"\n[expect]", "28:1: event"),
     ] {
         let message = errors(from, to);
         assert!(message.contains(later), "{message}");

@@ -28,10 +28,10 @@ impl Bounds {
     /// Those of a network of which nothing is known.
     pub const NONE: Self = Self { input: None, slope: None, extrapolate: EXTRAPOLATE.0 };
 
-    /// Those of a scenario. A bus that loses nothing needs none, and where the whole run cannot be followed there is none: a bound
+    /// Those of a scenario. A bus that loses nothing, and no event, need none, and where the whole run cannot be followed there is none: a bound
     /// must never clip what the law does undisturbed.
     pub fn of(scenario: &Scenario) -> Self {
-        if scenario.bus.loss == 0.0 {
+        if scenario.bus.loss == 0.0 && scenario.events.is_empty() {
             return Self { input: scenario.u_max, ..Self::NONE };
         }
         Self::of_disturbed(scenario)
@@ -40,7 +40,7 @@ impl Bounds {
     /// The same for a network that something else may disturb: a real bus, or events.
     pub fn of_disturbed(scenario: &Scenario) -> Self {
         let mut calm = scenario.clone();
-        (calm.bus.loss, calm.u_max) = (0.0, None);
+        (calm.bus.loss, calm.u_max, calm.events) = (0.0, None, Vec::new());
         let degrees = scenario.graph.degrees();
         let followed = follow_for(&calm, &degrees, Self::NONE, WORK);
         let told = Self { input: scenario.u_max, ..Self::NONE };

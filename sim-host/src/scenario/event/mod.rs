@@ -1,0 +1,133 @@
+//! `[[event]]`: nodes that go and come, links that are cut and mended (docs/book/src/faults.md).
+
+mod course;
+mod read;
+mod sense;
+
+pub(crate) use course::first_tick;
+pub use course::{Absence, Change, Course, Disturbance, Step};
+pub(super) use read::read;
+pub(super) use sense::{Setting, make_sense};
+
+use super::duration::format_duration;
+use super::graph::Graph;
+use std::fmt;
+
+/// One event.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EventSpec {
+    /// Time of the scenario at which it happens, ns.
+    pub at_ns: u64,
+    /// Its kind.
+    pub kind: EventKind,
+    /// The nodes or links that it happens to.
+    pub targets: Targets,
+    /// Time for which a bounced node is off, ns; 0 for other kinds.
+    pub lasts_ns: u64,
+}
+
+/// Kind of an event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EventKind {
+    /// A node is off, and its state is lost.
+    Crash,
+    /// A node is off for a while, and then as after power-on.
+    Bounce,
+    /// A node is told to stop, and is off.
+    Leave,
+    /// A node that is off comes, as after power-on.
+    Join,
+    /// Links carry nothing.
+    Partition,
+    /// Links carry again what is sent.
+    Repair,
+}
+
+impl EventKind {
+    /// Its name in a scenario.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Crash => "crash",
+            Self::Bounce => "bounce",
+            Self::Leave => "leave",
+            Self::Join => "join",
+            Self::Partition => "partition",
+            Self::Repair => "repair",
+        }
+    }
+}
+
+/// Nodes or links that an event happens to; nodes by index.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Targets {
+    /// Nodes.
+    Nodes(Vec<usize>),
+    /// The link between two nodes.
+    Link(usize, usize),
+    /// Every link from a node of one group to a node of another. A node in no group keeps its links.
+    Groups(Vec<Vec<usize>>),
+    /// Every link.
+    AllLinks,
+}
+
+impl Targets {
+    /// The nodes; none where they are links.
+    #[must_use]
+    pub fn nodes(&self) -> &[usize] {
+        match self {
+            Self::Nodes(nodes) => nodes,
+            Self::Link(..) | Self::Groups(_) | Self::AllLinks => &[],
+        }
+    }
+
+    /// The links that are edges of `graph`, the lower end first.
+    #[must_use]
+    pub fn links(&self, graph: &Graph) -> Vec<(usize, usize)> {
+        let edges = graph.edges.iter().map(|edge| (edge.a, edge.b));
+        match self {
+            Self::Nodes(_) => Vec::new(),
+            Self::Link(a, b) => edges.filter(|&edge| edge == (*a.min(b), *a.max(b))).collect(),
+            Self::Groups(groups) => edges.filter(|&edge| are_apart(groups, edge)).collect(),
+            Self::AllLinks => edges.collect(),
+        }
+    }
+}
+
+fn are_apart(groups: &[Vec<usize>], (a, b): (usize, usize)) -> bool {
+    let group = |node: usize| groups.iter().position(|group| group.contains(&node));
+    group(a).zip(group(b)).is_some_and(|(a, b)| a != b)
+}
+
+impl fmt::Display for EventSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.kind.name(), self.targets)?;
+        match self.lasts_ns {
+            0 => Ok(()),
+            ns => write!(f, " for {}", format_duration(ns)),
+        }
+    }
+}
+
+impl fmt::Display for Targets {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nodes(nodes) if nodes.len() == 1 => write!(f, "node {}", ids(nodes)),
+            Self::Nodes(nodes) => write!(f, "nodes {}", ids(nodes)),
+            Self::Link(a, b) => write!(f, "link {}", ids(&[*a, *b])),
+            Self::Groups(groups) => {
+                let groups: Vec<_> = groups.iter().map(|group| ids(group)).collect();
+                write!(f, "groups {}", groups.join(" | "))
+            }
+            Self::AllLinks => f.write_str("all links"),
+        }
+    }
+}
+
+fn ids(nodes: &[usize]) -> String {
+    let ids: Vec<_> = nodes.iter().map(|node| (node + 1).to_string()).collect();
+    ids.join(", ")
+}
+
+#[cfg(test)]
+mod tests;

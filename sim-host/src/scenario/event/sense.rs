@@ -1,0 +1,189 @@
+//! What only the whole scenario shows of its events: an event that lies outside the run, or that changes nothing, is refused.
+
+use super::course::{Change, Course, first_tick};
+use super::{EventKind, EventSpec, Targets};
+use crate::scenario::diagnostic::Problem;
+use crate::scenario::reader::Log;
+use crate::scenario::tree::{Item, Value};
+use crate::scenario::{Coupling, Expect, Graph, TimeSpec, format_duration};
+use std::collections::BTreeSet;
+
+/// The last tick at which a node may come. It learns the tick from a SYNC, which carries 24 bits of it, and takes one that is
+/// less than half of their range ahead.
+const LAST_JOIN: u64 = (1 << 23) - 1;
+
+/// Most events, and most nodes and links that they change in all: more would take longer than the run.
+const MOST_EVENTS: usize = 1_000;
+const MOST_CHANGES: usize = 1_000_000;
+
+/// What events are looked at with.
+pub(in crate::scenario) struct Setting<'a> {
+    pub time: &'a TimeSpec,
+    pub graph: &'a Graph,
+    pub coupling: Coupling<f64>,
+    pub root: &'a Item,
+    pub log: &'a Log,
+}
+
+/// Puts `events` in the order of time, and reports what is wrong with them and with `expect.recovered_within`.
+pub(in crate::scenario) fn make_sense(
+    events: Vec<EventSpec>,
+    expect: &Expect,
+    setting: &Setting<'_>,
+) -> Vec<EventSpec> {
+    let items: &[Item] = match setting.root.get("event").map(|item| &item.value) {
+        Some(Value::Array(items)) => items,
+        _ => &[],
+    };
+    let mut placed: Vec<(EventSpec, &Item)> = events.into_iter().zip(items).collect();
+    // Stable: what happens at the same time happens in the order of the file.
+    placed.sort_by_key(|(event, _)| event.at_ns);
+    let (events, items): (Vec<EventSpec>, Vec<&Item>) = placed.into_iter().unzip();
+    if let Some(event) = items.first().filter(|_| setting.coupling == Coupling::WeaklyCentralised) {
+        let allowed =
+            "must not be there with weakly-centralised coupling, which is simulated without nodes and links";
+        setting.log.report(event.diagnostic(Problem::Value, allowed));
+        return events;
+    }
+    if let Some(item) = items.get(MOST_EVENTS) {
+        let allowed = format!("is one event too many: a scenario takes {MOST_EVENTS}");
+        setting.log.report(item.diagnostic(Problem::Value, allowed));
+        return events;
+    }
+    let mut changes = 0;
+    for (event, item) in events.iter().zip(&items) {
+        setting.in_the_run(event, item);
+        changes += setting.of_the_graph(event, item);
+        if changes > MOST_CHANGES {
+            let allowed =
+                format!("events change {MOST_CHANGES} nodes and links at most, up to and with this one more");
+            setting.log.report(item.diagnostic(Problem::Value, allowed));
+            return events;
+        }
+    }
+    let course = Course::of(&events, setting.graph);
+    setting.walk(&events, &items, &course);
+    setting.recovery(&events, expect, &course);
+    events
+}
+
+impl Setting<'_> {
+    /// Reports at `key` of an event, or at the event where it has no such key.
+    fn report(&self, item: &Item, key: &str, allowed: String) {
+        let at = item.get(key).unwrap_or(item);
+        self.log.report(at.diagnostic(Problem::Value, allowed));
+    }
+
+    fn end_ns(&self) -> u64 {
+        self.time.ticks.saturating_mul(self.time.tick_ns)
+    }
+
+    fn in_the_run(&self, event: &EventSpec, item: &Item) {
+        let end = format_duration(self.end_ns());
+        let back_ns = event.at_ns.saturating_add(event.lasts_ns);
+        let comes = matches!(event.kind, EventKind::Join | EventKind::Bounce);
+        if event.at_ns > self.end_ns() {
+            self.report(item, "at", format!("must not be later than the end of the run, {end}"));
+        } else if back_ns > self.end_ns() {
+            let allowed = format!("must bring the node back by the end of the run, {end}; a crash does not");
+            self.report(item, if item.get("for").is_some() { "for" } else { "at" }, allowed);
+        } else if comes && first_tick(back_ns, self.time) > LAST_JOIN {
+            let last = format_duration(LAST_JOIN.saturating_mul(self.time.tick_ns));
+            let allowed = format!("no node can come later than {last}: a SYNC tells it 24 bits of the tick");
+            self.report(item, "at", allowed);
+        }
+    }
+
+    /// The links of an event are edges. Gives how many nodes or links it has.
+    fn of_the_graph(&self, event: &EventSpec, item: &Item) -> usize {
+        let count = event.targets.nodes().len() + event.targets.links(self.graph).len();
+        if count > 0 {
+            return count;
+        }
+        match &event.targets {
+            Targets::Link(a, _) => {
+                let near: Vec<_> =
+                    self.graph.neighbours(*a).iter().map(|(other, _)| (other + 1).to_string()).collect();
+                let allowed =
+                    format!("must be an edge of the graph; node {} has edges to {}", a + 1, near.join(", "));
+                self.report(item, "link", allowed);
+            }
+            _ => self.report(
+                item,
+                "groups",
+                "must have an edge of the graph from one group to another".to_owned(),
+            ),
+        }
+        0
+    }
+
+    /// Goes through the run, and reports events that change nothing.
+    fn walk(&self, events: &[EventSpec], items: &[&Item], course: &Course) {
+        // When each node went off; `None` while it is on.
+        let mut off: Vec<Option<u64>> =
+            (0..self.graph.nodes).map(|node| course.begins_absent(node).then_some(0)).collect();
+        let (mut cut, mut idle) = (BTreeSet::new(), vec![true; events.len()]);
+        for step in course.steps() {
+            let Some(item) = items.get(step.event) else { continue };
+            let (key, at) =
+                (if item.get("node").is_some() { "node" } else { "nodes" }, format_duration(step.at_ns));
+            let changes = match step.change {
+                Change::Off { node, .. } => match off[node].replace(step.at_ns) {
+                    None => true,
+                    Some(since) => {
+                        let since = format_duration(since);
+                        self.report(item, key, format!("node {} is off at {at}, since {since}", node + 1));
+                        return;
+                    }
+                },
+                Change::On { node } => {
+                    if off[node].take().is_none() {
+                        self.report(item, key, format!("node {} is on at {at}, and cannot come", node + 1));
+                        return;
+                    }
+                    if step.at_ns == 0 && course.begins_absent(node) {
+                        self.report(
+                            item,
+                            "at",
+                            "must be later than 0s: until it joins, a node is absent".to_owned(),
+                        );
+                        return;
+                    }
+                    true
+                }
+                Change::Cut(a, b) => cut.insert((a, b)),
+                Change::Mend(a, b) => cut.remove(&(a, b)),
+            };
+            if let Some(idle) = idle.get_mut(step.event) {
+                *idle &= !changes;
+            }
+        }
+        for ((event, item), _) in events.iter().zip(items).zip(&idle).filter(|(_, idle)| **idle) {
+            if event.targets.links(self.graph).is_empty() {
+                continue;
+            }
+            let state = if event.kind == EventKind::Repair { "not cut" } else { "cut" };
+            let at = format_duration(event.at_ns);
+            self.report(item, "kind", format!("changes nothing: its links are {state} at {at} already"));
+        }
+    }
+
+    /// `expect.recovered_within` needs events that end, and time to be judged after them.
+    fn recovery(&self, events: &[EventSpec], expect: &Expect, course: &Course) {
+        let Some(within) = expect.recovered_within_ns else { return };
+        let key = self.root.get("expect").and_then(|expect| expect.get("recovered_within"));
+        let Some(item) = key else { return };
+        let refuse = |allowed: String| self.log.report(item.diagnostic(Problem::Value, allowed));
+        let ends: Option<Vec<u64>> =
+            course.disturbances(events).iter().map(|disturbance| disturbance.end_ns).collect();
+        match ends.map(|ends| ends.into_iter().max()) {
+            None => refuse("must not be there while a partition is never repaired".to_owned()),
+            Some(None) => refuse("must not be there without an [[event]] to recover from".to_owned()),
+            Some(Some(last)) if last.saturating_add(within) > self.end_ns() => {
+                let left = format_duration(self.end_ns().saturating_sub(last));
+                refuse(format!("must not be longer than what the run has after its last event, {left}"));
+            }
+            Some(Some(_)) => {}
+        }
+    }
+}

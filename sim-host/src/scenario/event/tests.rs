@@ -1,0 +1,346 @@
+use super::*;
+use crate::scenario::{Scenario, TimeSpec};
+use std::path::Path;
+
+const MS: u64 = 1_000_000;
+
+/// A ring of five for 2 s.
+fn text(events: &str) -> String {
+    format!(
+        r#"version = 1
+time = {{ tick = "1ms", duration = "2s" }}
+graph = {{ kind = "ring", nodes = 5 }}
+coupling = {{ kind = "node-wise", gain = {{ kind = "reciprocal", scale = 1.0 }}, funnel = {{ kind = "constant", width = 2.0 }} }}
+agent = {{ dynamics = {{ kind = "affine", slope = -1.0 }} }}
+{events}
+"#
+    )
+}
+
+fn read(events: &str) -> Scenario {
+    Scenario::parse(&text(events), Path::new("a.toml"), &[]).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// What is said of events that are refused.
+fn refused(events: &str) -> String {
+    match Scenario::parse(&text(events), Path::new("a.toml"), &[]) {
+        Ok(scenario) => panic!("accepted: {:?}", scenario.events),
+        Err(errors) => errors.to_string(),
+    }
+}
+
+/// One event, as an inline table.
+fn one(event: &str) -> String {
+    format!("event = [{{ {event} }}]")
+}
+
+#[test]
+fn events_are_read_and_put_in_the_order_of_time() {
+    let scenario = read(
+        "event = [{ at = '1.5s', kind = 'repair' }, { at = '1s', kind = 'partition', groups = [[1, 2], [3]] }, \
+         { at = '0s', kind = 'bounce', node = 3 }, { at = '1s', kind = 'crash', nodes = [5, 3] }, \
+         { at = '1.2s', kind = 'bounce', node = 2, for = '7ms' }, { at = '2s', kind = 'join', node = 3 }]",
+    );
+    let told: Vec<_> = scenario.events.iter().map(|event| (event.at_ns / MS, event.to_string())).collect();
+    let expected = [
+        (0, "bounce node 3 for 100ms"),
+        // At the same time as in the file.
+        (1000, "partition groups 1, 2 | 3"),
+        (1000, "crash nodes 5, 3"),
+        (1200, "bounce node 2 for 7ms"),
+        (1500, "repair all links"),
+        (2000, "join node 3"),
+    ];
+    assert_eq!(told, expected.map(|(at, text)| (at, text.to_owned())));
+}
+
+#[test]
+fn a_partition_cuts_what_leads_from_group_to_group() {
+    let ring = read("").graph;
+    let links = |groups: &[&[usize]]| {
+        Targets::Groups(groups.iter().map(|group| group.iter().map(|id| id - 1).collect()).collect())
+            .links(&ring)
+    };
+    assert_eq!(links(&[&[1, 2], &[3, 4, 5]]), [(0, 4), (1, 2)]);
+    // A node in no group keeps its links.
+    assert_eq!(links(&[&[1], &[2]]), [(0, 1)]);
+    assert_eq!(Targets::Link(4, 0).links(&ring), [(0, 4)]);
+    assert_eq!(Targets::AllLinks.links(&ring).len(), 5);
+}
+
+#[test]
+fn every_key_of_an_event_is_checked_by_itself() {
+    for (event, words) in [
+        (
+            "at = '1s', kind = 'crash'",
+            "missing key 'node' in [event[0]] of kind 'crash': must be the id of a node, 1 to 5",
+        ),
+        (
+            "kind = 'crash', node = 1",
+            "missing key 'at' in [event[0]]: must be a duration from the start, as \"5s\"",
+        ),
+        (
+            "at = '1s', node = 1",
+            "missing key 'kind' in [event[0]]: must be one of crash, bounce, join, leave, partition, repair",
+        ),
+        ("at = 1, kind = 'crash', node = 1", "event[0].at = 1: must be a duration with a unit"),
+        ("at = '1s', kind = 'crsh', node = 1", "did you mean 'crash'?"),
+        (
+            "at = '1s', kind = 'crash', node = 6",
+            "event[0].node = 6: must be an integer from 1 to 5 (the id of a node of the graph)",
+        ),
+        (
+            "at = '1s', kind = 'crash', nodes = 2",
+            "event[0].nodes = 2: must be an array of node ids from 1 to 5",
+        ),
+        ("at = '1s', kind = 'crash', nodes = []", "must name a node"),
+        ("at = '1s', kind = 'crash', nodes = [2, 2]", "names node 2 twice"),
+        (
+            "at = '1s', kind = 'crash', nodes = [1], node = 2",
+            "event[0].nodes = [1]: must not be there beside node",
+        ),
+        (
+            "at = '1s', kind = 'crash', node = 1, for = '1s'",
+            "unknown key 'for' in [event[0]] of kind 'crash'",
+        ),
+        ("at = '1s', kind = 'bounce', node = 1, for = '0s'", "event[0].for = '0s': must be longer than 0s"),
+        ("at = '1s', kind = 'leave', link = [1, 2]", "missing key 'node'"),
+        (
+            "at = '1s', kind = 'partition'",
+            "missing key 'groups' in [event[0]] of kind 'partition': must be two or more arrays",
+        ),
+        ("at = '1s', kind = 'partition', groups = [[1, 2]]", "must be two groups or more"),
+        ("at = '1s', kind = 'partition', groups = [[1, 2], []]", "must name a node"),
+        ("at = '1s', kind = 'partition', groups = [[1, 2], [2, 3]]", "has node 2 in two"),
+        ("at = '1s', kind = 'partition', link = [1, 2, 3]", "must be the ids of two neighbours, as [1, 2]"),
+        ("at = '1s', kind = 'partition', link = [1, 1]", "names node 1 twice"),
+    ] {
+        let found = refused(&one(event));
+        assert!(found.contains(words), "{event}\n{found}");
+    }
+    assert!(refused("event = 3").contains("event = 3: must be an array"));
+    assert!(refused("event = [3]").contains("must be a table"));
+}
+
+#[test]
+fn kinds_that_are_not_built_are_refused_by_name() {
+    for kind in [
+        "hold",
+        "release",
+        "cut",
+        "short",
+        "babble",
+        "noise",
+        "corrupt",
+        "burst",
+        "clock",
+        "sync-loss",
+        "sensor",
+        "actuator",
+        "liar",
+        "replayer",
+        "impostor",
+        "set",
+    ] {
+        let found = refused(&one(&format!("at = '1s', kind = '{kind}', node = 1")));
+        let expected = format!(
+            "event[0].kind = '{kind}': known, but not supported by this version yet; this version runs crash, bounce, join, \
+             leave, partition, repair"
+        );
+        assert!(found.contains(&expected), "{found}");
+    }
+}
+
+#[test]
+fn an_event_outside_the_run_or_the_graph_is_refused() {
+    for (event, words) in [
+        (
+            "at = '2001ms', kind = 'crash', node = 1",
+            "event[0].at = '2001ms': must not be later than the end of the run, 2s",
+        ),
+        (
+            "at = '1.95s', kind = 'bounce', node = 1",
+            "event[0].at = '1.95s': must bring the node back by the end of the run, 2s",
+        ),
+        ("at = '1s', kind = 'bounce', node = 1, for = '2s'", "event[0].for = '2s': must bring the node back"),
+        (
+            "at = '1s', kind = 'partition', link = [1, 3]",
+            "must be an edge of the graph; node 1 has edges to 2, 5",
+        ),
+        (
+            "at = '1s', kind = 'partition', groups = [[1], [3]]",
+            "must have an edge of the graph from one group to another",
+        ),
+    ] {
+        let found = refused(&one(event));
+        assert!(found.contains(words), "{event}\n{found}");
+    }
+    // At the end is in the run.
+    read(&one("at = '2s', kind = 'crash', node = 1"));
+    read(&one("at = '1.9s', kind = 'bounce', node = 1"));
+}
+
+#[test]
+fn a_node_that_comes_too_late_for_a_sync_to_tell_it_the_tick_is_refused() {
+    let long = |at: &str| {
+        let text = text(&one(&format!("at = '{at}', kind = 'join', node = 1"))).replace("2s", "3h");
+        Scenario::parse(&text, Path::new("a.toml"), &[]).map(drop).map_err(|errors| errors.to_string())
+    };
+    assert_eq!(long("8388607ms"), Ok(()));
+    assert!(long("8388608ms").is_err_and(|error| error.contains("no node can come later than 8388.607s")));
+}
+
+#[test]
+fn an_event_that_changes_nothing_is_refused() {
+    for (events, words) in [
+        (
+            "{ at = '1s', kind = 'crash', node = 1 }, { at = '1.1s', kind = 'crash', node = 1 }",
+            "event[1].node = 1: node 1 is off at 1.1s, since 1s",
+        ),
+        (
+            "{ at = '1s', kind = 'crash', node = 1 }, { at = '1.1s', kind = 'bounce', nodes = [2, 1] }",
+            "event[1].nodes = [2, 1]: node 1 is off",
+        ),
+        (
+            "{ at = '1s', kind = 'bounce', node = 1 }, { at = '1.1s', kind = 'join', node = 1 }",
+            "event[1].node = 1: node 1 is on at 1.1s, and cannot come",
+        ),
+        (
+            "{ at = '1s', kind = 'bounce', node = 1 }, { at = '1050ms', kind = 'join', node = 1 }",
+            "event[0].node = 1: node 1 is on at 1.1s",
+        ),
+        (
+            "{ at = '0s', kind = 'join', node = 1 }",
+            "event[0].at = '0s': must be later than 0s: until it joins, a node is absent",
+        ),
+        (
+            "{ at = '1s', kind = 'repair' }",
+            "event[0].kind = 'repair': changes nothing: its links are not cut at 1s already",
+        ),
+        (
+            "{ at = '1s', kind = 'partition', link = [1, 2] }, { at = '1.5s', kind = 'repair', link = [2, 3] }",
+            "event[1].kind = 'repair': changes nothing",
+        ),
+        (
+            "{ at = '1s', kind = 'partition', link = [1, 2] }, { at = '1.5s', kind = 'partition', link = [2, 1] }",
+            "event[1].kind = 'partition': changes nothing: its links are cut",
+        ),
+    ] {
+        let found = refused(&format!("event = [{events}]"));
+        assert!(found.contains(words), "{events}\n{found}");
+    }
+    // It cuts one link more.
+    read(
+        "event = [{ at = '1s', kind = 'partition', link = [1, 2] }, { at = '1.1s', kind = 'partition', groups = [[1], [2, 5]] }]",
+    );
+    // Off and on at the same time is a restart.
+    read("event = [{ at = '1s', kind = 'crash', node = 1 }, { at = '1s', kind = 'join', node = 1 }]");
+}
+
+#[test]
+fn a_recovery_is_expected_only_of_events_that_end_and_leave_time_to_judge() {
+    let expect = "expect = { recovered_within = '500ms' }\n";
+    for (events, words) in [
+        ("", "must not be there without an [[event]] to recover from"),
+        (
+            "event = [{ at = '1s', kind = 'partition', link = [1, 2] }]",
+            "must not be there while a partition is never repaired",
+        ),
+        (
+            "event = [{ at = '1s', kind = 'bounce', node = 1, for = '501ms' }]",
+            "expect.recovered_within = '500ms': must not be longer than what the run has after its last event, 499ms",
+        ),
+    ] {
+        let found = refused(&format!("{expect}{events}"));
+        assert!(found.contains(words), "{events}\n{found}");
+    }
+    let scenario =
+        read(&format!("{expect}event = [{{ at = '1s', kind = 'bounce', node = 1, for = '500ms' }}]"));
+    assert_eq!(scenario.expect.recovered_within_ns, Some(500 * MS));
+    assert!(!scenario.expect.is_empty());
+}
+
+#[test]
+fn only_nodes_that_are_there_have_to_start_inside() {
+    let far = "node = [{ id = 1, state = 50 }]\n";
+    assert!(refused(far).contains("starts outside its funnel"));
+    read(&format!("{far}{}", one("at = '1s', kind = 'join', node = 1")));
+    // It is there until it leaves.
+    assert!(
+        refused(&format!("{far}{}", one("at = '1s', kind = 'leave', node = 1"))).contains("starts outside")
+    );
+}
+
+#[test]
+fn a_coupling_without_nodes_and_links_takes_no_event() {
+    let text = text(&one("at = '1s', kind = 'crash', node = 1")).replace("node-wise", "weakly-centralised");
+    let found = Scenario::parse(&text, Path::new("a.toml"), &[]).unwrap_err().to_string();
+    assert!(found.contains("must not be there with weakly-centralised coupling"), "{found}");
+}
+
+fn absences(events: &str) -> Vec<(usize, u64, Option<u64>)> {
+    let Scenario { events, graph, time, .. } = read(events);
+    let absences = Course::of(&events, &graph).absences(&time);
+    absences.into_iter().map(|absence| (absence.node + 1, absence.from_tick, absence.to_tick)).collect()
+}
+
+#[test]
+fn a_node_is_away_for_the_ticks_at_which_it_is_off() {
+    let events = "event = [{ at = '1s', kind = 'bounce', node = 2 }, { at = '1.5s', kind = 'join', node = 3 }, \
+                  { at = '1800.5ms', kind = 'leave', node = 2 }, { at = '1s', kind = 'bounce', node = 4, for = '1us' }, \
+                  { at = '1000.5ms', kind = 'bounce', node = 5, for = '1us' }]";
+    // Node 4 misses tick 1000, which comes at the time at which it goes off; node 5 misses none.
+    let expected = [(3, 0, Some(1500)), (2, 1000, Some(1100)), (4, 1000, Some(1001)), (2, 1801, None)];
+    assert_eq!(absences(events), expected);
+}
+
+#[test]
+fn a_disturbance_lasts_until_nodes_are_back_and_links_are_mended() {
+    let scenario = read(
+        "event = [{ at = '1s', kind = 'partition', groups = [[1, 2], [3, 4, 5]] }, { at = '1.1s', kind = 'repair', link = [2, 3] }, \
+         { at = '1.3s', kind = 'repair' }, { at = '1.4s', kind = 'bounce', node = 1, for = '50ms' }, \
+         { at = '1.5s', kind = 'partition', link = [1, 2] }]",
+    );
+    let found = scenario.course().disturbances(&scenario.events);
+    let found: Vec<_> = found.iter().map(|d| (d.from_ns / MS, d.end_ns.map(|end| end / MS))).collect();
+    assert_eq!(
+        found,
+        [(1000, Some(1300)), (1100, Some(1100)), (1300, Some(1300)), (1400, Some(1450)), (1500, None)]
+    );
+}
+
+#[test]
+fn the_first_tick_of_an_event_is_the_one_at_or_after_it() {
+    let time = TimeSpec { tick_ns: MS, ticks: 10, round: 1 };
+    assert_eq!([0, 1, MS, MS + 1].map(|at| first_tick(at, &time)), [0, 1, 1, 2]);
+}
+
+#[test]
+fn more_events_than_a_run_can_follow_are_refused_in_a_moment() {
+    let many = |count: usize| {
+        let pair = "{ at = '1s', kind = 'crash', node = 1 }, { at = '1s', kind = 'join', node = 1 },";
+        format!("event = [{}]", pair.repeat(count / 2))
+    };
+    assert_eq!(read(&many(1000)).events.len(), 1000);
+    assert!(refused(&many(20_000)).contains("event[1000] = "));
+    // A million links of a complete graph, twice.
+    let halves = |count: usize| {
+        let ids = |range: std::ops::RangeInclusive<u16>| {
+            range.map(|id| id.to_string()).collect::<Vec<_>>().join(",")
+        };
+        let pair = format!(
+            "{{ at = '1s', kind = 'partition', groups = [[{}], [{}]] }}, {{ at = '1s', kind = 'repair' }},",
+            ids(1..=500),
+            ids(501..=1000)
+        );
+        text(&format!("event = [{}]", pair.repeat(count)))
+            .replace("\"ring\", nodes = 5", "\"complete\", nodes = 1000")
+            .replace("width = 2.0", "width = 2e6")
+    };
+    let refused = Scenario::parse(&halves(20), Path::new("a.toml"), &[]).unwrap_err().to_string();
+    assert!(
+        refused.contains("events change 1000000 nodes and links at most"),
+        "{}",
+        &refused[refused.len() - 200..]
+    );
+}
