@@ -1,6 +1,7 @@
 //! Events in loopback: what they do to nodes and links, and worlds in which a verdict must not be fooled by them.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use funnelnet_law::math;
 use funnelnet_node::Event;
 use sim_host::exit::Exit;
 use sim_host::interrupt::Interrupt;
@@ -144,7 +145,7 @@ fn a_node_that_is_bounced_comes_back_with_its_stored_configuration_and_knows_the
     assert_ne!(run.rows[399].x[2], -0.25);
     assert_eq!((run.rows[500].x[2], run.rows[500].nu[2]), (-0.25, 0.0));
     // A node that had begun at tick 0 again would be in a funnel of 9.
-    let psi = |k: usize| 7.0 * (-0.003 * k as f64).exp() + 2.0;
+    let psi = |k: usize| 7.0 * math::exp(-0.003 * k as f64) + 2.0;
     assert!((run.rows[500].psi[2] - psi(500)).abs() < 1e-5, "{}", run.rows[500].psi[2]);
     let words = said(&run, 3);
     assert!(
@@ -197,7 +198,7 @@ fn time_goes_on_while_nobody_is_there() {
     let scenario = ring(events, &[]);
     let run = outcome(&scenario);
     assert!((1..=5).all(|id| gaps(&run, id) == range(0, 300)));
-    let psi = 7.0 * (-0.9f64).exp() + 2.0;
+    let psi = 7.0 * math::exp(-0.9) + 2.0;
     assert!((run.rows[300].psi[0] - psi).abs() < 1e-5);
     assert!(failed(&run.judge(&scenario, Fidelity::Loopback)).is_empty());
 }

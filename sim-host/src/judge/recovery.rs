@@ -99,7 +99,7 @@ impl Recovery {
     /// The longest time from the end of an event to the last tick outside, s; `None` where the run ended before an event did, or
     /// with a node outside.
     pub(super) fn finish(mut self) -> Option<f64> {
-        let recovered = self.ends.is_empty() && !(self.outside && !self.open.is_empty());
+        let recovered = self.ends.is_empty() && (!self.outside || self.open.is_empty());
         self.close();
         recovered.then_some(self.longest as f64 / 1e9)
     }

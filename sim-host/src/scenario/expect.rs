@@ -25,10 +25,9 @@ pub(super) fn read(file: &mut Section<'_>, nodes: u64) -> Expect {
             final_value
         }),
         max_input: section.optional_number("max_input", input()),
-        recovered_within_ns: match section.take("recovered_within") {
-            Some(_) => Some(section.duration("recovered_within", None)),
-            None => None,
-        },
+        recovered_within_ns: section
+            .take("recovered_within")
+            .map(|_| section.duration("recovered_within", None)),
         stopped: section.value("stopped", Stoppable::default(), |item| stoppable(item, nodes)),
         windows: {
             let log = section.log();

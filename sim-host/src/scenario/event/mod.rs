@@ -88,15 +88,23 @@ impl Targets {
         match self {
             Self::Nodes(_) => Vec::new(),
             Self::Link(a, b) => edges.filter(|&edge| edge == (*a.min(b), *a.max(b))).collect(),
-            Self::Groups(groups) => edges.filter(|&edge| are_apart(groups, edge)).collect(),
+            Self::Groups(groups) => {
+                let group = groups_of(groups, graph.nodes);
+                let are_apart = |a: usize, b: usize| group[a].zip(group[b]).is_some_and(|(a, b)| a != b);
+                edges.filter(|&(a, b)| are_apart(a, b)).collect()
+            }
             Self::AllLinks => edges.collect(),
         }
     }
 }
 
-fn are_apart(groups: &[Vec<usize>], (a, b): (usize, usize)) -> bool {
-    let group = |node: usize| groups.iter().position(|group| group.contains(&node));
-    group(a).zip(group(b)).is_some_and(|(a, b)| a != b)
+/// The group of each node, by index.
+fn groups_of(groups: &[Vec<usize>], nodes: usize) -> Vec<Option<usize>> {
+    let mut of = vec![None; nodes];
+    for (group, members) in groups.iter().enumerate() {
+        members.iter().for_each(|&node| of[node] = Some(group));
+    }
+    of
 }
 
 impl fmt::Display for EventSpec {
