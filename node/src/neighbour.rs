@@ -415,6 +415,18 @@ impl<F: Real> Neighbours<F> {
         }
     }
 
+    /// Numbers of edges, component by component, that have a value, and that are still waited for.
+    pub fn known_and_unheard(&self) -> (usize, usize) {
+        let count = |presence| self.edges.iter().filter(|edge| edge.presence() == presence).count();
+        (count(Presence::Known), count(Presence::Unheard))
+    }
+
+    /// Sum of the weights of the edges that have a value in one component.
+    pub fn known_degree(&self, component: u8) -> F {
+        let known = self.edges.iter().filter(|edge| edge.is_known() && edge.component == component);
+        known.fold(F::ZERO, |sum, edge| sum + edge.weight)
+    }
+
     /// Takes note that something in one component does not follow from what was before (LAW.md 3).
     pub fn disturb(&mut self, component: u8) {
         let edges = self.edges.iter_mut().filter(|edge| edge.component == component);

@@ -3,7 +3,8 @@
 //!
 //! Each file is one part of it: `inbox` takes messages, `clock` knows when a tick is due, `tick` runs one,
 //! `funnel` judges it, and `outbox` holds what is to go out. `life` starts, stops and fails it, `step` asks
-//! the app, `plant` takes samples and gives inputs, `adopt` takes another configuration.
+//! the app, `plant` takes samples and gives inputs, `adopt` takes another configuration, `join` is about a
+//! node that comes to a network that runs.
 //!
 //! # The state machine
 //!
@@ -55,6 +56,7 @@ pub mod adopt;
 mod clock;
 mod funnel;
 mod inbox;
+mod join;
 mod life;
 mod outbox;
 mod part;
@@ -80,6 +82,7 @@ use funnelnet_protocol::config::{EdgeConfig, MAX_COMPONENTS};
 use funnelnet_protocol::message::{Message, NodeId};
 use funnelnet_protocol::report::{Counters, Report};
 use heapless::Vec;
+use join::Newcomer;
 use outbox::Outbox;
 use part::Part;
 use step::Step;
@@ -112,6 +115,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = Gain<F>> {
     funnel: FunnelRecord<F>,
     /// A virtual node has none.
     plant: Option<Plant<F>>,
+    /// A member of its network is none.
+    newcomer: Option<Newcomer<F>>,
     outbox: Outbox,
     counters: Counters,
     neighbours: Neighbours<F>,
@@ -141,6 +146,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             funnel: FunnelRecord::new(),
             neighbours: Neighbours::new(params.initial_state.len() as u8),
             plant: params.plant.clone().map(Plant::new),
+            newcomer: None,
             outbox: Outbox::new(),
             counters: Counters::default(),
             params,

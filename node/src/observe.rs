@@ -78,6 +78,16 @@ pub enum Event {
         /// First tick that it is for.
         tick: u32,
     },
+    /// The node comes to a network that runs: it hears its neighbours, and sends no states yet.
+    Listens {
+        /// Tick number.
+        tick: u32,
+    },
+    /// The node is where its neighbours are, or hears none, and sends states from now on.
+    Joins {
+        /// Tick number.
+        tick: u32,
+    },
     /// The node has said a fault that did not stop it.
     Warned(FaultCode),
     /// The node has stopped by itself.
@@ -115,6 +125,8 @@ macro_rules! say {
                 $($write)::+!($f, "is late by a whole period or more from tick {} on", tick)
             }
             Event::Adopted { tick } => $($write)::+!($f, "has another configuration from tick {} on", tick),
+            Event::Listens { tick } => $($write)::+!($f, "listens before it speaks, from tick {} on", tick),
+            Event::Joins { tick } => $($write)::+!($f, "is one of its neighbours from tick {} on", tick),
             Event::Warned(code) => $($write)::+!($f, "warns: {}", code),
             Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
         }

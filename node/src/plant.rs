@@ -117,6 +117,12 @@ impl<F: Real> Plant<F> {
         u
     }
 
+    /// What the weakest of its actuators can do, state units / s.
+    pub fn largest_input(&self) -> F {
+        let sizes = self.setup.inputs.iter().map(|range| F::from_f32(range.high.max(-range.low)));
+        sizes.fold(F::WIDEST, |least, size| if size < least { size } else { least })
+    }
+
     /// Inputs of the last tick, state units / s, component by component.
     pub fn inputs(&self) -> &[F] {
         &self.inputs

@@ -27,7 +27,17 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     pub(super) fn run_tick(&mut self) {
         let k = self.clock.tick;
         let (largest, input, mut nu) = self.listen(k);
+        if self.counters.ticks == 0 {
+            self.begin(k);
+        }
+        let is_new = self.newcomer.is_some();
+        if is_new && self.waits(k, &mut nu) {
+            return self.let_pass(k);
+        }
         let mut psi = self.widths(k, self.params.floor.width(largest, input));
+        if is_new {
+            psi = self.private(k, nu, psi);
+        }
         let alone = self.neighbours.is_alone();
         if let (Law::EdgeWise(law), false) = (self.params.coupling, alone) {
             self.edge_inputs(k, &law);
@@ -66,6 +76,20 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     fn refuse_input(&mut self, k: u32, psi: F) {
         let component = self.parts.iter().position(|part| !part.u.is_finite()).unwrap_or(0);
         self.stop_at(k, psi, FaultCode::INPUT, component as u16);
+    }
+
+    /// Lets tick `k` pass without an input.
+    #[cold]
+    fn let_pass(&mut self, k: u32) {
+        for part in &mut self.parts {
+            (part.u, part.nu, part.dnu) = (F::ZERO, F::ZERO, F::ZERO);
+        }
+        if self.plant.is_some() {
+            self.saturate();
+        }
+        let psi = self.params.funnel.widths(k).now;
+        self.observe(k, psi);
+        self.advance(k);
     }
 
     /// Number of neighbours that are lost, where that stops the node.
@@ -207,8 +231,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         count(&mut self.counters.ticks);
         let limit = self.params.state_limit;
         if self.parts.iter().all(|part| part.x.abs() <= limit) {
-            self.outbox.send_state(self.parts.len());
-            self.outbox.send_edge();
+            if self.newcomer.is_none() {
+                self.outbox.send_state(self.parts.len());
+                self.outbox.send_edge();
+            }
         } else {
             self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.x = before);
             self.fault(FaultCode::STATE_LIMIT);

@@ -1,0 +1,125 @@
+//! A newcomer: a node whose first SYNC is not that of tick 0. It hears everybody and sends no states until it is where
+//! its neighbours are (LAW.md 9): nothing that it was before throws them out.
+
+use super::Node;
+use super::part::Part;
+use crate::observe::Event;
+use funnelnet_law::field::VectorField;
+use funnelnet_law::funnel::Widths;
+use funnelnet_law::gain::GainFunction;
+use funnelnet_law::law::Law;
+use funnelnet_law::math::{Real, larger};
+use funnelnet_protocol::config::TickSource;
+
+/// Ticks in a row that a node with a plant is inside its own funnel before it speaks.
+const SETTLED: u8 = 10;
+/// What counts as inside meanwhile: nobody answers its pull, so that it comes near from one side.
+const INSIDE: f32 = 1.05;
+/// The private funnel at its beginning, over the diffusive term that it finds.
+const ROOM: f32 = 1.25;
+/// Shortest time constant of the private funnel, s.
+const SHORTEST: f64 = 0.1;
+/// Times as long as a silent neighbour is extrapolated, after which a node that hears nobody speaks.
+const NOBODY: u32 = 3;
+
+/// State of a newcomer.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Newcomer<F> {
+    /// Ticks for which it has listened.
+    ticks: u32,
+    /// The funnel that nobody else knows of, once there is one.
+    private: Option<Private<F>>,
+    /// Ticks in a row inside its own funnel.
+    inside: u8,
+}
+
+/// Funnel of a node with a plant that has to move first.
+#[derive(Clone, Copy, Debug)]
+struct Private<F> {
+    /// At the tick that comes next, state units.
+    width: F,
+    /// `exp(-T / tau)`.
+    decay: F,
+}
+
+impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
+    /// Takes the first tick `k` of this node, of whatever number.
+    #[cold]
+    pub(super) fn begin(&mut self, k: u32) {
+        // A timer counts from the start of its own node, and knows of no network.
+        let joins = k != 0 && self.params.tick_source == TickSource::Sync;
+        if joins && self.params.coupling != Law::None && self.neighbours.count() != 0 {
+            self.newcomer = Some(Newcomer::default());
+            self.outbox.report(Event::Listens { tick: k });
+        }
+    }
+
+    /// Whether a newcomer at tick `k`, whose largest diffusive term is `nu` (state units), has no input yet. A
+    /// virtual node takes the mean of its neighbours and is one of them.
+    #[cold]
+    pub(super) fn waits(&mut self, k: u32, nu: &mut F) -> bool {
+        let Some(mut newcomer) = self.newcomer else { return false };
+        newcomer.ticks = newcomer.ticks.saturating_add(1);
+        self.newcomer = Some(newcomer);
+        if newcomer.private.is_some() {
+            return false;
+        }
+        let (known, unheard) = self.neighbours.known_and_unheard();
+        if known == 0 && newcomer.ticks > NOBODY.saturating_mul(self.params.extrapolate_ticks) {
+            self.speak(k);
+            return false;
+        }
+        if known == 0 || unheard != 0 {
+            return true;
+        }
+        if self.plant.is_none() {
+            self.adopt_mean();
+            *nu = F::ZERO;
+            self.speak(k);
+            return false;
+        }
+        newcomer.private = Some(self.private_funnel(*nu));
+        self.newcomer = Some(newcomer);
+        false
+    }
+
+    /// The funnel of a newcomer at a tick: its private one, while that is wider. `nu` is its largest diffusive
+    /// term, state units.
+    #[cold]
+    pub(super) fn private(&mut self, k: u32, nu: F, psi: Widths<F>) -> Widths<F> {
+        let Some(Newcomer { private: Some(private), inside, .. }) = &mut self.newcomer else { return psi };
+        let width = private.width;
+        private.width = width * private.decay;
+        *inside = if nu < F::from_f32(INSIDE) * psi.now { inside.saturating_add(1) } else { 0 };
+        if *inside >= SETTLED {
+            self.speak(k);
+        }
+        Widths { now: larger(psi.now, width), ahead: larger(psi.ahead, width) }
+    }
+
+    fn speak(&mut self, k: u32) {
+        self.newcomer = None;
+        self.outbox.report(Event::Joins { tick: k });
+    }
+
+    /// Puts every component where `nu` is zero.
+    fn adopt_mean(&mut self) {
+        for component in 0..self.parts.len() {
+            let degree = self.neighbours.known_degree(component as u8);
+            let Some(part) = self.parts.get_mut(component).filter(|_| degree > F::ZERO) else { continue };
+            let (x, dx) = (part.x + part.nu / degree, part.dx + part.dnu / degree);
+            *part = Part { x, dx, carry: F::ZERO, nu: F::ZERO, dnu: F::ZERO, ..*part };
+        }
+    }
+
+    /// `max(psi, 1.25 |nu0| exp(-t / tau))`, `tau = max(0.1 s, 2 |nu0| / (d U))`: no faster than the actuator can.
+    fn private_funnel(&self, nu: F) -> Private<F> {
+        let actuator = self.plant.as_ref().map_or(F::WIDEST, crate::plant::Plant::largest_input);
+        let input = self.params.input_limit.min(actuator);
+        let speed = self.neighbours.known_degree(0) * input;
+        let needed = (nu + nu) / speed;
+        let tau = larger(F::from_f64(SHORTEST), needed);
+        let period = F::from_f64(self.params.tick_ns as f64 * 1e-9);
+        Private { width: F::from_f32(ROOM) * nu, decay: (-(period / tau)).exp() }
+    }
+}
