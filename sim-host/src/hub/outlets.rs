@@ -5,6 +5,7 @@ use super::readers::{Readers, Reading, What};
 use super::{Attached, CanSide, Device, HubError};
 use crate::can::Heard;
 use crate::conductor::{Action, Seat, Source, Step, Task};
+use std::io::{self, Read};
 use std::time::{Duration, Instant, SystemTime};
 
 /// A node's line and device.
@@ -50,6 +51,14 @@ impl Outlets {
         self.moment = (Instant::now(), SystemTime::now());
     }
 
+    /// A second handle of the line of a node; one that is gone where there is no such node.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub(super) fn reader_of(&self, index: usize) -> Result<Box<dyn Read + Send>, HubError> {
+        self.nodes.get(index).map_or_else(|| Ok(Box::new(io::empty()) as _), |node| node.link.reader())
+    }
+
     /// Starts threads that read all lines and buses.
     ///
     /// # Errors
@@ -89,7 +98,7 @@ impl Outlets {
             }
             Action::Close { node } => {
                 if let Some(node) = self.nodes.get_mut(node) {
-                    node.link.replace(Box::new(std::io::empty()));
+                    node.link.replace(Box::new(io::empty()));
                 }
                 Ok(())
             }

@@ -4,6 +4,7 @@ use super::outlets::Outlets;
 use super::{Attached, Device, HubError, Link, Received};
 use crate::conductor::{Contact, Outside, Task};
 use funnelnet_protocol::service::{Identity, Request};
+use std::io::Read;
 use std::time::Duration;
 
 /// A node that is talked to alone.
@@ -54,6 +55,14 @@ impl Talk {
         pick: impl FnMut(Received) -> Option<T>,
     ) -> Result<T, HubError> {
         self.outlets.run(Task::new(&self.outside, self.contact.wait_for(limit, awaited, pick)))
+    }
+
+    /// A second handle of its line, for who reads past this one.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn reader(&self) -> Result<Box<dyn Read + Send>, HubError> {
+        self.outlets.reader_of(0)
     }
 
     /// Asks the node who it is, again and again, until it answers.
