@@ -20,6 +20,11 @@ impl Board {
         Self { session: Session::new(identity), deframer: Deframer::new(), seen: Vec::new() }
     }
 
+    /// Restarts it, blank.
+    pub fn restart(&mut self) {
+        *self = Self { seen: std::mem::take(&mut self.seen), ..Self::new() };
+    }
+
     /// What the node says to these bytes, frame by frame.
     pub fn hear(&mut self, bytes: &[u8], now: u64) -> Vec<Vec<u8>> {
         let mut said = Vec::new();

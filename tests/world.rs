@@ -204,7 +204,7 @@ impl<F: Fate> World<F> {
     }
 
     fn strike(&mut self, node: usize, blow: Blow) {
-        self.boards[node] = Board::new();
+        self.boards[node].restart();
         self.to_node[node].clear();
         self.ended[node] |= blow == Blow::Replug;
     }
