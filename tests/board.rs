@@ -4,20 +4,24 @@ use funnelnet_node::{Observation, Output, Session};
 use funnelnet_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Identity, Reply, StoreError};
 use funnelnet_protocol::{Refusal, WIRE_VERSION};
+use std::collections::VecDeque;
+
+/// Ticks of which a board keeps what its node saw.
+const KEPT: usize = 100;
 
 /// One end of a serial line: bytes in, session, frames out.
 pub struct Board {
     session: Session,
     deframer: Deframer,
-    /// What its node saw at the last tick that it told of.
-    seen: Vec<Observation<f32>>,
+    /// What its node saw at the last ticks that it told of.
+    seen: VecDeque<Vec<Observation<f32>>>,
 }
 
 impl Board {
     /// A blank node.
     pub fn new() -> Self {
         let identity = Identity { wire_version: WIRE_VERSION, ..Identity::default() };
-        Self { session: Session::new(identity), deframer: Deframer::new(), seen: Vec::new() }
+        Self { session: Session::new(identity), deframer: Deframer::new(), seen: VecDeque::new() }
     }
 
     /// Restarts it, blank.
@@ -62,9 +66,10 @@ impl Board {
         self.session.poll_at()
     }
 
-    /// What its node saw at the last tick that it told of, by component.
-    pub fn seen(&self) -> &[Observation<f32>] {
-        &self.seen
+    /// What its node saw at a tick that it has told of lately, by component.
+    pub fn seen_at(&self, tick: u32) -> Option<&[Observation<f32>]> {
+        let of = |seen: &&Vec<Observation<f32>>| seen.first().is_some_and(|first| first.tick == tick);
+        self.seen.iter().rev().find(of).map(Vec::as_slice)
     }
 
     /// Frames that the node refused, for any reason.
@@ -75,7 +80,10 @@ impl Board {
 
     fn note_seen(&mut self) {
         if let Some(node) = self.session.node() {
-            self.seen = node.observations().to_vec();
+            self.seen.push_back(node.observations().to_vec());
+            if self.seen.len() > KEPT {
+                self.seen.pop_front();
+            }
         }
     }
 }

@@ -18,24 +18,28 @@ use system_tests::world::{Blow, Fate, Way, World, conductor};
 
 const NODES: usize = 12;
 const LOCKSTEP: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1 };
+const OWN_CLOCK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 1 };
 const PATIENCE: Patience = Patience { boot: Duration::from_secs(5), answer: Duration::from_millis(500) };
 /// Time that a frame takes, ns: a tick takes twice as long.
 const TRAVEL: u64 = 25_000_000;
+/// The same where nodes have clocks of their own, and a state must come within a tick.
+const SOON: u64 = 2_000_000;
 const SECOND: u64 = 1_000_000_000;
 const HOUR: u64 = 3600 * SECOND;
 /// How long after it a blow may be felt: an answer is waited for, or a look has just been in vain.
 const FELT: u64 = 2 * SECOND;
 
 /// How often what happens.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Rates {
-    /// Of the frames on every line; the same share is doubled, and spoilt.
-    frames: f64,
+    /// Of the frames on every line; the same share is spoilt.
+    lost: f64,
+    doubled: f64,
     /// Of the moments at which a board hears or speaks: it falls silent, restarts, or is unplugged.
     boards: f64,
 }
 
-const BROKEN: Rates = Rates { frames: 1e-4, boards: 1e-5 };
+const BROKEN: Rates = Rates { lost: 1e-4, doubled: 1e-4, boards: 1e-5 };
 
 /// How often what has happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -77,26 +81,23 @@ impl Fate for Trouble {
             self.struck[node] = Some(now);
             return Vec::new();
         }
-        let draw = uniform(&mut self.draws[node]) / self.rates.frames;
-        if draw < 3.0 {
-            self.struck[node] = Some(now);
+        let Rates { lost, doubled, .. } = self.rates;
+        let draw = uniform(&mut self.draws[node]);
+        if draw >= 2.0 * lost + doubled {
+            return vec![frame];
         }
-        match draw {
-            ..1.0 => {
-                self.counts.lost += 1;
-                Vec::new()
-            }
-            1.0..2.0 => {
-                self.counts.doubled += 1;
-                vec![frame.clone(), frame]
-            }
-            2.0..3.0 => {
-                self.counts.spoilt += 1;
-                let at = below(&mut self.draws[node], frame.len());
-                frame[at] ^= 1 << below(&mut self.draws[node], 8);
-                vec![frame]
-            }
-            _ => vec![frame],
+        self.struck[node] = Some(now);
+        if draw < lost {
+            self.counts.lost += 1;
+            Vec::new()
+        } else if draw < 2.0 * lost {
+            self.counts.spoilt += 1;
+            let at = below(&mut self.draws[node], frame.len());
+            frame[at] ^= 1 << below(&mut self.draws[node], 8);
+            vec![frame]
+        } else {
+            self.counts.doubled += 1;
+            vec![frame.clone(), frame]
         }
     }
 
@@ -160,7 +161,12 @@ impl<'a> Named<'a> {
     }
 }
 
-/// What is wrong with what a run says of a node at tick `k`; `truth` is what the node saw at the last tick that it told of.
+/// What a node saw at a tick.
+fn truth(world: &World<Trouble>, node: usize, k: u32) -> Option<Observation<f32>> {
+    world.boards()[node].seen_at(k)?.first().copied()
+}
+
+/// What is wrong with what a run says of a node at tick `k`; `truth` is what the node saw there.
 fn complaint(
     (k, node): (u32, usize),
     presence: Presence,
@@ -196,7 +202,7 @@ struct Record {
 fn run(seed: u64, length: u64, rates: Rates) -> Record {
     let scenario = twelve();
     let mut conductor = conductor(&scenario, LOCKSTEP, PATIENCE).with_loss(OnLoss::GoOn);
-    let mut world = World::new(NODES, TRAVEL, Trouble::new(seed, Rates { frames: 0.0, boards: 0.0 }));
+    let mut world = World::new(NODES, TRAVEL, Trouble::new(seed, Rates::default()));
     world.run(conductor.meet()).unwrap();
     world.run(conductor.start()).unwrap();
     world.fate.rates = rates;
@@ -220,7 +226,7 @@ fn run(seed: u64, length: u64, rates: Rates) -> Record {
                 Presence::Stopped | Presence::Unrecorded => 2,
             }] += 1;
             hash.extend([if presence.is_known() { seen.x } else { f32::NAN }]);
-            let truth = world.boards()[node].seen().first().copied();
+            let truth = truth(&world, node, k);
             complaints.extend(complaint((k, node), presence, seen, truth, named));
         }
         k += 1;
@@ -251,7 +257,7 @@ fn the_seed_makes_the_faults() {
     let first = run(2, minutes, BROKEN);
     assert_eq!(first, run(2, minutes, BROKEN));
     assert_ne!(first.hash, run(3, minutes, BROKEN).hash);
-    let peace = run(2, minutes, Rates { frames: 0.0, boards: 0.0 });
+    let peace = run(2, minutes, Rates::default());
     assert_eq!((peace.known[1], peace.known[2], peace.absences), (0, 0, 0));
 }
 
@@ -260,10 +266,10 @@ fn without_leave_to_go_on_the_first_fault_that_is_felt_ends_the_run_and_names_it
     let scenario = twelve();
     for seed in 0..40 {
         let mut conductor = conductor(&scenario, LOCKSTEP, PATIENCE);
-        let mut world = World::new(NODES, TRAVEL, Trouble::new(seed, Rates { frames: 0.0, boards: 0.0 }));
+        let mut world = World::new(NODES, TRAVEL, Trouble::new(seed, Rates::default()));
         world.run(conductor.meet()).unwrap();
         world.run(conductor.start()).unwrap();
-        world.fate.rates = Rates { frames: 1e-3, boards: 1e-4 };
+        world.fate.rates = Rates { lost: 1e-3, doubled: 1e-3, boards: 1e-4 };
         let error: HubError = loop {
             if let Err(error) = world.run(conductor.advance()) {
                 break error;
@@ -283,6 +289,40 @@ fn without_leave_to_go_on_the_first_fault_that_is_felt_ends_the_run_and_names_it
             assert!(world.fate.struck[usize::from(id) - 1].is_some(), "seed {seed}: node {id} is silent");
         }
     }
+}
+
+/// The same twelve with clocks of their own: nothing is asked for twice there, so what was lost is counted.
+#[test]
+fn every_node_tick_of_an_hour_of_twelve_clocks_is_recorded_or_counted_as_missed() {
+    let scenario = twelve();
+    let mut conductor = conductor(&scenario, OWN_CLOCK, PATIENCE).with_own_clock();
+    let mut world = World::new(NODES, SOON, Trouble::new(1, Rates::default()));
+    world.run(conductor.meet()).unwrap();
+    world.run(conductor.start()).unwrap();
+    let begin = world.now();
+    world.fate.rates = Rates { lost: 1e-4, ..Rates::default() };
+    let (mut unrecorded, mut ran, mut k) = ([0; NODES], 0_u64, 0);
+    while world.now() < begin + HOUR {
+        world.run(conductor.advance()).unwrap();
+        let seen = conductor.presence().iter().zip(conductor.observations());
+        for (node, (&presence, &seen)) in seen.enumerate() {
+            if presence == Presence::Unrecorded {
+                unrecorded[node] += 1;
+                assert!(world.fate.is_felt(node, world.now()), "node {} at tick {k}", node + 1);
+                continue;
+            }
+            ran += 1;
+            let nothing = Named { absences: &[], events: &[], contradictions: &[] };
+            let complaint = complaint((k, node), presence, seen, truth(&world, node, k), nothing);
+            assert_eq!(complaint, None);
+        }
+        k += 1;
+    }
+    println!("{k} ticks: {ran} node-ticks recorded, {unrecorded:?} missed; {:?}", world.fate.counts);
+    assert!(u64::from(k).abs_diff(HOUR / 50_000_000) < 10, "{k} ticks");
+    assert_eq!(unrecorded, std::array::from_fn(|node| conductor.missed(node)));
+    assert!(unrecorded.iter().all(|&count| count > 3), "{unrecorded:?}");
+    world.run(conductor.finish()).unwrap();
 }
 
 #[test]
