@@ -311,49 +311,6 @@ pub(crate) fn observation(x: f32, telemetry: &Telemetry) -> Observation<f32> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::fs;
-    use std::path::Path;
-
-    /// What tells the time, waits, or is a port.
-    const OUTSIDE: [&str; 11] = [
-        "Instant",
-        "SystemTime",
-        "elapsed",
-        "sleep",
-        "thread",
-        "park",
-        "recv_timeout",
-        "mpsc",
-        "Interrupt",
-        "TTYPort",
-        "UnixStream",
-    ];
-
-    /// Words of a source text that belong outside, up to its tests.
-    fn outside(text: &str) -> Vec<&'static str> {
-        let logic = text.split("#[cfg(test)]\nmod tests").next().unwrap_or(text);
-        let words: Vec<_> = logic.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
-        OUTSIDE.into_iter().filter(|word| words.contains(word)).collect()
-    }
-
-    #[test]
-    fn no_file_here_reads_a_clock_waits_or_knows_a_port() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/conductor");
-        let (mut files, mut folders) = (0, vec![folder]);
-        while let Some(path) = folders.pop() {
-            if path.is_dir() {
-                folders.extend(fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
-                continue;
-            }
-            let found = outside(&fs::read_to_string(&path).unwrap());
-            assert!(found.is_empty(), "{}: {found:?}", path.display());
-            files += 1;
-        }
-        assert!(files >= 6, "{files} files");
-        assert_eq!(
-            outside("let begin = Instant::now(); std::thread::sleep(SLICE)"),
-            ["Instant", "sleep", "thread"]
-        );
-    }
-}
+mod guard;
+#[cfg(test)]
+mod tests;
