@@ -1,13 +1,16 @@
 //! The world of a bench in virtual time: nodes in memory, and lines on which frames take their time and may come to harm. It does what the
 //! conductor asks for, as `sim_host::hub` does on real lines.
 
-use crate::board::Board;
+use crate::board::{Board, Said};
+use funnelnet_link::Frame;
 use sim_host::bus::ideal::{IdealBus, IdealParams};
+use sim_host::can::{Heard, PortFrame, Traffic};
 use sim_host::conductor::{Action, Conductor, HubError, Patience, Seat, Source, Step, Task};
 use sim_host::configure::{Drive, listeners, node_configs};
 use sim_host::noise::Noise;
 use sim_host::scenario::Scenario;
 use std::collections::VecDeque;
+use std::time::{Duration, SystemTime};
 
 /// Which way a frame goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,14 +54,24 @@ impl Fate for Peace {
     }
 }
 
-/// Bytes on their way, each with the time of its arrival.
-type Line = VecDeque<(u64, Vec<u8>)>;
+/// Frames on their way, each with the time of its arrival.
+type Line<T> = VecDeque<(u64, T)>;
+
+/// A bus, on which every frame comes to everybody.
+struct Bus {
+    fd: bool,
+    /// By index.
+    nodes: Vec<usize>,
+    to_host: Line<PortFrame>,
+}
 
 /// Boards, lines and a clock.
 pub struct World<F: Fate = Peace> {
     boards: Vec<Board>,
-    to_node: Vec<Line>,
-    to_host: Vec<Line>,
+    /// Of lines and buses, in the order in which it comes.
+    to_node: Vec<Line<Said>>,
+    to_host: Vec<Line<Vec<u8>>>,
+    buses: Vec<Bus>,
     /// The line has ended, by node.
     ended: Vec<bool>,
     now: u64,
@@ -71,9 +84,24 @@ pub struct World<F: Fate = Peace> {
 impl<F: Fate> World<F> {
     /// So many blank boards; a frame takes `travel` either way, ns.
     pub fn new(nodes: usize, travel: u64, fate: F) -> Self {
-        let lines = || vec![Line::new(); nodes];
-        let boards = (0..nodes).map(|_| Board::new()).collect();
-        Self { boards, to_node: lines(), to_host: lines(), ended: vec![false; nodes], now: 0, travel, fate }
+        Self {
+            boards: (0..nodes).map(|_| Board::new()).collect(),
+            to_node: vec![Line::new(); nodes],
+            to_host: vec![Line::new(); nodes],
+            buses: Vec::new(),
+            ended: vec![false; nodes],
+            now: 0,
+            travel,
+            fate,
+        }
+    }
+
+    /// With one more bus that these nodes are on, of CAN FD if `fd`.
+    #[must_use]
+    pub fn with_bus(mut self, nodes: &[usize], fd: bool) -> Self {
+        nodes.iter().for_each(|&node| self.boards[node].put_on_can(fd));
+        self.buses.push(Bus { fd, nodes: nodes.to_vec(), to_host: Line::new() });
+        self
     }
 
     /// Time, ns.
@@ -120,7 +148,10 @@ impl<F: Fate> World<F> {
                 }
                 Ok(())
             }
-            Action::Say { .. } => panic!("there is no CAN here"),
+            Action::Say { bus, frames } => {
+                frames.into_iter().for_each(|frame| self.broadcast(bus, None, frame));
+                Ok(())
+            }
         }
     }
 
@@ -129,22 +160,43 @@ impl<F: Fate> World<F> {
             return Err(died(node));
         }
         for frame in bytes.split_inclusive(|&byte| byte == 0) {
-            self.send(node, Way::ToNode, self.now, frame.to_vec());
+            let arrives = self.fate.carry(node, Way::ToNode, self.now, frame.to_vec()).into_iter();
+            self.to_node[node].extend(arrives.map(|frame| (self.now + self.travel, Said::Line(frame))));
         }
         Ok(())
     }
 
-    /// Puts a frame on a line at `at`.
-    fn send(&mut self, node: usize, way: Way, at: u64, frame: Vec<u8>) {
-        let line = match way {
-            Way::ToNode => &mut self.to_node[node],
-            Way::ToHost => &mut self.to_host[node],
-        };
-        line.extend(self.fate.carry(node, way, at, frame).into_iter().map(|frame| (at + self.travel, frame)));
+    /// Carries what a node has said.
+    fn carry(&mut self, node: usize, said: Said) {
+        match said {
+            Said::Line(frame) => {
+                let arrives = self.fate.carry(node, Way::ToHost, self.now, frame).into_iter();
+                self.to_host[node].extend(arrives.map(|frame| (self.now + self.travel, frame)));
+            }
+            Said::Bus(frame) => {
+                let bus = self.buses.iter().position(|bus| bus.nodes.contains(&node)).unwrap();
+                self.broadcast(bus, Some(node), frame);
+            }
+        }
+    }
+
+    /// Carries a frame from a node, or from the host, to all others on a bus, and to the host, who hears itself.
+    fn broadcast(&mut self, bus: usize, from: Option<usize>, frame: PortFrame) {
+        let at = self.now + self.travel;
+        let bus = &mut self.buses[bus];
+        for &node in bus.nodes.iter().filter(|&&node| Some(node) != from) {
+            self.to_node[node].push_back((at, Said::Bus(frame.clone())));
+        }
+        bus.to_host.push_back((at, frame));
     }
 
     fn read<T>(&mut self, from: Source, until: u64, task: &mut Task<'_, T>) -> Result<(), HubError> {
         loop {
+            if let Source::Bus(bus) = from
+                && self.listen(bus, task)
+            {
+                return Ok(());
+            }
             for node in 0..self.boards.len() {
                 let wanted = from == Source::All || from == Source::Line(node);
                 if wanted && self.to_host[node].front().is_some_and(|&(at, _)| at <= self.now) {
@@ -162,13 +214,29 @@ impl<F: Fate> World<F> {
         }
     }
 
+    /// Takes all that has come from a bus; whether something has.
+    fn listen<T>(&mut self, bus: usize, task: &mut Task<'_, T>) -> bool {
+        let (now, fd) = (self.now, self.buses[bus].fd);
+        let mut some = false;
+        while let Some((at, frame)) = self.buses[bus].to_host.pop_front_if(|(at, _)| *at <= now) {
+            let (id, data) = (frame.id(), frame.data().to_vec());
+            let what = Traffic::Frame { id, data, fd: fd.then_some(4) };
+            let heard = Heard { at: SystemTime::UNIX_EPOCH + Duration::from_nanos(at), what };
+            task.on_heard(bus, heard, at, now);
+            some = true;
+        }
+        some
+    }
+
     /// Goes on to what happens next, or to `until`; whether something happened.
     fn go_on(&mut self, until: u64) -> bool {
-        let next = (0..self.boards.len()).filter_map(|node| Some((self.next_of(node)?, node))).min();
+        let on_buses = self.buses.iter().filter_map(|bus| Some((self.later(&bus.to_host)?, None)));
+        let at_nodes = (0..self.boards.len()).filter_map(|node| Some((self.next_of(node)?, Some(node))));
+        let next = at_nodes.chain(on_buses).min();
         match next.filter(|&(at, _)| at < until) {
             Some((at, node)) => {
                 self.now = self.now.max(at);
-                self.happen(node);
+                node.into_iter().for_each(|node| self.happen(node));
                 true
             }
             None => {
@@ -182,8 +250,12 @@ impl<F: Fate> World<F> {
     fn next_of(&self, node: usize) -> Option<u64> {
         let heard = self.to_node[node].front().map(|&(at, _)| at);
         let polled = self.boards[node].poll_at();
-        let read = self.to_host[node].front().map(|&(at, _)| at).filter(|&at| at > self.now);
-        [heard, polled, read].into_iter().flatten().min()
+        [heard, polled, self.later(&self.to_host[node])].into_iter().flatten().min()
+    }
+
+    /// When the next frame comes to the host, if it has not come yet.
+    fn later<T>(&self, line: &Line<T>) -> Option<u64> {
+        line.front().map(|&(at, _)| at).filter(|&at| at > self.now)
     }
 
     fn happen(&mut self, node: usize) {
@@ -193,14 +265,15 @@ impl<F: Fate> World<F> {
         }
         let said = match self.to_node[node].front() {
             Some(&(at, _)) if at <= self.now => {
-                let (_, bytes) = self.to_node[node].pop_front().unwrap();
-                self.boards[node].hear(&bytes, self.now)
+                let (_, heard) = self.to_node[node].pop_front().unwrap();
+                match heard {
+                    Said::Line(bytes) => self.boards[node].hear(&bytes, self.now),
+                    Said::Bus(frame) => self.boards[node].hear_on_can(&frame, self.now),
+                }
             }
             _ => self.boards[node].poll(self.now),
         };
-        for frame in said {
-            self.send(node, Way::ToHost, self.now, frame);
-        }
+        said.into_iter().for_each(|said| self.carry(node, said));
     }
 
     fn strike(&mut self, node: usize, blow: Blow) {

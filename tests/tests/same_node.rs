@@ -28,8 +28,16 @@ struct Bench {
 
 impl Bench {
     fn start(scenario: &Scenario) -> Self {
-        let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE);
-        let mut world = World::new(scenario.nodes.len(), TRAVEL, Peace);
+        Self::on_can(scenario, &[], false)
+    }
+
+    /// With nodes on these buses, of CAN FD if `fd`; the others are on lines.
+    fn on_can(scenario: &Scenario, buses: &[&[usize]], fd: bool) -> Self {
+        let interfaces = (0..buses.len()).map(|bus| (format!("can{bus}"), fd)).collect();
+        let bus_of = |node| buses.iter().position(|bus| bus.contains(&node));
+        let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE).with_can(interfaces, bus_of);
+        let world = World::new(scenario.nodes.len(), TRAVEL, Peace);
+        let mut world = buses.iter().fold(world, |world, nodes| world.with_bus(nodes, fd));
         world.run(conductor.meet()).unwrap();
         world.run(conductor.start()).unwrap();
         Self { conductor, world, hash: TraceHash::new() }
@@ -47,8 +55,14 @@ impl Bench {
 
 /// Compares hash, inputs, funnels and diffusive terms over all ticks.
 fn assert_parity(scenario: &Scenario) {
+    let bench = assert_same_bits(scenario, Bench::start(scenario));
+    // Stale and duplicate states are refused alike by both.
+    let refused = run(scenario, Fidelity::Loopback).bus.unwrap().refused.values().sum::<u64>();
+    assert_eq!(refused, bench.world.boards().iter().map(|board| board.refused()).sum::<u64>());
+}
+
+fn assert_same_bits(scenario: &Scenario, mut bench: Bench) -> Bench {
     let loopback = run(scenario, Fidelity::Loopback);
-    let mut bench = Bench::start(scenario);
     for (k, row) in loopback.rows.iter().enumerate() {
         let seen = bench.advance();
         let column = |value: fn(&Observation<f32>) -> f32| {
@@ -60,9 +74,22 @@ fn assert_parity(scenario: &Scenario) {
     }
     assert_eq!(loopback.hash, Some(bench.hash));
     assert_eq!(bench.conductor.contradictions(), [""; 0]);
-    // Stale and duplicate states are refused alike by both.
-    let refused = loopback.bus.unwrap().refused.values().sum::<u64>();
-    assert_eq!(refused, bench.world.boards().iter().map(|board| board.refused()).sum::<u64>());
+    bench
+}
+
+#[test]
+fn also_on_can_on_two_buses_and_between_them_and_lines() {
+    let ring = scenario("five-agents.toml", &["time.duration=300ms"]);
+    let vectors = scenario("vector-oscillators.toml", &["time.duration=300ms"]);
+    for fd in [false, true] {
+        for (buses, shared) in
+            [([0, 1, 2, 3, 4].as_slice(), [].as_slice()), (&[0, 1, 2], &[]), (&[0, 2], &[1, 4])]
+        {
+            let buses: Vec<_> = [buses, shared].into_iter().filter(|nodes| !nodes.is_empty()).collect();
+            assert_same_bits(&ring, Bench::on_can(&ring, &buses, fd));
+        }
+        assert_same_bits(&vectors, Bench::on_can(&vectors, &[&[0, 1], &[2]], fd));
+    }
 }
 
 #[test]

@@ -38,16 +38,17 @@ impl CanSide {
         self.port.send_all(frames, ROOM).map_err(|error| self.failed(error))
     }
 
-    /// What has come, after waiting for it so long at most.
-    pub(super) fn listen(&mut self, limit: Duration) -> Result<Vec<Heard>, HubError> {
+    /// Waits until something may have come, for so long at most.
+    pub(super) fn wait(&self, limit: Duration) {
         if !limit.is_zero() {
             self.port.wait(limit);
         }
-        let mut all = Vec::new();
-        while let Some(heard) = self.port.receive().transpose() {
-            all.push(self.taken(heard)?);
-        }
-        Ok(all)
+    }
+
+    /// What has come, if something has.
+    pub(super) fn next_heard(&mut self) -> Option<Result<Heard, HubError>> {
+        let heard = self.port.receive().transpose()?;
+        Some(self.taken(heard))
     }
 
     /// What was heard, with a note in the log.

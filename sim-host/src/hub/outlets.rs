@@ -116,7 +116,9 @@ impl Outlets {
 
     /// Reads a line for a slice of time at most.
     fn read_line<T>(&mut self, index: usize, task: &mut Task<'_, T>) -> Result<(), HubError> {
-        self.end_readers(task);
+        if self.end_readers(task) {
+            return Ok(());
+        }
         let mut bytes = [0; 1024];
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         let length = node.link.read(&mut bytes)?;
@@ -126,12 +128,12 @@ impl Outlets {
     }
 
     fn read_bus<T>(&mut self, index: usize, until: u64, task: &mut Task<'_, T>) -> Result<(), HubError> {
-        self.end_readers(task);
-        let left = self.left(until);
-        let Some(bus) = self.buses.get_mut(index) else { return Ok(()) };
-        let heard = bus.listen(left)?;
-        let now = self.since_origin(Instant::now());
-        for heard in heard {
+        let left = if self.end_readers(task) { Duration::ZERO } else { self.left(until) };
+        if let Some(bus) = self.buses.get(index) {
+            bus.wait(left);
+        }
+        while let Some(heard) = self.buses.get_mut(index).and_then(CanSide::next_heard) {
+            let (heard, now) = (heard?, self.since_origin(Instant::now()));
             let at = self.bus_ns(&heard);
             task.on_heard(index, heard, at, now);
         }
@@ -140,18 +142,20 @@ impl Outlets {
 
     /// Waits until a thread has read something.
     fn read_any<T>(&mut self, until: u64, task: &mut Task<'_, T>) -> Result<(), HubError> {
-        self.nodes.iter().try_for_each(|node| node.link.check_interrupt())?;
+        self.check_interrupt()?;
         let left = self.left(until);
         let reading = self.readers.as_ref().and_then(|readers| readers.wait(left));
         reading.map_or(Ok(()), |reading| self.hand_over(reading, task))
     }
 
-    /// Ends the threads that read: from here on lines are read as they are asked.
-    fn end_readers<T>(&mut self, task: &mut Task<'_, T>) {
+    /// Ends the threads that read, and hands over what they have left; whether there were some. From here on lines are read as they are asked.
+    fn end_readers<T>(&mut self, task: &mut Task<'_, T>) -> bool {
+        let were_some = self.readers.is_some();
         for reading in self.readers.take().map_or_else(Vec::new, Readers::end) {
             // A line or a bus that is gone says so again to whoever asks it.
             let _ = self.hand_over(reading, task);
         }
+        were_some
     }
 
     fn hand_over<T>(
