@@ -7,7 +7,8 @@ use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate};
 use sim_host::scenario::{Expect, Override, Scenario};
 use std::path::{Path, PathBuf};
 
-pub mod memory;
+pub mod board;
+pub mod world;
 
 /// A path in the repository.
 pub fn repository(path: &str) -> PathBuf {

@@ -9,7 +9,7 @@ use funnelnet_protocol::report::{Report, Telemetry};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME};
 use funnelnet_protocol::service::{Reply, Request};
 use sim_host::configure::{Drive, node_configs};
-use sim_host::hub::{Link, Received, SLICE};
+use sim_host::hub::{Link, Received, SLICE, Talk};
 use sim_host::interrupt::Interrupt;
 use sim_host::record::Row;
 use sim_host::run::Fidelity;
@@ -33,7 +33,7 @@ type Chardev = String;
 
 /// An emulated node and its line to the host.
 struct Node {
-    link: Link,
+    link: Talk,
     child: Child,
 }
 
@@ -66,7 +66,7 @@ impl Node {
         let child = command.stdin(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
         let stream = accept(&listener);
         let link = Link::new(id, "the emulator".to_owned(), Box::new(stream), Interrupt::default());
-        Self { link, child }
+        Self { link: Talk::new(link), child }
     }
 
     fn write(&mut self, message: &Message) {

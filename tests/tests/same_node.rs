@@ -1,29 +1,112 @@
 //! Parity where there is no emulator: the loopback engine (CAN frames, timer) and sessions behind serial lines (SYNC,
-//! telemetry) in one process. What is left for `parity.rs` is the target: its compiler, FPU and UART.
+//! telemetry) that the real conductor drives in virtual time. What is left for `parity.rs` is the target: its compiler, FPU and UART.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
+use funnelnet_node::Observation;
+use funnelnet_protocol::config::TickSource;
+use sim_host::conductor::{Conductor, Patience};
+use sim_host::configure::Drive;
+use sim_host::presence::Presence;
+use sim_host::record::TraceHash;
 use sim_host::run::Fidelity;
 use sim_host::scenario::Scenario;
-use system_tests::memory::MemoryNet;
+use std::time::{Duration, Instant};
+use system_tests::world::{Peace, World, conductor};
 use system_tests::{run, scenario};
+
+const LOCKSTEP: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
+const PATIENCE: Patience = Patience { boot: Duration::from_secs(1), answer: Duration::from_secs(1) };
+/// Time that a frame takes, ns.
+const TRAVEL: u64 = 1_000_000;
+
+/// A scenario on boards in memory.
+struct Bench {
+    conductor: Conductor,
+    world: World,
+    hash: TraceHash,
+}
+
+impl Bench {
+    fn start(scenario: &Scenario) -> Self {
+        Self::on_can(scenario, &[], false)
+    }
+
+    /// With nodes on these buses, of CAN FD if `fd`; the others are on lines.
+    fn on_can(scenario: &Scenario, buses: &[&[usize]], fd: bool) -> Self {
+        let interfaces = (0..buses.len()).map(|bus| (format!("can{bus}"), fd)).collect();
+        let bus_of = |node| buses.iter().position(|bus| bus.contains(&node));
+        let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE).with_can(interfaces, bus_of);
+        let world = World::new(scenario.nodes.len(), TRAVEL, Peace);
+        let mut world = buses.iter().fold(world, |world, nodes| world.with_bus(nodes, fd));
+        world.run(conductor.meet()).unwrap();
+        world.run(conductor.start()).unwrap();
+        Self { conductor, world, hash: TraceHash::new() }
+    }
+
+    /// Runs one tick on every node, and gives what they saw.
+    fn advance(&mut self) -> &[Observation<f32>] {
+        self.world.run(self.conductor.advance()).unwrap();
+        assert!(self.conductor.presence().iter().all(|&presence| presence == Presence::Ran));
+        let seen = self.conductor.observations();
+        self.hash.extend(seen.iter().map(|seen| seen.x));
+        seen
+    }
+}
 
 /// Compares hash, inputs, funnels and diffusive terms over all ticks.
 fn assert_parity(scenario: &Scenario) {
+    let bench = assert_same_bits(scenario, Bench::start(scenario));
+    // Stale and duplicate states are refused alike by both.
+    let refused = run(scenario, Fidelity::Loopback).bus.unwrap().refused.values().sum::<u64>();
+    assert_eq!(refused, bench.world.boards().iter().map(|board| board.refused()).sum::<u64>());
+}
+
+fn assert_same_bits(scenario: &Scenario, mut bench: Bench) -> Bench {
     let loopback = run(scenario, Fidelity::Loopback);
-    let mut net = MemoryNet::start(scenario);
     for (k, row) in loopback.rows.iter().enumerate() {
-        let seen = net.advance();
-        let column = |value: fn(&funnelnet_protocol::report::Telemetry) -> f32| {
-            seen.iter().map(|telemetry| f64::from(value(telemetry))).collect::<Vec<_>>()
+        let seen = bench.advance();
+        let column = |value: fn(&Observation<f32>) -> f32| {
+            seen.iter().map(|seen| f64::from(value(seen))).collect::<Vec<_>>()
         };
         assert_eq!(row.nu, column(|seen| seen.nu), "nu at tick {k}");
         assert_eq!(row.psi, column(|seen| seen.psi), "psi at tick {k}");
         assert_eq!(row.u, column(|seen| seen.u), "u at tick {k}");
     }
-    assert_eq!(loopback.hash, Some(net.hash()));
-    // Stale and duplicate states are refused alike by both.
-    let refused = loopback.bus.unwrap().refused.values().sum::<u64>();
-    assert_eq!(refused, net.boards().iter().map(|board| u64::from(board.refused())).sum::<u64>());
+    assert_eq!(loopback.hash, Some(bench.hash));
+    assert_eq!(bench.conductor.contradictions(), [""; 0]);
+    bench
+}
+
+#[test]
+fn also_on_can_on_two_buses_and_between_them_and_lines() {
+    let ring = scenario("five-agents.toml", &["time.duration=300ms"]);
+    let vectors = scenario("vector-oscillators.toml", &["time.duration=300ms"]);
+    for fd in [false, true] {
+        for (buses, shared) in
+            [([0, 1, 2, 3, 4].as_slice(), [].as_slice()), (&[0, 1, 2], &[]), (&[0, 2], &[1, 4])]
+        {
+            let buses: Vec<_> = [buses, shared].into_iter().filter(|nodes| !nodes.is_empty()).collect();
+            assert_same_bits(&ring, Bench::on_can(&ring, &buses, fd));
+        }
+        assert_same_bits(&vectors, Bench::on_can(&vectors, &[&[0, 1], &[2]], fd));
+    }
+}
+
+#[test]
+fn an_hour_of_five_nodes_takes_seconds_and_has_the_bits_of_loopback() {
+    let scenario = scenario("average.toml", &["time.tick=100ms", "time.duration=1h"]);
+    let begin = Instant::now();
+    let mut bench = Bench::start(&scenario);
+    for _ in 0..=scenario.time.ticks {
+        bench.advance();
+    }
+    let took = begin.elapsed();
+    assert_eq!(scenario.time.ticks, 36_000);
+    let reports = bench.world.run(bench.conductor.finish()).unwrap();
+    assert!(reports.iter().all(|report| report.as_ref().unwrap().counters.ticks == 36_001), "{reports:?}");
+    assert_eq!(run(&scenario, Fidelity::Loopback).hash, Some(bench.hash));
+    println!("an hour of five nodes at 10 Hz took {took:?}");
+    assert!(took < Duration::from_secs(10), "{took:?}");
 }
 
 #[test]

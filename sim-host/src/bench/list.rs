@@ -2,7 +2,7 @@
 
 use super::file::{BenchFile, DEFAULT_BAUD, Where};
 use super::port;
-use crate::hub::{Link, identify};
+use crate::hub::{Link, Talk};
 use crate::interrupt::Interrupt;
 use funnelnet_protocol::service::Identity;
 use std::fmt;
@@ -47,8 +47,8 @@ pub fn list(file: Option<&BenchFile>, interrupt: &Interrupt) -> Vec<Listed> {
 fn ask(path: &str, baud: u32, interrupt: &Interrupt) -> Result<Identity, String> {
     let port = port::open(path, baud).map_err(|(problem, _)| problem)?;
     // No node has been given an id here; 0 stands for whoever answers.
-    let mut link = Link::new(0, format!("the serial port {path}"), Box::new(port), interrupt.clone());
-    identify(&mut link, ANSWER).map_err(|_| "no node answers".to_owned())
+    let link = Link::new(0, format!("the serial port {path}"), Box::new(port), interrupt.clone());
+    Talk::new(link).identify(ANSWER).map_err(|_| "no node answers".to_owned())
 }
 
 impl fmt::Display for Listed {

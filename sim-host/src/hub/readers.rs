@@ -26,7 +26,7 @@ pub(super) enum What {
     Heard(usize, io::Result<Heard>),
 }
 
-/// The threads; dropping them ends them, within [`SLICE`](super::SLICE).
+/// The threads; dropping them ends them, within [`SLICE`].
 pub(super) struct Readers {
     readings: Receiver<Reading>,
     quit: Arc<AtomicBool>,

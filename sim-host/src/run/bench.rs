@@ -8,8 +8,9 @@ use super::own_clock;
 use crate::bench::{
     BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
 };
+use crate::conductor::Conductor;
 use crate::configure::node_configs;
-use crate::hub::{Absence, CanCounts, Hub, Link};
+use crate::hub::{Absence, CanCounts, Contact, Hub};
 use crate::noise::Noise;
 use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, PerInterface, WiresSummary};
 use crate::scenario::Scenario;
@@ -50,7 +51,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
         Clock::Host => hub,
         Clock::Own => hub.with_own_clock(),
     };
-    hub.members().for_each(|(link, identity)| warn_of_reset(link.id(), identity));
+    hub.conductor().members().for_each(|(node, identity)| warn_of_reset(node.id(), identity));
     match compared(scenario, (options, file.clock), &mut hub, comparison, files) {
         Ok(outcome) => {
             let wires = (wired > 0).then(|| WiresSummary {
@@ -127,14 +128,15 @@ impl Files {
 
     fn tick(&mut self, k: u64, hub: &mut Hub) -> Result<(), RunError> {
         if let Some(file) = &mut self.stampings {
-            file.tick(k, hub.members().map(|(link, _)| link.id()).zip(hub.stamps()))?;
+            let conductor = hub.conductor();
+            file.tick(k, conductor.members().map(|(node, _)| node.id()).zip(conductor.stamps()))?;
         }
         self.log(hub)
     }
 
     fn log(&mut self, hub: &mut Hub) -> Result<(), RunError> {
         let heard = hub.take_heard();
-        let interfaces: Vec<_> = hub.can().map(|(interface, _)| interface).collect();
+        let interfaces: Vec<_> = hub.conductor().can().map(|(interface, _)| interface).collect();
         let named = heard.iter().filter_map(|(bus, heard)| Some((*interfaces.get(*bus)?, heard)));
         self.can.as_mut().map_or(Ok(()), |file| file.heard(named).map_err(RunError::from))
     }
@@ -172,19 +174,21 @@ fn compared(
     let (mut told, mut skew) = (Vec::new(), Skew::default());
     let outcome = lockstep("bench", scenario, options, hub, |k, hub| {
         if options.verbosity != Verbosity::Quiet {
-            tell(hub.absences(), &mut told);
+            tell(hub.conductor().absences(), &mut told);
         }
-        comparison.tick(k, hub.observations(), hub.presence());
-        skew.tick(k, hub.stamps());
+        let conductor = hub.conductor();
+        comparison.tick(k, conductor.observations(), conductor.presence());
+        skew.tick(k, conductor.stamps());
         files.tick(k, hub)
     })?;
     files.finish(hub)?;
-    comparison.faults(hub.events());
+    let conductor = hub.conductor();
+    comparison.faults(conductor.events());
     if outcome.ended_early.is_some() {
         comparison.cut();
     }
-    let own_clock = (clock == Clock::Own).then(|| own_clock::summary(hub, skew, &outcome.counters));
-    Ok(Outcome { bench: Some(BenchSummary { own_clock, ..summary(hub, &comparison) }), ..outcome })
+    let own_clock = (clock == Clock::Own).then(|| own_clock::summary(conductor, skew, &outcome.counters));
+    Ok(Outcome { bench: Some(BenchSummary { own_clock, ..summary(conductor, &comparison) }), ..outcome })
 }
 
 /// Says who was lost and who is back since the last call.
@@ -217,15 +221,15 @@ fn eprint_line(absence: &impl Display) {
     let _ = writeln!(std::io::stderr(), "{absence}");
 }
 
-fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
-    let node = |((link, identity), difference): ((&Link, Identity), &Difference)| {
+fn summary(conductor: &Conductor, comparison: &Comparison) -> BenchSummary {
+    let node = |((contact, identity), difference): ((&Contact, Identity), &Difference)| {
         let [major, minor, patch] = identity.firmware;
         BenchNodeSummary {
-            node: link.id(),
-            place: link.place().to_owned(),
+            node: contact.id(),
+            place: contact.place().to_owned(),
             uid: format!("{:016x}", identity.uid),
             firmware: format!("{major}.{minor}.{patch}"),
-            unreadable: link.refused().0,
+            unreadable: contact.refused().0,
             unrecorded: difference.unrecorded,
             first_difference: difference.first,
             largest_deviation: difference.largest,
@@ -250,11 +254,11 @@ fn summary(hub: &Hub, comparison: &Comparison) -> BenchSummary {
     BenchSummary {
         own_clock: None,
         wires: None,
-        can: PerInterface(hub.can().map(can).collect()),
+        can: PerInterface(conductor.can().map(can).collect()),
         skipped: Vec::new(),
-        absences: hub.absences().iter().map(absence).collect(),
+        absences: conductor.absences().iter().map(absence).collect(),
         unrecorded: differences.iter().map(|difference| difference.unrecorded).sum(),
         bit_for_bit: differences.iter().all(|difference| difference.first.is_none()),
-        nodes: hub.members().zip(differences).map(node).collect(),
+        nodes: conductor.members().zip(differences).map(node).collect(),
     }
 }

@@ -147,20 +147,21 @@ fn with_words_of(
     (reports, early): (Vec<Option<Report>>, Option<EarlyEnd>),
     outcome: Outcome,
 ) -> Outcome {
+    let conductor = hub.conductor();
     let (unheard, silent) = match early {
         // Who has had no time to be heard, and who was told to stop first, are none of them.
         Some(_) => (Vec::new(), Vec::new()),
-        None => (hub.unheard(&reports), hub.silent(&reports)),
+        None => (conductor.unheard(&reports), conductor.silent(&reports)),
     };
-    let mut contradictions = hub.contradictions();
-    let unseen = hub.unseen(early.is_some());
-    let bus = Some(bus_record(hub.traffic(), reports.iter().flatten()));
+    let mut contradictions = conductor.contradictions();
+    let unseen = conductor.unseen(early.is_some());
+    let bus = Some(bus_record(conductor.traffic(), reports.iter().flatten()));
     let mut outcome = outcome.with_reports(reports);
     for (index, account) in outcome.accounts.iter_mut().enumerate() {
-        (account.unseen, account.whole) = (unseen, hub.was_there_throughout(index));
-        contradictions.extend(hub.cannot_have_counted(index, account));
+        (account.unseen, account.whole) = (unseen, conductor.was_there_throughout(index));
+        contradictions.extend(conductor.cannot_have_counted(index, account));
     }
-    let (events, warnings) = (hub.events().to_vec(), hub.warnings());
+    let (events, warnings) = (conductor.events().to_vec(), conductor.warnings());
     Outcome { bus, events, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
 }
 

@@ -98,18 +98,18 @@ impl Network for Hub {
     }
 
     fn observations(&self) -> &[Observation<f32>] {
-        self.observations()
+        self.conductor().observations()
     }
 
     fn presence(&self, _: u64) -> Vec<Presence> {
-        self.presence().to_vec()
+        self.conductor().presence().to_vec()
     }
 
     fn events(&self) -> &[NodeEvent] {
-        self.events()
+        self.conductor().events()
     }
 
     fn traffic(&self) -> Traffic {
-        self.traffic()
+        self.conductor().traffic()
     }
 }

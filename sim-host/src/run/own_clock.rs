@@ -1,8 +1,8 @@
 //! A bench whose nodes tick by their own clock: what they are told beside the scenario, what there is to warn of, and what is summed up.
 
 use crate::bench::{BenchFile, Skew, Where, ticks_until_apart};
+use crate::conductor::Conductor;
 use crate::configure::Drive;
-use crate::hub::Hub;
 use crate::record::{OwnClockNodeSummary, OwnClockSummary};
 use crate::scenario::Scenario;
 use funnelnet_protocol::NodeConfig;
@@ -39,17 +39,17 @@ pub(super) fn warning(scenario: &Scenario, file: &BenchFile) -> Option<String> {
 }
 
 /// What the nodes did with their clocks; `counters` by index.
-pub(super) fn summary(hub: &Hub, skew: Skew, counters: &[Counters]) -> OwnClockSummary {
+pub(super) fn summary(conductor: &Conductor, skew: Skew, counters: &[Counters]) -> OwnClockSummary {
     let node = |(index, (link, counters)): (usize, (u8, &Counters))| OwnClockNodeSummary {
         node: link,
-        missed: hub.missed(index),
+        missed: conductor.missed(index),
         overruns: counters.overruns,
         extrapolated: counters.extrapolated,
     };
-    let ids = hub.members().map(|(link, _)| link.id());
+    let ids = conductor.members().map(|(link, _)| link.id());
     let nodes: Vec<_> = ids.zip(counters).enumerate().map(node).collect();
     OwnClockSummary {
-        start_spread_s: hub.start_spread().as_secs_f64(),
+        start_spread_s: conductor.start_spread().as_secs_f64(),
         largest_skew_s: skew.largest.map_or(0.0, |(_, skew)| skew.as_secs_f64()),
         largest_skew_tick: skew.largest.map(|(tick, _)| tick),
         missed: nodes.iter().map(|node| node.missed).sum(),

@@ -3,21 +3,22 @@
 //!
 //! Nothing here waits for one node. A row is closed when all have told their tick.
 
-use super::readers::{Readers, Reading, What};
-use super::{CanSide, Hub, HubError, OTHER_TICK, Received, SLICE, START, STOP};
-use crate::conductor::recording::{Leap, Recording};
-use crate::conductor::watch::{Failing, Watch};
-use crate::conductor::{OTHER_COMPONENT, measure};
+use super::deadline::ns;
+use super::recording::{Leap, Recording};
+use super::task::{Reading, Source};
+use super::watch::{Failing, Watch};
+use super::{Conductor, HubError, OTHER_COMPONENT, OTHER_TICK, Received, START, STOP, measure};
 use funnelnet_protocol::message::{Component, Message, Severity, TickStamp};
 use funnelnet_protocol::report::Telemetry;
 use funnelnet_protocol::serial;
 use funnelnet_protocol::service::Reply;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::Duration;
+
+/// How long nothing may come before this program looks around.
+const LOOK_AROUND: Duration = Duration::from_millis(50);
 
 /// What belongs to a run of nodes with clocks of their own.
 pub(super) struct OwnClock {
-    /// While the run lasts.
-    readers: Option<Readers>,
     recording: Recording,
     watch: Watch,
     start_spread: Duration,
@@ -30,8 +31,9 @@ impl OwnClock {
     }
 }
 
-impl Hub {
+impl Conductor {
     /// With nodes that tick by their own clock.
+    #[must_use]
     pub fn with_own_clock(self) -> Self {
         let hears = |listener: usize, source: usize| {
             let id = self.nodes.get(source).map(|node| node.config.id);
@@ -45,7 +47,7 @@ impl Hub {
         let mut recording = Recording::new(count, components);
         let on_can = self.nodes.iter().enumerate().filter(|(_, node)| node.on_can.is_some());
         on_can.for_each(|(index, _)| recording.set_apart(index));
-        let own = OwnClock { readers: None, recording, watch, start_spread: Duration::ZERO };
+        let own = OwnClock { recording, watch, start_spread: Duration::ZERO };
         Self { own: Some(own), ..self }
     }
 
@@ -59,59 +61,42 @@ impl Hub {
         self.own.as_ref().map_or(0, |own| own.recording.missed(node))
     }
 
+    /// Whether nodes tick by their own clock.
+    pub fn has_own_clock(&self) -> bool {
+        self.own.is_some()
+    }
+
     /// Starts all nodes, as close together as their lines and buses allow.
-    pub(super) fn start_clocks(&mut self) -> Result<(), HubError> {
-        let lines = self.nodes.iter().map(|node| &node.link);
-        let readers = Readers::start(lines, self.can.iter().map(CanSide::port))?;
+    pub(super) async fn start_clocks(&mut self) -> Result<(), HubError> {
         let start = serial::encode(&START);
-        (self.begin, self.begin_on_bus) = (Instant::now(), SystemTime::now());
+        self.begin = self.outside.now();
         for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none()) {
-            node.link.write(&start)?;
+            node.contact.write(&start).await?;
         }
-        self.say_on_can(&START)?;
-        let start_spread = self.begin.elapsed();
+        self.say_on_can(&START).await?;
+        let start_spread = self.since_start();
         if let Some(own) = &mut self.own {
-            (own.readers, own.start_spread) = (Some(readers), start_spread);
+            own.start_spread = start_spread;
         }
         Ok(())
     }
 
     /// Carries frames until the next row is closed.
-    pub(super) fn carry_a_tick(&mut self) -> Result<(), HubError> {
+    pub(super) async fn carry_a_tick(&mut self) -> Result<(), HubError> {
         while !self.close_row() {
-            let reading = self.await_reading();
+            let reading = self.outside.read_any(self.look_around()).await?;
             if let Some(reading) = reading {
                 self.take_reading(reading)?;
             }
-            self.forward()?;
+            self.forward().await?;
             self.watch()?;
         }
         Ok(())
     }
 
-    /// Ends the threads that read: from here on lines are read as they are asked.
-    pub(super) fn end_readers(&mut self) {
-        let readers = self.own.as_mut().and_then(|own| own.readers.take());
-        for Reading { what, .. } in readers.map_or_else(Vec::new, Readers::end) {
-            // A line or a bus that is gone says so again to whoever asks it.
-            let _ = self.take_from_reader(what);
-        }
-    }
-
-    /// Gives what a thread has read to the line or the bus that it is from.
-    fn take_from_reader(&mut self, what: What) -> Result<(), HubError> {
-        match what {
-            What::Bytes(index, bytes) => self
-                .nodes
-                .get_mut(index)
-                .map_or(Ok(()), |node| node.link.take(bytes.as_deref().map_err(|error| error.kind().into()))),
-            What::Heard(bus, heard) => self.can.get_mut(bus).map_or(Ok(()), |side| side.take(heard)),
-        }
-    }
-
     /// Tells the nodes on CAN to stop, where they tick by their own clock: nodes that hear each other need no line for going on.
-    pub(super) fn stop_on_can(&mut self) -> Result<(), HubError> {
-        if self.own.is_some() { self.say_on_can(&STOP) } else { Ok(()) }
+    pub(super) async fn stop_on_can(&mut self) -> Result<(), HubError> {
+        if self.own.is_some() { self.say_on_can(&STOP).await } else { Ok(()) }
     }
 
     fn close_row(&mut self) -> bool {
@@ -121,33 +106,22 @@ impl Hub {
         closed
     }
 
-    /// Waits until something was read, or a frame is due, or it is time to look around.
-    fn await_reading(&self) -> Option<Reading> {
-        let due =
-            self.bus.next_arrival().map(|at| Duration::from_nanos(at.saturating_sub(self.elapsed_ns())));
-        self.own.as_ref()?.readers.as_ref()?.wait(due.unwrap_or(SLICE).min(SLICE))
+    /// When a frame is due, or it is time to look around, if nothing is read before.
+    fn look_around(&self) -> u64 {
+        let later = self.outside.now().saturating_add(ns(LOOK_AROUND));
+        self.bus.next_arrival().map_or(later, |due| later.min(self.begin.saturating_add(due)))
     }
 
-    /// Since the start, ns.
-    pub(super) fn elapsed_ns(&self) -> u64 {
-        u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
-    }
-
-    fn take_reading(&mut self, Reading { at, what }: Reading) -> Result<(), HubError> {
-        let at = at.saturating_duration_since(self.begin);
-        let node = match what {
-            What::Bytes(index, _) => Some(index),
-            What::Heard(..) => None,
-        };
-        self.take_from_reader(what)?;
-        match node {
-            Some(index) => self.take_from_line(index, at),
-            None => self.take_from_buses(at),
+    fn take_reading(&mut self, Reading { from, at }: Reading) -> Result<(), HubError> {
+        let at = Duration::from_nanos(at.saturating_sub(self.begin));
+        match from {
+            Source::Line(index) => self.take_from_line(index, at),
+            Source::Bus(_) | Source::All => self.take_from_buses(at),
         }
     }
 
     fn take_from_line(&mut self, index: usize, at: Duration) -> Result<(), HubError> {
-        while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.link.next_received()) {
+        while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.contact.next_received()) {
             let on_can = self.nodes.get(index).is_some_and(|node| node.on_can.is_some());
             match received {
                 // A node on CAN says the others there.
@@ -165,7 +139,7 @@ impl Hub {
             while let Some((message, on_bus)) = self.next_on_its_bus(index) {
                 // It says a fault on its line, too, and earlier where it is off the bus.
                 if !matches!(message, Message::Fault { .. }) {
-                    let on_bus = on_bus.duration_since(self.begin_on_bus).ok();
+                    let on_bus = on_bus.checked_sub(self.begin).map(Duration::from_nanos);
                     self.take_own(index, message, (at, on_bus))?;
                 }
             }
@@ -174,12 +148,12 @@ impl Hub {
     }
 
     fn record(&mut self, index: usize, told: &Telemetry, at: Duration) -> Result<(), HubError> {
-        let now = self.elapsed_ns();
+        let now = self.now_ns();
         let (Some(own), Some(node)) = (&mut self.own, self.nodes.get(index)) else { return Ok(()) };
         // A node whose states do not come has come so far all the same.
         own.watch.heard(index, now);
         own.watch.reached(index, told.tick.saturating_add(1));
-        let id = node.link.id();
+        let id = node.contact.id();
         let leapt = |Leap { from, to }| HubError::Leapt { node: id, from, to };
         let before = own.recording.telling(index);
         match measure::refusal(told, node.next_state.len()) {
@@ -236,7 +210,7 @@ impl Hub {
         if let (None, Some(own), Some(node)) = (tick, &self.own, self.nodes.get(index)) {
             let telling = own.telling(index);
             let value = || format!("the stamp {} after tick {telling}", stamp.value());
-            self.doubts.note(node.link.id(), OTHER_TICK, telling, value);
+            self.doubts.note(node.contact.id(), OTHER_TICK, telling, value);
         }
         tick
     }
@@ -247,14 +221,14 @@ impl Hub {
         let has = usize::from(component.get()) < node.next_state.len();
         if !has {
             let value = || format!("state {}", component.get());
-            self.doubts.note(node.link.id(), OTHER_COMPONENT, self.tick, value);
+            self.doubts.note(node.contact.id(), OTHER_COMPONENT, self.tick, value);
         }
         has
     }
 
     /// The telemetry of a node is what is waited for, so a node on CAN is heard by its line.
     fn note_heard(&mut self, index: usize) {
-        let now = self.elapsed_ns();
+        let now = self.now_ns();
         if let Some(own) = &mut self.own {
             own.watch.heard(index, now);
         }
@@ -283,7 +257,7 @@ impl Hub {
     /// # Errors
     /// A node that hears it and ticks itself has had to refuse so many in a row that it has dropped the edge.
     fn compare_clocks(&mut self, index: usize, tick: u32) -> Result<(), HubError> {
-        let now = self.elapsed_ns();
+        let now = self.now_ns();
         let nodes = &self.nodes;
         let patience = nodes.get(index).map_or(0, |node| u32::from(node.config.extrapolate_ticks));
         let runs = |listener: usize| nodes.get(listener).is_some_and(|node| !node.stopped);
@@ -291,26 +265,28 @@ impl Hub {
         let Some(refuses) = own.watch.state(index, tick, now, patience, runs) else { return Ok(()) };
         let (odd, even) = own.watch.odd_and_even(index, refuses);
         let (tick, other_tick) = (own.watch.newest(odd), own.watch.newest(even));
-        let id = |index: usize| nodes.get(index).map_or(0, |node| node.link.id());
+        let id = |index: usize| nodes.get(index).map_or(0, |node| node.contact.id());
         Err(HubError::RanApart { node: id(odd), tick, other: id(even), other_tick })
     }
 
     /// Hands over the frames that are due.
-    fn forward(&mut self) -> Result<(), HubError> {
-        self.deliver_before(self.elapsed_ns().saturating_add(1))?;
-        self.nodes.iter_mut().try_for_each(|node| node.link.flush())
+    async fn forward(&mut self) -> Result<(), HubError> {
+        self.deliver_before(self.now_ns().saturating_add(1)).await?;
+        for node in &mut self.nodes {
+            node.contact.flush().await?;
+        }
+        Ok(())
     }
 
-    /// Looks for a wish to stop, and for nodes that have fallen silent.
+    /// Looks for nodes that have fallen silent.
     fn watch(&mut self) -> Result<(), HubError> {
         let waited = self.patience.answer + Duration::from_nanos(self.tick_ns);
-        let now = self.elapsed_ns();
+        let now = self.now_ns();
         let Some(own) = &mut self.own else { return Ok(()) };
         for (index, node) in self.nodes.iter().enumerate() {
-            node.link.check_interrupt()?;
             let failing = own.watch.failing(index, now, waited).filter(|_| own.recording.awaits(index));
             let Some(failing) = failing else { continue };
-            let (id, telling) = (node.link.id(), own.recording.telling(index));
+            let (id, telling) = (node.contact.id(), own.recording.telling(index));
             if !node.stopped {
                 return Err(match failing {
                     Failing::Silent => HubError::Silent { node: id, last: telling.checked_sub(1), waited },

@@ -4,17 +4,31 @@
 //! another bus or on serial lines only. SYNC of a tick follows all states of that tick on the one bus, so every node has heard them before it: lockstep has the
 //! bits of loopback here too (docs/notes/2026-11-24-real-nodes.md).
 
-use super::{Deadline, FrameBytes, Hub, HubError, HubNode, Received, SLICE};
-use crate::can::{AnyFormat, CanPort, Heard, Traffic};
+use super::deadline::Deadline;
+use super::member::Member;
+use super::task::{Action, Outside, Source};
+use super::{Conductor, HubError, Received};
+use crate::can::{AnyFormat, Heard, PortFrame, Traffic};
 use funnelnet_protocol::message::{Message, NodeId};
 use funnelnet_protocol::serial::{self, Frame};
 use std::collections::{BTreeMap, VecDeque};
-use std::io;
-use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
-/// How long the host waits for room in its transmit queue: some 500 frames at the lowest bit rate.
-const ROOM: Duration = Duration::from_secs(1);
+/// How long a bus is listened to before a node's line is looked at.
+const LISTEN: Duration = Duration::from_millis(50);
+
+/// Bytes of a real-time frame on the wire.
+pub type FrameBytes = heapless::Vec<u8, { serial::MAX_REAL_TIME_FRAME }>;
+
+/// A frame on its way from node to node.
+#[derive(Clone, Debug)]
+pub struct Relayed {
+    /// Index of the node that sent it.
+    pub(super) from: usize,
+    /// Whether it is a component of its state.
+    pub(super) is_state: bool,
+    pub(super) bytes: FrameBytes,
+}
 
 /// What was heard on a bus, beside the frames that a run is made of.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -32,14 +46,15 @@ pub struct CanCounts {
 }
 
 /// A bus as this program sees it.
-pub struct CanSide {
+pub(super) struct Bus {
+    /// As the outside knows it.
+    index: usize,
     interface: String,
-    port: Arc<CanPort>,
     /// What is said and what is heard; two of them, since each may have begun something.
     saying: AnyFormat,
     hearing: AnyFormat,
-    /// By source: nodes of this run on this bus.
-    heard: BTreeMap<u8, VecDeque<(Message, SystemTime)>>,
+    /// By source: nodes of this run on this bus, with the bus times of what they said, ns.
+    heard: BTreeMap<u8, VecDeque<(Message, u64)>>,
     /// Nodes of this run elsewhere: what is heard from them was said by this program.
     relayed: Vec<u8>,
     /// Components of a state.
@@ -47,16 +62,14 @@ pub struct CanSide {
     /// By source: components of a state that is to be relayed in one frame and of which not all have come.
     incomplete: BTreeMap<u8, Vec<Message>>,
     counts: CanCounts,
-    /// What was heard and not [taken](Hub::take_heard) yet.
-    log: Vec<Heard>,
+    outside: Outside,
 }
 
-impl CanSide {
-    /// The bus on `interface`, open as `port`, for frames of CAN FD if `fd`.
-    pub fn new(interface: String, port: CanPort, fd: bool) -> Self {
+impl Bus {
+    fn new(index: usize, interface: String, fd: bool, outside: &Outside) -> Self {
         Self {
+            index,
             interface,
-            port: Arc::new(port),
             saying: AnyFormat::new(fd),
             hearing: AnyFormat::new(fd),
             heard: BTreeMap::new(),
@@ -64,28 +77,25 @@ impl CanSide {
             components: 1,
             incomplete: BTreeMap::new(),
             counts: CanCounts::default(),
-            log: Vec::new(),
+            outside: outside.clone(),
         }
     }
 
-    fn failed(&self, source: io::Error) -> HubError {
-        HubError::Can { interface: self.interface.clone(), source }
-    }
-
     /// Says it now, or with what follows in the same frame.
-    fn say(&mut self, message: &Message) -> Result<(), HubError> {
+    async fn say(&mut self, message: &Message) -> Result<(), HubError> {
         let frames = self.saying.pack(message);
-        self.port.send_all(&frames, ROOM).map_err(|error| self.failed(error))
+        self.put(frames).await
     }
 
-    /// Says what was begun.
-    fn finish(&mut self) -> Result<(), HubError> {
-        let last = self.saying.flush();
-        self.port.send_all(last.as_slice(), ROOM).map_err(|error| self.failed(error))
+    async fn put(&self, frames: Vec<PortFrame>) -> Result<(), HubError> {
+        if frames.is_empty() {
+            return Ok(());
+        }
+        self.outside.act(Action::Say { bus: self.index, frames }).await
     }
 
     /// Says what a frame from elsewhere says, if that is the host's to relay.
-    fn relay(&mut self, frame: &FrameBytes) -> Result<(), HubError> {
+    async fn relay(&mut self, frame: &FrameBytes) -> Result<(), HubError> {
         let mut bytes = frame.clone();
         // Without its final zero, as this program has encoded it.
         bytes.pop();
@@ -93,9 +103,11 @@ impl CanSide {
         if source(&message).is_none_or(|source| self.heard.contains_key(&source.get())) {
             return Ok(());
         }
-        let complete = self.complete(message);
-        complete.iter().try_for_each(|message| self.say(message))?;
-        self.finish()
+        for message in self.complete(message) {
+            self.say(&message).await?;
+        }
+        let last = self.saying.flush();
+        self.put(last.into_iter().collect()).await
     }
 
     /// What can be said with this message: in CAN FD a state waits for its last component, since a frame has all of them.
@@ -121,33 +133,27 @@ impl CanSide {
         std::mem::take(state)
     }
 
-    /// The port, for a thread that listens.
-    pub(super) fn port(&self) -> Arc<CanPort> {
-        Arc::clone(&self.port)
-    }
-
-    /// Takes what a thread has heard.
-    pub(super) fn take(&mut self, heard: io::Result<Heard>) -> Result<(), HubError> {
-        let heard = heard.map_err(|error| self.failed(error))?;
-        self.sort(&heard);
-        self.log.push(heard);
-        Ok(())
-    }
-
     /// The next message of a node on this bus that nobody has taken, with its bus time.
-    fn next_of(&mut self, id: u8) -> Option<(Message, SystemTime)> {
+    fn next_of(&mut self, id: u8) -> Option<(Message, u64)> {
+        self.take();
         self.heard.get_mut(&id)?.pop_front()
     }
 
-    /// Takes everything that has come.
-    fn listen(&mut self) -> Result<(), HubError> {
-        while let Some(heard) = self.port.receive().transpose() {
-            self.take(heard)?;
-        }
+    /// Takes everything that comes before `until`, or has come by now.
+    async fn listen(&mut self, until: u64) -> Result<(), HubError> {
+        self.outside.act(Action::Read { from: Source::Bus(self.index), until }).await?;
+        self.take();
         Ok(())
     }
 
-    fn sort(&mut self, heard: &Heard) {
+    /// Takes what the outside has read.
+    fn take(&mut self) {
+        while let Some((heard, at)) = self.outside.take_heard(self.index) {
+            self.sort(&heard, at);
+        }
+    }
+
+    fn sort(&mut self, heard: &Heard, at: u64) {
         match &heard.what {
             Traffic::Error { text, .. } => {
                 self.counts.errors = (self.counts.errors.0 + 1, Some(text.clone()))
@@ -156,13 +162,13 @@ impl CanSide {
         }
         for message in heard.messages(&mut self.hearing) {
             match message {
-                Ok(message) => self.sort_message(message, heard.at),
+                Ok(message) => self.sort_message(message, at),
                 Err(_) => self.counts.unreadable += 1,
             }
         }
     }
 
-    fn sort_message(&mut self, message: Message, at: SystemTime) {
+    fn sort_message(&mut self, message: Message, at: u64) {
         let source = match (source(&message), &message) {
             (Some(source), _) => source.get(),
             (None, Message::Sync { source: Some(_), .. }) => return self.counts.strangers += 1,
@@ -177,20 +183,27 @@ impl CanSide {
     }
 }
 
-impl Hub {
-    /// With these buses; `on_can` says which of them a node is on, both by index.
-    pub fn with_can(mut self, mut sides: Vec<CanSide>, on_can: impl Fn(usize) -> Option<usize>) -> Self {
+impl Conductor {
+    /// With these buses: interfaces, and whether their frames are those of CAN FD; `on_can` says which of them a node is on, both by index.
+    #[must_use]
+    pub fn with_can(
+        mut self,
+        interfaces: Vec<(String, bool)>,
+        on_can: impl Fn(usize) -> Option<usize>,
+    ) -> Self {
+        let named = interfaces.into_iter().enumerate();
+        self.can = named.map(|(index, (name, fd))| Bus::new(index, name, fd, &self.outside)).collect();
         for (index, node) in self.nodes.iter_mut().enumerate() {
             node.on_can = on_can(index);
-            for (bus, side) in sides.iter_mut().enumerate() {
+            for (bus, side) in self.can.iter_mut().enumerate() {
                 side.components = node.next_state.len();
                 match node.on_can == Some(bus) {
-                    true => drop(side.heard.insert(node.link.id(), VecDeque::new())),
-                    false => side.relayed.push(node.link.id()),
+                    true => drop(side.heard.insert(node.contact.id(), VecDeque::new())),
+                    false => side.relayed.push(node.contact.id()),
                 }
             }
         }
-        Self { can: sides, ..self }
+        self
     }
 
     /// Interface and counts of each bus.
@@ -198,81 +211,81 @@ impl Hub {
         self.can.iter().map(|side| (side.interface.as_str(), &side.counts))
     }
 
-    /// What was heard on CAN since the last call, with the index of the bus; in order of bus time, those of one bus in the order in which they came.
-    pub fn take_heard(&mut self) -> Vec<(usize, Heard)> {
-        let logs = self.can.iter_mut().map(|side| std::mem::take(&mut side.log));
-        let mut heard: Vec<_> =
-            logs.enumerate().flat_map(|(bus, log)| log.into_iter().map(move |heard| (bus, heard))).collect();
-        if self.can.len() > 1 {
-            heard.sort_by_key(|(_, heard)| heard.at);
-        }
-        heard
-    }
-
     /// Says `message` once on each bus with nodes that run.
-    pub(super) fn say_on_can(&mut self, message: &Message) -> Result<(), HubError> {
+    pub(super) async fn say_on_can(&mut self, message: &Message) -> Result<(), HubError> {
         let nodes = &self.nodes;
         let runs =
             |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.away.is_none() && !node.stopped);
-        let mut sides = self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus));
-        sides.try_for_each(|(_, side)| side.say(message))
+        for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus)) {
+            side.say(message).await?;
+        }
+        Ok(())
     }
 
     /// Relays a frame from elsewhere to the nodes of a bus.
-    pub(super) fn relay_to_can(&mut self, bus: usize, frame: &FrameBytes) -> Result<(), HubError> {
-        self.can.get_mut(bus).map_or(Ok(()), |side| side.relay(frame))
+    pub(super) async fn relay_to_can(&mut self, bus: usize, frame: &FrameBytes) -> Result<(), HubError> {
+        match self.can.get_mut(bus) {
+            Some(side) => side.relay(frame).await,
+            None => Ok(()),
+        }
     }
 
     /// Takes everything that has come on any bus.
-    pub(super) fn listen_on_can(&mut self) -> Result<(), HubError> {
-        self.can.iter_mut().try_for_each(CanSide::listen)
+    pub(super) async fn listen_on_can(&mut self) -> Result<(), HubError> {
+        let now = self.outside.now();
+        for side in &mut self.can {
+            side.listen(now).await?;
+        }
+        Ok(())
     }
 
-    /// The next message of a node on CAN that nobody has taken, with its bus time.
-    pub(super) fn next_on_its_bus(&mut self, index: usize) -> Option<(Message, SystemTime)> {
+    /// The next message of a node on CAN that nobody has taken, with its bus time, ns.
+    pub(super) fn next_on_its_bus(&mut self, index: usize) -> Option<(Message, u64)> {
         let (node, side) = self.on_its_bus(index)?;
-        side.next_of(node.link.id())
+        side.next_of(node.contact.id())
     }
 
     /// A node, and the bus that it is on.
-    fn on_its_bus(&mut self, index: usize) -> Option<(&mut HubNode, &mut CanSide)> {
+    fn on_its_bus(&mut self, index: usize) -> Option<(&mut Member, &mut Bus)> {
         let node = self.nodes.get_mut(index)?;
         let side = self.can.get_mut(node.on_can?)?;
         Some((node, side))
     }
 
-    /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead; with its bus time.
-    pub(super) fn wait_on_can(
+    /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead; with its bus time, ns.
+    pub(super) async fn wait_on_can(
         &mut self,
         index: usize,
         deadline: Deadline,
-    ) -> Result<(Message, SystemTime), HubError> {
+    ) -> Result<(Message, u64), HubError> {
         loop {
+            let now = self.outside.now();
             let Some((node, side)) = self.on_its_bus(index) else { return Err(HubError::Interrupted) };
-            side.listen()?;
-            let id = node.link.id();
+            side.listen(now).await?;
+            let id = node.contact.id();
             if let Some(message) = side.next_of(id) {
                 return Ok(message);
             }
-            if deadline.is_over() {
+            let now = side.outside.now();
+            if deadline.is_over(now) {
                 return Err(HubError::NoAnswer { node: id, awaited: "state on CAN", waited: deadline.limit });
             }
-            side.port.wait(SLICE);
-            side.listen()?;
+            side.listen(Deadline::after(LISTEN, now).until()).await?;
             // A node that is gone says nothing on CAN; one that is off the bus says so here.
             if side.heard.get(&id).is_some_and(VecDeque::is_empty)
-                && let Some(message) = node.link.look(is_fault)?
+                && let Some(message) = node.contact.look(is_fault).await?
             {
-                return Ok((message, SystemTime::now()));
+                return Ok((message, side.outside.now()));
             }
         }
     }
 
     /// Forgets what a node has said on CAN.
-    pub(super) fn forget_heard(&mut self, index: usize) -> Result<(), HubError> {
+    pub(super) async fn forget_heard(&mut self, index: usize) -> Result<(), HubError> {
+        let now = self.outside.now();
         let Some((node, side)) = self.on_its_bus(index) else { return Ok(()) };
-        side.listen()?;
-        if let Some(queue) = side.heard.get_mut(&node.link.id()) {
+        side.listen(now).await?;
+        if let Some(queue) = side.heard.get_mut(&node.contact.id()) {
             queue.clear();
         }
         Ok(())

@@ -4,13 +4,15 @@
 //! adopts the weighted mean of its neighbours' states, where its own diffusive term is zero; theirs jump by what the mean is from them.
 //! Its first SYNC tells it the tick.
 
-use super::{Deadline, Hub, HubError, HubNode, Received, START, STOP, identify};
+use super::deadline::{Deadline, ns};
+use super::member::Member;
+use super::{Conductor, HubError, Received, START, STOP};
 use crate::presence::Presence;
 use funnelnet_protocol::config::NodeConfig;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::serial;
 use std::fmt;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How often a lost node is looked for.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
@@ -52,11 +54,13 @@ impl fmt::Display for Absence {
 
 /// That a node is away, and when it is looked for next.
 pub(super) struct Away {
-    next_look: Instant,
+    /// ns.
+    next_look: u64,
 }
 
-impl Hub {
+impl Conductor {
     /// What to do when a node is lost from now on.
+    #[must_use]
     pub fn with_loss(self, on_loss: OnLoss) -> Self {
         Self { on_loss, ..self }
     }
@@ -70,7 +74,7 @@ impl Hub {
     ///
     /// # Errors
     /// The error itself, where the run has to end.
-    pub(super) fn lose(&mut self, index: usize, error: HubError) -> Result<(), HubError> {
+    pub(super) async fn lose(&mut self, index: usize, error: HubError) -> Result<(), HubError> {
         let alone = self.nodes.iter().enumerate().all(|(other, node)| other == index || node.away.is_some());
         if self.on_loss == OnLoss::Stop || alone || matches!(error, HubError::Interrupted) {
             return Err(error);
@@ -79,10 +83,10 @@ impl Hub {
         let Some(node) = self.nodes.get_mut(index) else { return Err(error) };
         if matches!(error, HubError::Died { .. }) {
             // A port that is gone keeps its name from the board that comes back, until it is closed.
-            node.link.replace(Box::new(std::io::empty()));
+            node.contact.close().await?;
         }
-        node.away = Some(Away { next_look: Instant::now() + LOOK_EVERY });
-        self.absences.push(Absence { node: node.link.id(), from: self.tick, to: None, why });
+        node.away = Some(Away { next_look: self.outside.now().saturating_add(ns(LOOK_EVERY)) });
+        self.absences.push(Absence { node: node.contact.id(), from: self.tick, to: None, why });
         self.set_presence(index, Presence::Absent);
         Ok(())
     }
@@ -91,14 +95,13 @@ impl Hub {
     ///
     /// # Errors
     /// An interrupt.
-    pub(super) fn look_for_lost(&mut self) -> Result<(), HubError> {
+    pub(super) async fn look_for_lost(&mut self) -> Result<(), HubError> {
         for index in 0..self.nodes.len() {
+            let now = self.outside.now();
             let Some(node) = self.nodes.get_mut(index) else { continue };
-            let Some(away) = node.away.as_mut().filter(|away| away.next_look <= Instant::now()) else {
-                continue;
-            };
-            away.next_look = Instant::now() + LOOK_EVERY;
-            match self.bring_back(index) {
+            let Some(away) = node.away.as_mut().filter(|away| away.next_look <= now) else { continue };
+            away.next_look = now.saturating_add(ns(LOOK_EVERY));
+            match self.bring_back(index).await {
                 Ok(()) => self.note_return(index),
                 Err(HubError::Interrupted) => return Err(HubError::Interrupted),
                 Err(_) => {}
@@ -110,37 +113,36 @@ impl Hub {
     fn note_return(&mut self, index: usize) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         node.away = None;
-        let (id, tick) = (node.link.id(), self.tick);
+        let (id, tick) = (node.contact.id(), self.tick);
         if let Some(absence) = self.absences.iter_mut().rev().find(|absence| absence.node == id) {
             absence.to = Some(tick);
         }
     }
 
     /// Finds the node, configures and starts it.
-    fn bring_back(&mut self, index: usize) -> Result<(), HubError> {
+    async fn bring_back(&mut self, index: usize) -> Result<(), HubError> {
         let Some(config) = self.config_to_join(index) else { return Ok(()) };
-        self.forget_heard(index)?;
+        self.forget_heard(index).await?;
         let patience = self.patience;
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
-        if let Some(stream) = node.device.reopen() {
-            node.link.replace(stream);
-        }
-        let identity = identify(&mut node.link, LOOK)?;
-        node.meet(identity)?;
+        node.contact.reopen().await?;
+        node.identify(LOOK).await?;
         // It may have been running on, without anybody to listen to it.
-        node.link.write(&serial::encode(&STOP))?;
-        node.configure(&config, patience.answer)?;
-        node.link.write(&serial::encode(&START))?;
+        node.contact.write(&serial::encode(&STOP)).await?;
+        node.configure(&config, patience.answer).await?;
+        node.contact.write(&serial::encode(&START)).await?;
         node.stopped = false;
         node.next_state = config.initial_state.to_vec();
-        let deadline = Deadline::after(patience.answer);
+        let deadline = Deadline::after(patience.answer, self.outside.now());
         if node.on_can.is_some() {
             // Stamped tick 0, which nobody could use any more.
-            return (0..config.initial_state.len())
-                .try_for_each(|_| self.wait_on_can(index, deadline).map(|_| ()));
+            for _ in &config.initial_state {
+                self.wait_on_can(index, deadline).await?;
+            }
+            return Ok(());
         }
         let (mut left, mut faults) = (config.initial_state.len(), Vec::new());
-        let announced = node.link.wait_for(patience.answer, "state", |received| {
+        let pick = |received| {
             match received {
                 Received::Message(Message::State { .. }) => left = left.saturating_sub(1),
                 // Why it was restarted, for example.
@@ -148,7 +150,8 @@ impl Hub {
                 _ => {}
             }
             (left == 0).then_some(())
-        });
+        };
+        let announced = node.contact.wait_until(deadline, "state", pick).await;
         self.note_warnings(index, &faults);
         announced
     }
@@ -158,7 +161,7 @@ impl Hub {
         let node = self.nodes.get(index)?;
         let mut config = node.config.clone();
         let present = |id: u8| {
-            self.nodes.iter().find(|other| other.link.id() == id && other.away.is_none() && !other.stopped)
+            self.nodes.iter().find(|other| other.contact.id() == id && other.away.is_none() && !other.stopped)
         };
         let neighbours: Vec<_> = config
             .neighbours
@@ -167,7 +170,7 @@ impl Hub {
             .collect();
         let total: f64 = neighbours.iter().map(|(weight, _)| weight).sum();
         for (component, x) in config.initial_state.iter_mut().enumerate() {
-            let state = |node: &HubNode| node.next_state.get(component).copied().unwrap_or_default();
+            let state = |node: &Member| node.next_state.get(component).copied().unwrap_or_default();
             let sum: f64 = neighbours.iter().map(|(weight, other)| weight * f64::from(state(other))).sum();
             *x = if total > 0.0 { (sum / total) as f32 } else { state(node) };
         }

@@ -1,6 +1,6 @@
 //! Who has heard whom, as far as this program can know: by what it has handed over, and by what nodes say that they have accepted.
 
-use super::Hub;
+use super::Conductor;
 use funnelnet_protocol::report::Report;
 
 /// CTRL frames that a node accepts in a run: start and stop.
@@ -40,7 +40,7 @@ impl Hearing {
     }
 }
 
-impl Hub {
+impl Conductor {
     /// Ids of nodes with neighbours of which none has ever heard a state of it; `reports` by index.
     pub fn unheard(&self, reports: &[Option<Report>]) -> Vec<u16> {
         let report = |index: usize| reports.get(index).and_then(Option::as_ref);
@@ -78,7 +78,7 @@ impl Hub {
     /// Ids of nodes for which something holds of their index and those of their neighbours.
     fn those_who(&self, holds: impl Fn(usize, &[usize]) -> bool) -> Vec<u16> {
         let index = |id: u8| self.nodes.iter().position(|node| node.config.id == id);
-        let of = |(from, node): (usize, &super::HubNode)| {
+        let of = |(from, node): (usize, &super::member::Member)| {
             let neighbours: Vec<_> =
                 node.config.neighbours.iter().filter_map(|edge| index(edge.id)).collect();
             (!neighbours.is_empty() && holds(from, &neighbours)).then_some(u16::from(node.config.id))

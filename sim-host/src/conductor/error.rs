@@ -215,7 +215,7 @@ impl HubError {
     }
 
     /// The node whose log may tell more.
-    pub(super) fn node(&self) -> Option<u8> {
+    pub(crate) fn node(&self) -> Option<u8> {
         match *self {
             Self::NoAnswer { node, .. }
             | Self::Died { node, .. }

@@ -1,0 +1,126 @@
+//! One node of the network.
+
+use super::absence::Away;
+use super::contact::{Contact, Seat};
+use super::task::Outside;
+use super::{HubError, Received};
+use crate::presence::Presence;
+use funnelnet_protocol::config::NodeConfig;
+use funnelnet_protocol::message::FaultCode;
+use funnelnet_protocol::service::{Identity, Reply, Request};
+use funnelnet_protocol::{WIRE_VERSION, serial};
+use std::time::Duration;
+
+/// What is known of it.
+pub(super) struct Member {
+    pub(super) contact: Contact,
+    uid: Option<u64>,
+    pub(super) identity: Option<Identity>,
+    /// What it is told before the run.
+    pub(super) config: NodeConfig,
+    /// Set while it is lost and the others go on.
+    pub(super) away: Option<Away>,
+    /// The bus that its states travel on, by index; `None` for one that is on its line only.
+    pub(super) on_can: Option<usize>,
+    /// State at the tick that comes next, by component.
+    pub(super) next_state: Vec<f32>,
+    /// It has said that it stopped, and is not waited for any more.
+    pub(super) stopped: bool,
+    /// What it said last is the outcome of a tick, so that its telemetry follows.
+    pub(super) ticked: bool,
+    /// Components of its state that have come in this tick, a bit each.
+    pub(super) states: u8,
+    /// Components of its telemetry that have.
+    pub(super) telemetries: usize,
+    /// A telemetry of this tick was refused.
+    pub(super) refused: bool,
+    /// The last warning that it has said: on CAN it comes by two ways.
+    pub(super) warned: Option<(FaultCode, u16, u32)>,
+}
+
+impl Member {
+    pub(super) fn new(
+        index: usize,
+        Seat { id, place, uid }: Seat,
+        config: &NodeConfig,
+        outside: &Outside,
+    ) -> Self {
+        Self {
+            contact: Contact::new(index, id, place, outside),
+            uid,
+            identity: None,
+            config: config.clone(),
+            away: None,
+            on_can: None,
+            next_state: config.initial_state.to_vec(),
+            stopped: false,
+            ticked: false,
+            states: 0,
+            telemetries: 0,
+            refused: false,
+            warned: None,
+        }
+    }
+
+    /// Whether all components of its state have come in this tick.
+    pub(super) fn has_told_its_state(&self) -> bool {
+        self.states.count_ones() as usize >= self.next_state.len()
+    }
+
+    /// Whether it had a configuration when it was asked who it is.
+    pub(super) fn is_configured(&self) -> bool {
+        self.identity.is_some_and(|identity| identity.id != serial::HOST)
+    }
+
+    /// What is known of it at a tick of which it has said nothing.
+    pub(super) fn presence(&self) -> Presence {
+        match self {
+            Self { away: Some(_), .. } => Presence::Absent,
+            Self { stopped: true, .. } => Presence::Stopped,
+            Self { .. } => Presence::Unrecorded,
+        }
+    }
+
+    /// Asks it who it is, and takes note of that, if it is who it should be.
+    pub(super) async fn identify(&mut self, patience: Duration) -> Result<(), HubError> {
+        let identity = self.contact.identify(patience).await?;
+        self.identity = Some(identity);
+        check_identity(&self.contact, &identity, self.uid)
+    }
+
+    pub(super) async fn configure(
+        &mut self,
+        config: &NodeConfig,
+        patience: Duration,
+    ) -> Result<(), HubError> {
+        self.contact.request(&Request::Configure(config.clone())).await?;
+        let configured = |received| match received {
+            Received::Reply(Reply::Configured(answer)) => Some(answer),
+            _ => None,
+        };
+        let answer = self.contact.wait_for(patience, "configured", configured).await?;
+        answer.map_err(|reason| HubError::Refused { node: config.id, reason })?;
+        // What it said before belongs to another run.
+        self.contact.expect_its_own();
+        Ok(())
+    }
+}
+
+/// Whether the node that was met speaks this wire, and has the unique number `uid` if one is expected.
+pub(super) fn check_identity(
+    contact: &Contact,
+    identity: &Identity,
+    uid: Option<u64>,
+) -> Result<(), HubError> {
+    let node = contact.id();
+    if identity.wire_version != WIRE_VERSION {
+        return Err(HubError::WireVersion { node, found: identity.wire_version });
+    }
+    match uid.filter(|&uid| uid != identity.uid) {
+        Some(expected) => {
+            let place = contact.place().to_owned();
+            Err(HubError::Uid { node, place, expected, found: identity.uid })
+        }
+        None => Ok(()),
+    }
+}
