@@ -6,6 +6,7 @@
 mod axis;
 mod clip;
 mod curve;
+mod envelope;
 mod funnels;
 mod legend;
 mod marks;

@@ -10,7 +10,7 @@ use super::curve::Curve;
 use super::legend::{self, Entry, Stroke};
 use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
 use super::thin::thin;
-use super::trace::{Node, Trace};
+use super::trace::{Drawn, Node, Trace};
 use super::{PlotError, axis, marks, text};
 
 const SIZE: (u32, u32) = (1000, 520);
@@ -28,7 +28,7 @@ const NAMED: usize = 8;
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
 pub fn states_svg(trace: &Trace) -> Result<String, PlotError> {
-    let span = trace.span()?;
+    let trace = &trace.drawn()?;
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (px(SIZE.0), px(SIZE.1))).into_drawing_area();
@@ -36,18 +36,15 @@ pub fn states_svg(trace: &Trace) -> Result<String, PlotError> {
         let title = text::fit(&trace.title, 20, SIZE.0 - 92);
         root.draw(&Text::new(title, at(76, 14), font(20).color(&INK))).map_err(PlotError::new)?;
         let (left, right) = root.split_horizontally(px(SIZE.0 - LEGEND));
-        picture(&left, trace, &span)?;
+        picture(&left, trace)?;
         legend::column(&right.margin(px(42), 0, 0, 0), &entries(trace))?;
         root.present().map_err(PlotError::new)?;
     }
     Ok(shrink(&svg, SIZE))
 }
 
-fn picture<DB: DrawingBackend>(
-    area: &DrawingArea<DB, Shift>,
-    trace: &Trace,
-    span: &Range<f64>,
-) -> Result<(), PlotError> {
+fn picture<DB: DrawingBackend>(area: &DrawingArea<DB, Shift>, trace: &Drawn) -> Result<(), PlotError> {
+    let span = &trace.span;
     let curves: Vec<Vec<(f64, f64)>> = trace.nodes.iter().map(|node| trace.states(node)).collect();
     let heights = heights(trace, &curves);
     let mut chart = ChartBuilder::on(area)
@@ -87,8 +84,7 @@ fn picture<DB: DrawingBackend>(
     }
     for (_, components, stroke) in predictions(trace) {
         for values in components {
-            let points: Vec<(f64, f64)> = trace.t.iter().copied().zip(values.iter().copied()).collect();
-            let pieces = clip(thin(&points), &heights);
+            let pieces = clip(thin(values), &heights);
             Curve { pieces, style: line(BLACK, 2), stroke }.draw(&mut chart)?;
         }
     }
@@ -99,7 +95,7 @@ fn picture<DB: DrawingBackend>(
 /// Draws and names stops and absences, in the order in which they began.
 fn mark<DB, CT>(
     chart: &mut ChartContext<'_, DB, CT>,
-    trace: &Trace,
+    trace: &Drawn,
     span: &Range<f64>,
     heights: &Range<f64>,
 ) -> Result<(), PlotError>
@@ -127,7 +123,7 @@ where
 }
 
 /// The colour of the curves of `node`, the `k`-th.
-fn ink(trace: &Trace, k: usize, node: &Node) -> RGBColor {
+fn ink(trace: &Drawn, k: usize, node: &Node) -> RGBColor {
     match Colours::of(trace) {
         Colours::Curve => colour(k),
         Colours::Component => colour(node.component),
@@ -146,7 +142,7 @@ enum Colours {
 }
 
 impl Colours {
-    fn of(trace: &Trace) -> Self {
+    fn of(trace: &Drawn) -> Self {
         match (trace.nodes.len() <= NODES, trace.components()) {
             (true, _) => Self::Curve,
             (false, 1) => Self::One,
@@ -158,8 +154,8 @@ impl Colours {
 /// The range of the vertical axis: all of the states and of `xi`, and of the blended dynamics what is not farther from those than
 /// a quarter of their own range. An average that outliers drag far away would leave no room for the states, and neither would a node
 /// that diverges: the scale is that of the initial states, of `xi` and of the funnels.
-fn heights(trace: &Trace, curves: &[Vec<(f64, f64)>]) -> Range<f64> {
-    let xi = || trace.xi.iter().flatten().copied();
+fn heights(trace: &Drawn, curves: &[Vec<(f64, f64)>]) -> Range<f64> {
+    let xi = || trace.xi.iter().flatten().map(|p| p.1);
     let mut values: Vec<f64> = curves.iter().flatten().map(|p| p.1).chain(xi()).collect();
     let start = curves.iter().filter_map(|curve| curve.iter().map(|p| p.1).find(|x| x.is_finite()));
     let mut natural: Vec<f64> = start.chain(xi().filter(|xi| xi.is_finite())).collect();
@@ -171,19 +167,19 @@ fn heights(trace: &Trace, curves: &[Vec<(f64, f64)>]) -> Range<f64> {
     let room = 0.25 * (inner.end - inner.start);
     let near = inner.start - room..inner.end + room;
     values.retain(|value| inner.contains(value));
-    values.extend(trace.blended.iter().flatten().copied().filter(|value| near.contains(value)));
+    values.extend(trace.blended.iter().flatten().map(|p| p.1).filter(|value| near.contains(value)));
     // Where values are cut, up to the cut.
     let whole = axis::padded(values.into_iter());
     whole.start.min(inner.start)..whole.end.max(inner.end)
 }
 
 /// What is predicted, where it is known anywhere: its name, its values over time by component, and how it is drawn.
-fn predictions(trace: &Trace) -> impl Iterator<Item = (&'static str, &Vec<Vec<f64>>, Stroke)> {
+fn predictions(trace: &Drawn) -> impl Iterator<Item = (&'static str, &Vec<Vec<(f64, f64)>>, Stroke)> {
     let all = [("blended", &trace.blended, Stroke::Dashed), ("emergent \u{3BE}", &trace.xi, Stroke::Dotted)];
-    all.into_iter().filter(|(_, values, _)| values.iter().flatten().any(|v| v.is_finite()))
+    all.into_iter().filter(|(_, values, _)| values.iter().flatten().any(|p| p.1.is_finite()))
 }
 
-fn entries(trace: &Trace) -> Vec<Entry> {
+fn entries(trace: &Drawn) -> Vec<Entry> {
     let components = trace.components();
     let count = trace.nodes.len() / components;
     let entry = |label: String, style| Entry { label, style, stroke: Stroke::Solid };
@@ -214,6 +210,7 @@ mod tests {
         for (t, blended) in [(0.0, 0.0), (1.0, end)] {
             trace.push(&Row { t, x: vec![-1.0, 1.0], blended: vec![blended], ..Row::default() });
         }
+        let trace = trace.drawn().unwrap();
         let curves: Vec<_> = trace.nodes.iter().map(|node| trace.states(node)).collect();
         heights(&trace, &curves)
     }

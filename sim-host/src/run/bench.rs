@@ -5,6 +5,7 @@ use super::fidelity::{LOCKSTEP, bus_between, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
+use super::rows::Rows;
 use crate::bench::{
     BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
 };
@@ -19,7 +20,7 @@ use std::fmt::Display;
 use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
-pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
@@ -48,7 +49,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
         Clock::Own => hub.with_own_clock(),
     };
     hub.members().for_each(|(link, identity)| warn_of_reset(link.id(), identity));
-    match compared(scenario, (options, file.clock), &mut hub, comparison, files) {
+    match compared(scenario, (options, file.clock), &mut hub, rows, (comparison, files)) {
         Ok(outcome) => {
             let wires = (wired > 0).then(|| WiresSummary {
                 count: wired,
@@ -152,11 +153,11 @@ fn compared(
     scenario: &Scenario,
     (options, clock): (&RunOptions, Clock),
     hub: &mut Hub,
-    mut comparison: Comparison,
-    mut files: Files,
+    rows: &mut dyn Rows,
+    (mut comparison, mut files): (Comparison, Files),
 ) -> Result<Outcome, RunError> {
     let (mut told, mut skew) = (Vec::new(), Skew::default());
-    let outcome = lockstep("bench", scenario, options, hub, |k, hub| {
+    let outcome = lockstep("bench", (scenario, options), hub, rows, |k, hub| {
         if options.verbosity != Verbosity::Quiet {
             tell(hub.absences(), &mut told);
         }

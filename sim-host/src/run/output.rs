@@ -2,12 +2,14 @@
 
 use super::claim::commit;
 use super::error::RunError;
+use super::event_log::{MoreEvents, NAMED};
 use super::names;
 use super::options::{Fidelity, RunOptions};
 use super::outcome::Outcome;
+use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter};
+use crate::record::{AtomicFile, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter};
 use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
@@ -19,10 +21,11 @@ pub struct Outputs {
     json: Option<AtomicFile>,
 }
 
-/// What `--out` asks for.
+/// What `--out` asks for. Rows go into the trajectory and into the pictures as they come.
 struct FolderFiles {
     path: PathBuf,
     trajectory: TrajectoryWriter,
+    trace: Trace,
     events: AtomicFile,
     scenario: AtomicFile,
     states: AtomicFile,
@@ -66,6 +69,9 @@ impl FolderFiles {
         Ok(Self {
             path: path.to_owned(),
             trajectory: TrajectoryWriter::create(path.join("trajectory.csv"), shape, precision)?,
+            trace: Trace::new(&scenario.title)
+                .with_components(shape.components)
+                .with_unit(scenario.unit.as_deref()),
             events: file("events.txt")?,
             scenario: file(names::SCENARIO)?,
             states: file("states.svg")?,
@@ -75,13 +81,14 @@ impl FolderFiles {
     }
 
     fn write(self, scenario: &Scenario, outcome: &Outcome, summary: &str) -> Result<(), RunError> {
-        let Self { path, mut trajectory, events: told, scenario: as_run, states, funnels, summary: last } =
-            self;
-        outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
+        let Self { path, mut trajectory, mut trace, .. } = self;
+        let (told, as_run, states, funnels, last) =
+            (self.events, self.scenario, self.states, self.funnels, self.summary);
         trajectory.settle()?;
         let mut settled = vec![settle(told, &told_of(scenario, outcome))?, settle(as_run, &scenario.as_run)?];
-        if outcome.ended_early.is_none() || outcome.rows.len() >= DRAWN_ROWS {
-            let trace = trace(scenario, outcome);
+        // A run that ended early may have too few rows for a picture.
+        if outcome.ended_early.is_none() || trace.has_span() {
+            mark(&mut trace, scenario, outcome);
             settled.push(settle(states, &plot(states_svg(&trace))?)?);
             settled.push(settle(funnels, &plot(funnels_svg(&trace))?)?);
         }
@@ -95,8 +102,14 @@ impl FolderFiles {
     }
 }
 
-/// Rows that there must be for a picture.
-const DRAWN_ROWS: usize = 2;
+impl Rows for Outputs {
+    fn take(&mut self, row: Row) -> Result<(), RunError> {
+        let Some(folder) = &mut self.folder else { return Ok(()) };
+        folder.trajectory.write(&row)?;
+        folder.trace.push(&row);
+        Ok(())
+    }
+}
 
 /// A whole file that has not got its name yet.
 fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
@@ -105,11 +118,8 @@ fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
     Ok(file)
 }
 
-fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
-    let title = scenario.title.as_str();
-    let mut trace =
-        Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
-    outcome.rows.iter().for_each(|row| trace.push(row));
+/// Adds to the rows of a picture what is known only at the end.
+fn mark(trace: &mut Trace, scenario: &Scenario, outcome: &Outcome) {
     trace.judged(&outcome.findings.worst);
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
@@ -119,7 +129,6 @@ fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
         let to = absence.to_tick.map(at_s);
         trace.mark(usize::from(absence.node), at_s(absence.from_tick), to, MarkKind::Away);
     }
-    trace
 }
 
 /// A plot that cannot be drawn from whole rows is a defect of the program.
@@ -132,6 +141,9 @@ fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     let tick_ns = scenario.time.tick_ns;
     let line = |event: &NodeEvent| (event.at.saturating_sub(tick_ns), events([event], tick_ns));
     let mut lines: Vec<_> = outcome.events.iter().map(line).collect();
+    lines.extend(
+        outcome.more_events.iter().map(|more| (more.last.at.saturating_sub(tick_ns), counted(more, tick_ns))),
+    );
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let mut tell = |tick: u32, what: String| {
             let at = u64::from(tick).saturating_mul(tick_ns);
@@ -144,7 +156,20 @@ fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     }
     // Stable: what happened at the same time stays in the order in which it was told.
     lines.sort_by_key(|&(at, _)| at);
-    lines.into_iter().map(|(_, line)| line).collect()
+    let is_short = outcome.more_events.is_empty();
+    let heading = if is_short { String::new() } else { format!("# {}\n", shortened()) };
+    heading + &lines.into_iter().map(|(_, line)| line).collect::<String>()
+}
+
+/// How a list of events is shortened, for its reader.
+fn shortened() -> String {
+    format!("of each node the first {NAMED} events of a kind, and of more their number and the last one")
+}
+
+/// The last of the events that were only counted, as a line.
+pub(super) fn counted(more: &MoreEvents, tick_ns: u64) -> String {
+    let line = events([&more.last], tick_ns);
+    format!("{} (the last of {} more of this kind)\n", line.trim_end(), more.count)
 }
 
 /// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one
