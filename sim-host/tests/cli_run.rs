@@ -83,7 +83,15 @@ fn the_folder_has_the_files_of_the_contract() {
     let names: Vec<_> = files.keys().map(String::as_str).collect();
     assert_eq!(
         names,
-        ["events.txt", "funnels.svg", "scenario.toml", "states.svg", "summary.json", "trajectory.csv"]
+        [
+            "agreement.svg",
+            "events.txt",
+            "funnels.svg",
+            "scenario.toml",
+            "states.svg",
+            "summary.json",
+            "trajectory.csv"
+        ]
     );
     for name in ["funnels.svg", "states.svg"] {
         assert!(files[name].starts_with("<svg") && files[name].trim_end().ends_with("</svg>"), "{name}");

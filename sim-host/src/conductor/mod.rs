@@ -5,6 +5,7 @@ pub(crate) mod doubt;
 mod line;
 pub(crate) mod measure;
 pub(crate) mod recording;
+mod sound;
 pub(crate) mod watch;
 
 pub use line::{Line, Received};

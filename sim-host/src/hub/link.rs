@@ -90,6 +90,11 @@ impl Link {
         self.line.refused()
     }
 
+    /// What its line sounds like, where that is not a node.
+    pub fn sound(&self) -> Option<String> {
+        self.line.sound()
+    }
+
     /// From now on a write takes no longer than `limit`, and the user's wish to stop, which has been heard, ends nothing.
     pub fn hurry(&mut self, limit: Duration) {
         self.interrupt = Interrupt::default();

@@ -564,6 +564,7 @@ impl Hub {
                 reason.name()
             ));
         }
+        words.extend(node.link.sound());
         words.extend(self.doubts.of(node.link.id()));
         error.with_words(words.join("\n"))
     }

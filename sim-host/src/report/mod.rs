@@ -1,8 +1,10 @@
 //! Plots of a run as SVG text.
 //!
-//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel. They
+//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel,
+//! [`agreement_svg`] how far apart the nodes are beside their bound. They
 //! show what is true: true terms in the scenario's funnels, nothing where nothing is known, and words where something is cut.
 
+mod agreement;
 mod axis;
 mod clip;
 mod curve;
@@ -19,6 +21,7 @@ mod text;
 mod thin;
 mod trace;
 
+pub use agreement::agreement_svg;
 pub use funnels::funnels_svg;
 pub use marks::Kind as MarkKind;
 pub use overlay::Overlay;

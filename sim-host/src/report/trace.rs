@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::extremes::larger;
 use crate::judge::Worst;
 use crate::record::Row;
 
@@ -24,6 +25,12 @@ pub struct Trace {
     nodes: Vec<Recorded>,
     /// `xi` and the blended dynamics, by component.
     predictions: Vec<Envelope<2>>,
+    /// Spread, its bound, and the error to `xi`.
+    agreement: Envelope<3>,
+    /// Bound of the spread for a widest funnel of 1; not known where there is none.
+    bound: Option<f64>,
+    /// Largest spread at any tick, and that at the end, where they are known.
+    spread: Option<(f64, f64)>,
     marks: Vec<Mark>,
 }
 
@@ -50,6 +57,14 @@ pub(super) struct Drawn {
     pub(super) xi: Vec<Vec<(f64, f64)>>,
     /// By component.
     pub(super) blended: Vec<Vec<(f64, f64)>>,
+    /// The largest distance of two nodes, over time.
+    pub(super) spread: Vec<(f64, f64)>,
+    /// Its bound.
+    pub(super) bound: Vec<(f64, f64)>,
+    /// The largest distance of a node to `xi`.
+    pub(super) error: Vec<(f64, f64)>,
+    /// Largest spread at any tick, and that at the end, where they are known.
+    pub(super) of_all_ticks: Option<(f64, f64)>,
     pub(super) marks: Vec<Mark>,
 }
 
@@ -116,6 +131,23 @@ fn ratio(nu: f64, psi: f64) -> f64 {
     if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi }
 }
 
+/// The largest distance of two nodes that are known, in the component in which it is largest; NaN where none is known.
+fn spread(x: &[f64], components: usize) -> f64 {
+    let apart = |component: usize| {
+        let states = || x.iter().skip(component).step_by(components).copied().filter(|x| !x.is_nan());
+        states().fold(f64::NEG_INFINITY, f64::max) - states().fold(f64::INFINITY, f64::min)
+    };
+    let any = x.iter().any(|x| !x.is_nan());
+    if any { (0..components).map(apart).fold(0.0, larger) } else { f64::NAN }
+}
+
+/// The largest distance of a node that is known to `xi`; NaN where that, or every node, is not known.
+fn error(x: &[f64], xi: &[f64]) -> f64 {
+    let apart = x.iter().zip(xi.iter().cycle()).map(|(x, xi)| (x - xi).abs());
+    let known = apart.filter(|distance| !distance.is_nan());
+    known.fold(f64::NAN, f64::max)
+}
+
 impl Trace {
     /// An empty trace; `title` heads the plots.
     pub fn new(title: impl AsRef<str>) -> Self {
@@ -132,6 +164,12 @@ impl Trace {
     #[must_use]
     pub fn with_unit(self, unit: Option<&str>) -> Self {
         Self { unit: unit.map(plain), ..self }
+    }
+
+    /// With the bound of the spread for a widest funnel of 1.
+    #[must_use]
+    pub fn with_bound(self, bound: f64) -> Self {
+        Self { bound: Some(bound), ..self }
     }
 
     /// Whether there is something to draw: rows at two times or more.
@@ -166,6 +204,16 @@ impl Trace {
             node.curves.push(Sample { t: row.t, values: [x, nu, psi, own_nu, own_psi, ratio, own_ratio] });
             node.rows.take((known || !ratio.is_nan()).then_some(ratio.abs()));
         }
+        let widest = psi.iter().copied().fold(0.0, larger);
+        let bound = self.bound.map_or(f64::NAN, |bound| bound * widest);
+        let components = self.components.max(1);
+        let values = [spread(&row.x, components), bound, error(&row.x, &row.xi)];
+        self.agreement.push(Sample { t: row.t, values });
+    }
+
+    /// The largest spread at any tick, and that at the end, state units.
+    pub fn spread(&mut self, largest: f64, last: f64) {
+        self.spread = Some((largest, last));
     }
 
     /// What came of each node and component over all ticks, by index and then by component; else it is what the rows show.
@@ -201,7 +249,12 @@ impl Trace {
             let points = |of: &Envelope<2>| of.samples().map(|s| (s.t, s.values[curve])).collect();
             self.predictions.iter().map(points).collect()
         };
+        let agreement = |curve: usize| self.agreement.samples().map(|s| (s.t, s.values[curve])).collect();
         Ok(Drawn {
+            spread: agreement(0),
+            bound: agreement(1),
+            error: agreement(2),
+            of_all_ticks: self.spread,
             title: self.title.clone(),
             unit: self.unit.clone(),
             components,

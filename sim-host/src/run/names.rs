@@ -11,12 +11,13 @@ pub const SUMMARY: &str = "summary.json";
 pub const LOCK: &str = ".sim-host.lock";
 
 /// Files of every command.
-const FILES: [&str; 10] = [
+const FILES: [&str; 11] = [
     SUMMARY,
     "trajectory.csv",
     "events.txt",
     "states.svg",
     "funnels.svg",
+    "agreement.svg",
     SCENARIO,
     "bench.csv",
     "can.log",

@@ -10,7 +10,7 @@ use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::record::{AtomicFile, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter};
-use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
+use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -30,6 +30,7 @@ struct FolderFiles {
     scenario: AtomicFile,
     states: AtomicFile,
     funnels: AtomicFile,
+    agreement: AtomicFile,
     summary: AtomicFile,
 }
 
@@ -71,26 +72,28 @@ impl FolderFiles {
             trajectory: TrajectoryWriter::create(path.join("trajectory.csv"), shape, precision)?,
             trace: Trace::new(&scenario.title)
                 .with_components(shape.components)
-                .with_unit(scenario.unit.as_deref()),
+                .with_unit(scenario.unit.as_deref())
+                .with_bound(scenario.sync_bound(1.0)),
             events: file("events.txt")?,
             scenario: file(names::SCENARIO)?,
             states: file("states.svg")?,
             funnels: file("funnels.svg")?,
+            agreement: file("agreement.svg")?,
             summary: file(names::SUMMARY)?,
         })
     }
 
     fn write(self, scenario: &Scenario, outcome: &Outcome, summary: &str) -> Result<(), RunError> {
         let Self { path, mut trajectory, mut trace, .. } = self;
-        let (told, as_run, states, funnels, last) =
-            (self.events, self.scenario, self.states, self.funnels, self.summary);
+        let (told, as_run, last) = (self.events, self.scenario, self.summary);
         trajectory.settle()?;
         let mut settled = vec![settle(told, &told_of(scenario, outcome))?, settle(as_run, &scenario.as_run)?];
         // A run that ended early may have too few rows for a picture.
         if outcome.ended_early.is_none() || trace.has_span() {
             mark(&mut trace, scenario, outcome);
-            settled.push(settle(states, &plot(states_svg(&trace))?)?);
-            settled.push(settle(funnels, &plot(funnels_svg(&trace))?)?);
+            settled.push(settle(self.states, &plot(states_svg(&trace))?)?);
+            settled.push(settle(self.funnels, &plot(funnels_svg(&trace))?)?);
+            settled.push(settle(self.agreement, &plot(agreement_svg(&trace))?)?);
         }
         for (id, log) in &outcome.logs {
             settled.push(settle(AtomicFile::create(path.join(format!("node-{id}.log")))?, log)?);
@@ -121,6 +124,7 @@ fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
 /// Adds to the rows of a picture what is known only at the end.
 fn mark(trace: &mut Trace, scenario: &Scenario, outcome: &Outcome) {
     trace.judged(&outcome.findings.worst);
+    trace.spread(outcome.findings.max_spread, outcome.findings.final_spread);
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
     }
