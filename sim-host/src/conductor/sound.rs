@@ -56,6 +56,12 @@ pub fn words(heard: &[u8]) -> Option<String> {
             )
         });
     }
+    if heard.len() >= ENOUGH && heard.iter().all(|&byte| byte == 0) {
+        return Some(
+            "nothing but zeros is on the line, as on one that is held low: is it connected, and is the board on?"
+                .to_owned(),
+        );
+    }
     let is_endless = heard.len() >= ENDLESS && !heard.contains(&0);
     is_endless.then(|| {
         format!(
@@ -138,7 +144,8 @@ mod tests {
     }
 
     #[test]
-    fn bytes_without_an_end_are_told() {
+    fn bytes_without_an_end_and_ends_without_bytes_are_told() {
+        said(&[0; 300], "nothing but zeros");
         said(&[0x55; 300], "no zero");
         let mut sound = Sound::default();
         (0..1000).for_each(|_| sound.hear(&[0xA5; 100]));
@@ -157,7 +164,7 @@ mod tests {
         let states: Vec<u8> = (0..100).flat_map(|k| serial::encode(&state(k as f32)).to_vec()).collect();
         // No node has an id before it is given one, and says so by 0: what the host is called, too.
         let identity = service(&Reply::Identity(Identity { uid: 9, ..Identity::default() }), HOST);
-        for heard in [&states[..], &identity, &[], &[0; 300], &[0x55; 8], b"short"] {
+        for heard in [&states[..], &identity, &[], &[0; 8], &[0x55; 8], b"short"] {
             assert_eq!(words(heard), None, "{heard:?}");
         }
     }

@@ -44,7 +44,7 @@ pub fn agreement_svg(trace: &Trace) -> Result<String, PlotError> {
         legend::column(&right.margin(px(62), 0, 0, 0), &entries(trace))?;
         root.present().map_err(PlotError::new)?;
     }
-    Ok(shrink(&svg, SIZE))
+    Ok(shrink(svg, SIZE))
 }
 
 /// The vertical axis.

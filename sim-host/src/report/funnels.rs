@@ -42,7 +42,7 @@ pub fn funnels_svg(trace: &Trace) -> Result<String, PlotError> {
         }
         root.present().map_err(PlotError::new)?;
     }
-    Ok(shrink(&svg, size))
+    Ok(shrink(svg, size))
 }
 
 /// The nodes to show, by id.

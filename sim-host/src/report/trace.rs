@@ -34,10 +34,10 @@ pub struct Trace {
     marks: Vec<Mark>,
 }
 
-/// What is kept of one component of one node: state, true term, its funnel, both as the node believes them, and both ratios.
+/// What is kept of one component of one node: state, true term, its funnel, both as the node believes them, both ratios, and the input.
 #[derive(Debug, Clone, Default)]
 struct Recorded {
-    curves: Envelope<7>,
+    curves: Envelope<8>,
     /// What is true at the rows.
     rows: Worst,
     /// What is true at all ticks, where that is known.
@@ -88,6 +88,8 @@ pub(super) struct Node {
     /// The true ratio, and that which the node believes; NaN where one is not known.
     pub(super) ratio: Vec<f64>,
     pub(super) own_ratio: Vec<f64>,
+    /// The input that it applies.
+    pub(super) u: Vec<f64>,
     rows: Worst,
     ticks: Option<Worst>,
 }
@@ -110,6 +112,7 @@ impl Node {
             own_psi: column(4),
             ratio: column(5),
             own_ratio: column(6),
+            u: column(7),
             rows: recorded.rows,
             ticks: recorded.ticks,
         }
@@ -201,7 +204,8 @@ impl Trace {
             let [x, nu, psi] = [&row.x, nu, psi].map(|table| entry(table, at));
             let (own_nu, own_psi) = (entry(&row.nu, at), entry(&row.psi, at));
             let (ratio, own_ratio) = (ratio(nu, psi), ratio(own_nu, own_psi));
-            node.curves.push(Sample { t: row.t, values: [x, nu, psi, own_nu, own_psi, ratio, own_ratio] });
+            let values = [x, nu, psi, own_nu, own_psi, ratio, own_ratio, entry(&row.u, at)];
+            node.curves.push(Sample { t: row.t, values });
             node.rows.take((known || !ratio.is_nan()).then_some(ratio.abs()));
         }
         let widest = psi.iter().copied().fold(0.0, larger);
@@ -278,6 +282,14 @@ impl Drawn {
         match &self.unit {
             Some(unit) => format!("{what} ({unit})"),
             None => format!("{what} in state units"),
+        }
+    }
+
+    /// The same for what changes by it in a second.
+    pub(super) fn axis_per_second(&self, what: &str) -> String {
+        match &self.unit {
+            Some(unit) => format!("{what} ({unit}/s)"),
+            None => format!("{what} in state units / s"),
         }
     }
 

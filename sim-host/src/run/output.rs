@@ -10,7 +10,7 @@ use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::record::{AtomicFile, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter};
-use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, states_svg};
+use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, inputs_svg, states_svg};
 use crate::scenario::Scenario;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -30,6 +30,7 @@ struct FolderFiles {
     scenario: AtomicFile,
     states: AtomicFile,
     funnels: AtomicFile,
+    inputs: AtomicFile,
     agreement: AtomicFile,
     summary: AtomicFile,
 }
@@ -78,6 +79,7 @@ impl FolderFiles {
             scenario: file(names::SCENARIO)?,
             states: file("states.svg")?,
             funnels: file("funnels.svg")?,
+            inputs: file("inputs.svg")?,
             agreement: file("agreement.svg")?,
             summary: file(names::SUMMARY)?,
         })
@@ -93,6 +95,7 @@ impl FolderFiles {
             mark(&mut trace, scenario, outcome);
             settled.push(settle(self.states, &plot(states_svg(&trace))?)?);
             settled.push(settle(self.funnels, &plot(funnels_svg(&trace))?)?);
+            settled.push(settle(self.inputs, &plot(inputs_svg(&trace))?)?);
             settled.push(settle(self.agreement, &plot(agreement_svg(&trace))?)?);
         }
         for (id, log) in &outcome.logs {
