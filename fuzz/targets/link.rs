@@ -83,7 +83,10 @@ fn can_port<F: Format>(script: &mut Script<'_>) {
                 assert_eq!(port.look_at(), now + LOOK_EVERY_NS);
             }
         }
-        assert!(port.state() != BusState::Off || port.next_frame().is_none(), "nothing goes to a controller that is off");
+        assert!(
+            port.state() != BusState::Off || port.next_frame().is_none(),
+            "nothing goes to a controller that is off"
+        );
         assert!(port.offs() >= offs);
         offs = port.offs();
         // The node listens now and then.
