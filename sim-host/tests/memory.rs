@@ -100,7 +100,7 @@ fn events_of_every_tick_are_named_up_to_a_hundred_and_counted_beyond() {
     assert_eq!(of("node 1 left its funnel"), 101);
     // Every breach that a node counts is a tick; those that it names are the beginnings. None is lost: each end has a beginning.
     let counted = |words: &str| -> u64 {
-        let line = events.lines().filter(|line| line.contains(words)).next_back().unwrap();
+        let line = events.lines().rfind(|line| line.contains(words)).unwrap();
         let (_, rest) = line.split_once("(the last of ").unwrap();
         rest.split(' ').next().unwrap().parse().unwrap()
     };
