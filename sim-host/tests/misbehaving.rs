@@ -207,8 +207,8 @@ type Misbehaving = (&'static str, fn() -> [Board; 3], i32, &'static [&'static st
 
 const BOARDS: [Misbehaving; 14] = [
     ("unplugged", || second(|| Act::Vanish), 1, &["node 2", "ended", "stopped: 1, 3;"]),
-    ("hangs", || second(|| Act::Hang), 1, &["node 2 did not answer: no state within 1 s", "stopped: 1, 3;"]),
-    ("floods", || second(|| Act::Flood), 1, &["node 2 did not answer: no state within 1 s", "no zero"]),
+    ("hangs", || second(|| Act::Hang), 1, &["node 2 did not answer: no state within 5 s", "stopped: 1, 3;"]),
+    ("floods", || second(|| Act::Flood), 1, &["node 2 did not answer: no state within 5 s", "no zero"]),
     (
         "babbles",
         || {
@@ -217,7 +217,7 @@ const BOARDS: [Misbehaving; 14] = [
             second(move || Act::Babble(bytes.clone()))
         },
         1,
-        &["node 2 goes on speaking, but said no state of tick 49 within 1 s"],
+        &["node 2 goes on speaking, but said no state of tick 49 within 5 s"],
     ),
     ("noise between frames", || second(|| Act::Noise(vec![0xA5, 0x5A, 0])), 0, &[]),
     (
@@ -265,7 +265,7 @@ const BOARDS: [Misbehaving; 14] = [
 fn patient(bench: &Bench) {
     let path = bench.path("bench.toml");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(path, text.replace("answer_within = \"1s\"", "answer_within = \"10s\"")).unwrap();
+    fs::write(path, text.replace("answer_within = \"1s\"", "answer_within = \"5s\"")).unwrap();
 }
 
 #[test]
@@ -274,16 +274,14 @@ fn a_board_that_misbehaves_on_the_way_is_named_in_time_and_the_others_are_stoppe
     for (name, boards, code, words) in BOARDS {
         let boards = boards();
         let bench = Bench::of(&boards.each_ref());
-        if !words.iter().any(|word| word.contains("within 1 s")) {
-            patient(&bench);
-        }
+        patient(&bench);
         let ended = bench.run(&[]);
         println!("{name}: code {:?} after {:?}: {}", ended.code, ended.took, ended.err);
         assert_eq!(ended.code, Some(code), "{name}: {}", ended.err);
         for word in words {
             assert!(ended.err.contains(word), "{name}: no '{word}' in: {}", ended.err);
         }
-        assert!(ended.took < Duration::from_secs(30), "{name}: {:?}", ended.took);
+        assert!(ended.took < Duration::from_secs(40), "{name}: {:?}", ended.took);
         // By command, or by itself where a loaded computer was late.
         let is_over = |phase| matches!(phase, Some(Phase::Stopped | Phase::Faulted(FaultCode::HOLDOVER)));
         let [first, _, third] = boards.map(Board::end);
