@@ -466,9 +466,10 @@ cmd_test() { #: set up, then every check, cheap ones first
     say "all checks passed"
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, ten million fuzzed inputs per target; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, memory of a long run, ten million fuzzed inputs per target; an hour
     cmd_sweep
-    fuzz/run.sh --runs 10000000 can can_fd node serial service session store
+    cargo test --locked -p sim-host --test memory -- --ignored --nocapture
+    fuzz/run.sh --runs 10000000 can can_fd link node serial service session store
     fuzz/run.sh --runs 1000000 scenario
 }
 

@@ -17,12 +17,19 @@ while (( $# > 0 )); do
 done
 (( ${#targets[@]} > 0 )) || mapfile -t targets < <(cd targets && ls | sed 's/\.rs$//')
 
+# The host program, with all that it needs, is compiled for the one target that reads scenarios.
+builds=()
+for target in "${targets[@]}"; do
+    builds+=(--bin "$target")
+    [[ $target != scenario ]] || builds+=(--features scenario)
+done
+
 host=$(rustc -vV | sed -n 's/^host: //p')
 coverage="-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4"
 coverage+=" -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table"
 coverage+=" -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing"
 # With a target named, build scripts are compiled without coverage.
-RUSTC_BOOTSTRAP=1 RUSTFLAGS=$coverage CARGO_TARGET_DIR=../target/fuzz cargo build --quiet --locked --release --target "$host"
+RUSTC_BOOTSTRAP=1 RUSTFLAGS=$coverage CARGO_TARGET_DIR=../target/fuzz cargo build --quiet --locked --release --target "$host" "${builds[@]}"
 
 # One target; says how it went.
 fuzz() {

@@ -169,7 +169,8 @@ fn wanted<'a>(
 
 /// Prints what the nodes have now, a line each.
 fn commissioned(nodes: Result<Vec<Commissioned>, RunError>, options: &RunOptions) -> Result<Exit, Failure> {
-    let nodes = nodes.map_err(|error| Failure { message: error.message, exit: error.exit })?;
+    let exit = |exit| if exit == Exit::Interrupted { options.interrupt.exit() } else { exit };
+    let nodes = nodes.map_err(|error| Failure { message: error.message, exit: exit(error.exit) })?;
     if options.verbosity > Verbosity::Quiet {
         nodes.iter().try_for_each(|node| print(&printable_lines(&node.to_string())))?;
     }

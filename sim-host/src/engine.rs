@@ -145,9 +145,9 @@ impl Engine {
         &self.nodes
     }
 
-    /// Events that the nodes reported so far.
-    pub fn events(&self) -> &[NodeEvent] {
-        &self.events
+    /// Events that the nodes reported since the last call.
+    pub fn take_events(&mut self) -> Vec<NodeEvent> {
+        std::mem::take(&mut self.events)
     }
 
     /// Frame counts so far.

@@ -83,9 +83,18 @@ fn the_folder_has_the_files_of_the_contract() {
     let names: Vec<_> = files.keys().map(String::as_str).collect();
     assert_eq!(
         names,
-        ["events.txt", "funnels.svg", "scenario.toml", "states.svg", "summary.json", "trajectory.csv"]
+        [
+            "agreement.svg",
+            "events.txt",
+            "funnels.svg",
+            "inputs.svg",
+            "scenario.toml",
+            "states.svg",
+            "summary.json",
+            "trajectory.csv"
+        ]
     );
-    for name in ["funnels.svg", "states.svg"] {
+    for name in ["agreement.svg", "funnels.svg", "inputs.svg", "states.svg"] {
         assert!(files[name].starts_with("<svg") && files[name].trim_end().ends_with("</svg>"), "{name}");
     }
     assert_eq!(files["events.txt"].matches(" started").count(), 5);
@@ -384,8 +393,13 @@ fn vector_states_have_columns_of_their_own_in_every_output() {
             && header.ends_with(",asked_psi_5_1"),
         "{header}"
     );
-    for label in ["node 1, x0", "node 5, x1"] {
-        assert!(files["states.svg"].contains(label) && files["funnels.svg"].contains(label), "{label}");
+    for (picture, label) in [
+        ("funnels.svg", "node 1, x0"),
+        ("funnels.svg", "node 5, x1"),
+        ("states.svg", "state x1"),
+        ("inputs.svg", "input u1"),
+    ] {
+        assert!(files[picture].contains(label), "{label}");
     }
     let summary = summary(&files);
     assert_eq!(summary["emergent"]["xi_final"].as_array().unwrap().len(), 2);

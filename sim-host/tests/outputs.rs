@@ -120,8 +120,16 @@ fn red(junit: &str) {
     assert!(!junit.contains("errors=\"0\"") || !junit.contains("failures=\"0\""), "{junit}");
 }
 
-const FILES: [&str; 6] =
-    ["events.txt", "funnels.svg", "scenario.toml", "states.svg", "summary.json", "trajectory.csv"];
+const FILES: [&str; 8] = [
+    "agreement.svg",
+    "events.txt",
+    "funnels.svg",
+    "inputs.svg",
+    "scenario.toml",
+    "states.svg",
+    "summary.json",
+    "trajectory.csv",
+];
 
 #[test]
 fn an_output_that_is_the_scenario_is_refused_under_every_name() {

@@ -22,6 +22,8 @@ pub struct Difference {
 pub struct Comparison {
     engine: Engine,
     differences: Vec<Difference>,
+    /// Of loopback.
+    faults: Vec<NodeEvent>,
     /// The last tick that was compared.
     last: u64,
 }
@@ -31,13 +33,16 @@ impl Comparison {
     pub fn new(mut engine: Engine) -> Self {
         engine.start();
         let differences = vec![Difference::default(); engine.nodes().len()];
-        Self { engine, differences, last: 0 }
+        Self { engine, differences, faults: Vec::new(), last: 0 }
     }
 
     /// Takes what the bench's nodes saw at tick `k`, by index and then by component, and what is known of them, by index.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
         // Once all nodes have stopped by themselves, what they saw last stays.
         let _ = self.engine.advance();
+        let faults =
+            self.engine.take_events().into_iter().filter(|event| matches!(event.event, Event::Fault(_)));
+        self.faults.extend(faults);
         self.last = k;
         let components = seen.len().checked_div(self.differences.len()).unwrap_or(0).max(1);
         let states = seen.chunks(components).zip(self.engine.observations().chunks(components));
@@ -52,7 +57,7 @@ impl Comparison {
     /// or only here, differs.
     pub fn faults(&mut self, events: &[NodeEvent]) {
         for (node, difference) in self.differences.iter_mut().enumerate() {
-            if !of(node, events).eq(of(node, self.engine.events())) {
+            if !of(node, events).eq(of(node, &self.faults)) {
                 difference.first.get_or_insert(self.last);
             }
         }

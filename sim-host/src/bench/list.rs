@@ -48,7 +48,11 @@ fn ask(path: &str, baud: u32, interrupt: &Interrupt) -> Result<Identity, String>
     let port = port::open(path, baud).map_err(|(problem, _)| problem)?;
     // No node has been given an id here; 0 stands for whoever answers.
     let link = Link::new(0, format!("the serial port {path}"), Box::new(port), interrupt.clone());
-    Talk::new(link).identify(ANSWER).map_err(|_| "no node answers".to_owned())
+    let mut talk = Talk::new(link);
+    talk.identify(ANSWER).map_err(|_| match talk.sound() {
+        Some(sound) => format!("no node answers; {sound}"),
+        None => "no node answers".to_owned(),
+    })
 }
 
 impl fmt::Display for Listed {

@@ -170,6 +170,8 @@ mod tests {
             "{error}"
         );
         assert!(error.contains("/dev/ttyUSB0, /dev/ttyUSB1"), "{error}");
+        let way_out = "in the bench file, in place of usb_serial: serial = \"/dev/ttyUSB0\"";
+        assert!(error.ends_with(way_out), "{error}");
         assert!(one_of(2, "0001", Vec::new()).unwrap_err().to_string().contains("is not there"));
     }
 

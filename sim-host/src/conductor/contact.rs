@@ -55,6 +55,11 @@ impl Contact {
         self.line.refused()
     }
 
+    /// What its line sounds like, where that is not a node.
+    pub fn sound(&self) -> Option<String> {
+        self.line.sound()
+    }
+
     /// What the node has said whole and cannot mean, since the last call: what it did, and the value.
     pub(super) fn take_doubts(&mut self) -> Vec<(&'static str, String)> {
         self.line.take_doubts()

@@ -298,8 +298,10 @@ impl fmt::Display for HubError {
             ),
             Self::Ambiguous { node, number, ports } => write!(
                 f,
-                "node {node}: the USB serial number {number} is that of several ports: {}. Name one of them by its path, as serial",
-                ports.join(", ")
+                "node {node}: the USB serial number {number} is that of several ports: {}. Name the right one by its path in the bench file, in place \
+                 of usb_serial: serial = \"{}\"",
+                ports.join(", "),
+                ports.first().map_or("", String::as_str)
             ),
             Self::OutOfStep { node, tick, found } => {
                 write!(f, "node {node} ran tick {found} when it was asked for tick {tick}")

@@ -1,5 +1,6 @@
 //! What comes from a node's serial line: bytes in, what the node has said out.
 
+use super::sound::Sound;
 use funnelnet_protocol::Refusal;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::serial::{Deframer, Frame, HOST};
@@ -18,6 +19,7 @@ pub enum Received {
 pub struct Line {
     id: u8,
     deframer: Deframer,
+    sound: Sound,
     received: VecDeque<Received>,
     /// Frames that could not be read, and why the last of them.
     refused: (u64, Option<Refusal>),
@@ -34,6 +36,7 @@ impl Line {
         Self {
             id,
             deframer: Deframer::new(),
+            sound: Sound::default(),
             received: VecDeque::new(),
             refused: (0, None),
             has_its_id: false,
@@ -43,6 +46,7 @@ impl Line {
 
     /// Takes what was read of it.
     pub fn on_bytes(&mut self, bytes: &[u8]) {
+        self.sound.hear(bytes);
         for &byte in bytes {
             // A frame that cannot be read is as good as none: whoever waits for it runs into the time limit.
             match self.deframer.push(byte).map(|frame| frame.and_then(received)) {
@@ -117,6 +121,12 @@ impl Line {
     #[must_use]
     pub fn refused(&self) -> (u64, Option<Refusal>) {
         self.refused
+    }
+
+    /// What the line sounds like, where that is not a node.
+    #[must_use]
+    pub fn sound(&self) -> Option<String> {
+        self.sound.words()
     }
 
     /// What the node has said whole and cannot mean, since the last call: what it did, and the value.

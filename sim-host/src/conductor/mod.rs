@@ -24,6 +24,7 @@ mod member;
 mod on_can;
 mod own_clock;
 pub(crate) mod recording;
+mod sound;
 mod task;
 pub(crate) mod watch;
 
@@ -257,7 +258,8 @@ impl Conductor {
         let unread = refused.1.map(|reason| {
             format!("frames from it that could not be read: {} (the last one: {})", refused.0, reason.name())
         });
-        unread.into_iter().chain(self.doubts.of(id)).collect()
+        let sound = contact.and_then(Contact::sound);
+        unread.into_iter().chain(sound).chain(self.doubts.of(id)).collect()
     }
 
     /// Since the start, ns.

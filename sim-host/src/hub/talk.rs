@@ -65,6 +65,11 @@ impl Talk {
         self.outlets.reader_of(0)
     }
 
+    /// What its line sounds like, where that is not a node.
+    pub fn sound(&self) -> Option<String> {
+        self.contact.sound()
+    }
+
     /// Asks the node who it is, again and again, until it answers.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use super::legend::{self, Entry, Stroke};
 use super::panel::{CELL, Panel};
 use super::style::{BREACH, INK, NODES, at, colour, font, line, px, shrink};
-use super::trace::{Node, Trace};
+use super::trace::{Drawn, Node, Trace};
 use super::{PlotError, marks, text};
 
 /// Space at the left and right of the heading, in pixels.
@@ -22,10 +22,10 @@ const WHICH: u32 = 22;
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
 pub fn funnels_svg(trace: &Trace) -> Result<String, PlotError> {
-    let span = trace.span()?;
+    let trace = &trace.drawn()?;
     let shown = shown(&trace.nodes);
     let panels: Vec<Panel<'_>> =
-        shown.iter().enumerate().map(|(k, node)| Panel::new(trace, node, span.clone(), colour(k))).collect();
+        shown.iter().enumerate().map(|(k, node)| Panel::new(trace, node, colour(k))).collect();
     let columns = panels.len().clamp(1, 3);
     let rows = panels.len().div_ceil(columns);
     let width = CELL.0 * columns as u32;
@@ -42,7 +42,7 @@ pub fn funnels_svg(trace: &Trace) -> Result<String, PlotError> {
         }
         root.present().map_err(PlotError::new)?;
     }
-    Ok(shrink(&svg, size))
+    Ok(shrink(svg, size))
 }
 
 /// The nodes to show, by id.
@@ -70,7 +70,7 @@ struct Heading {
 }
 
 impl Heading {
-    fn new(trace: &Trace, panels: &[Panel<'_>], width: u32) -> Self {
+    fn new(trace: &Drawn, panels: &[Panel<'_>], width: u32) -> Self {
         let room = width - 2 * MARGIN;
         let (all, shown) = (trace.nodes.len(), panels.len());
         let kind = if trace.components() == 1 { "nodes" } else { "components of nodes" };
@@ -101,7 +101,7 @@ impl Heading {
 }
 
 /// The legend: what is in at least one of the panels.
-fn entries(trace: &Trace, panels: &[Panel<'_>]) -> Vec<Entry> {
+fn entries(trace: &Drawn, panels: &[Panel<'_>]) -> Vec<Entry> {
     let entry = |label: &str, style, stroke| Entry { label: label.to_owned(), style, stroke };
     let mut entries = vec![
         entry("\u{3BD}, true", line(colour(0), 2), Stroke::Solid),

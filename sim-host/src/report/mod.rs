@@ -1,11 +1,14 @@
 //! Plots of a run as SVG text.
 //!
-//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel. They
+//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel,
+//! [`inputs_svg`] their inputs, [`agreement_svg`] how far apart the nodes are beside their bound. They
 //! show what is true: true terms in the scenario's funnels, nothing where nothing is known, and words where something is cut.
 
+mod agreement;
 mod axis;
 mod clip;
 mod curve;
+mod envelope;
 mod funnels;
 mod legend;
 mod marks;
@@ -18,10 +21,11 @@ mod text;
 mod thin;
 mod trace;
 
+pub use agreement::agreement_svg;
 pub use funnels::funnels_svg;
 pub use marks::Kind as MarkKind;
 pub use overlay::Overlay;
-pub use states::states_svg;
+pub use states::{inputs_svg, states_svg};
 pub use trace::Trace;
 
 /// A plot could not be drawn: there is nothing to show, or the plotting library refused.

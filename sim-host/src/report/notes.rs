@@ -1,7 +1,7 @@
 //! What a panel says of its node in words.
 
 use super::marks::Kind;
-use super::trace::{Node, Trace};
+use super::trace::{Drawn, Node};
 
 /// The largest ratio. What is not a number, or not known, never reads as a small one.
 pub(super) fn largest(node: &Node) -> String {
@@ -36,7 +36,7 @@ fn digits(ratio: f64) -> String {
 }
 
 /// What else has to be known of the panel, in one line.
-pub(super) fn notes(trace: &Trace, node: &Node) -> String {
+pub(super) fn notes(trace: &Drawn, node: &Node) -> String {
     let (worst, all_ticks) = node.worst();
     let what = if all_ticks { "tick" } else { "row" };
     let at = |count: u64| format!("{count} {what}{}", if count == 1 { "" } else { "s" });

@@ -71,7 +71,7 @@ impl Overlay {
             legend::column(&right.margin(px(42), 0, 0, 0), &[entry("A", below()), entry("B", above())])?;
             root.present().map_err(PlotError::new)?;
         }
-        Ok(shrink(&svg, SIZE))
+        Ok(shrink(svg, SIZE))
     }
 
     fn points(&self) -> impl Iterator<Item = &(f64, f64)> {

@@ -19,7 +19,7 @@ use super::legend::Stroke;
 use super::notes;
 use super::style::{BOUNDARY, BREACH, FAINT, INK, INSIDE, at, font, line, px};
 use super::thin::{Piece, thin};
-use super::trace::{Node, Trace, ratio};
+use super::trace::{Drawn, Node};
 use super::{PlotError, axis, marks};
 
 /// Widest to narrowest funnel up to which a linear axis shows both.
@@ -42,7 +42,7 @@ const DEEPEST: f64 = 1e-16;
 
 /// What is drawn of one node.
 pub(super) struct Panel<'a> {
-    trace: &'a Trace,
+    trace: &'a Drawn,
     node: &'a Node,
     span: Range<f64>,
     colour: RGBColor,
@@ -59,7 +59,7 @@ enum Scale {
 }
 
 impl<'a> Panel<'a> {
-    pub(super) fn new(trace: &'a Trace, node: &'a Node, span: Range<f64>, colour: RGBColor) -> Self {
+    pub(super) fn new(trace: &'a Drawn, node: &'a Node, colour: RGBColor) -> Self {
         let scale = Scale::of(node);
         // Beside a funnel, values near zero are the same, however many decades are between them.
         let differ = |k: usize, own: f64, truth: f64| {
@@ -72,7 +72,7 @@ impl<'a> Panel<'a> {
             trace.points(node, &apart).into_iter().map(|p| p.1).collect()
         };
         let (own_nu, own_psi) = (shown(&node.own_nu, &node.nu), shown(&node.own_psi, &node.psi));
-        Self { trace, node, span, colour, scale, own_nu, own_psi }
+        Self { trace, node, span: trace.span.clone(), colour, scale, own_nu, own_psi }
     }
 
     pub(super) fn id(&self) -> usize {
@@ -167,18 +167,16 @@ impl<'a> Panel<'a> {
     }
 
     fn ratio<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
-        let ratios: Vec<f64> = (0..self.trace.t.len()).map(|k| self.node.ratio(k)).collect();
-        let own = self.node.own_nu.iter().zip(&self.node.own_psi);
-        let own: Vec<f64> = own.map(|(&nu, &psi)| ratio(nu, psi)).collect();
-        let own = where_apart(&own, &ratios, |_, a, b| (a - b).abs() > VISIBLE);
-        let shown = || [&ratios, &own].into_iter().flat_map(|v| self.points(v)).map(|p| p.1);
+        let ratios = &self.node.ratio;
+        let own = where_apart(&self.node.own_ratio, ratios, |_, a, b| (a - b).abs() > VISIBLE);
+        let shown = || [ratios, &own].into_iter().flat_map(|v| self.points(v)).map(|p| p.1);
         let most = shown().filter(|v| !v.is_nan()).fold(1.0, |most: f64, v| most.max(v.abs()));
         let reach = 1.1 * if most <= SHOWN { most } else { CUT };
         let heights = -reach..reach;
         let mut chart = builder(area, 40)
             .build_cartesian_2d(self.span.clone(), heights.clone())
             .map_err(PlotError::new)?;
-        let ones = vec![1.0; self.trace.t.len()];
+        let ones = vec![1.0; self.node.t.len()];
         self.inside(&mut chart, &ones, &heights, |one| -one)?;
         mesh(&mut chart.configure_mesh(), "\u{3BD}/\u{3C8}", 3)
             .x_desc("time t in s")
@@ -195,10 +193,10 @@ impl<'a> Panel<'a> {
         }
         let whole = |y: f64| y;
         self.curve(&own, &heights, whole, line(INK, 1), Stroke::Solid).draw(&mut chart)?;
-        self.curve(&ratios, &heights, whole, line(self.colour, 2), Stroke::Solid).draw(&mut chart)?;
-        self.curve(&self.outside(&ratios), &heights, whole, line(BREACH, 3), Stroke::Solid)
+        self.curve(ratios, &heights, whole, line(self.colour, 2), Stroke::Solid).draw(&mut chart)?;
+        self.curve(&self.outside(ratios), &heights, whole, line(BREACH, 3), Stroke::Solid)
             .draw(&mut chart)?;
-        self.rug(&ratios, heights.start).draw(&mut chart)?;
+        self.rug(ratios, heights.start).draw(&mut chart)?;
         clip::say(area, (RIGHT, 6), clip::words(shown(), &heights))
     }
 
@@ -221,8 +219,8 @@ impl<'a> Panel<'a> {
 
     /// Those of `values` at whose rows the node is outside; NaN elsewhere.
     fn outside(&self, values: &[f64]) -> Vec<f64> {
-        let inside = |k: usize| self.node.ratio(k).abs() < 1.0;
-        values.iter().enumerate().map(|(k, &v)| if inside(k) { f64::NAN } else { v }).collect()
+        let at = |(&v, ratio): (&f64, &f64)| if ratio.abs() < 1.0 { f64::NAN } else { v };
+        values.iter().zip(&self.node.ratio).map(at).collect()
     }
 
     /// Where the node is outside, along the lower edge: to be seen, too, where the term is cut, or after a stop.
@@ -246,7 +244,7 @@ impl<'a> Panel<'a> {
 
     /// The points of a curve that goes on whatever the node does.
     fn all<'v>(&'v self, values: &'v [f64]) -> impl Iterator<Item = (f64, f64)> + 'v {
-        self.trace.t.iter().copied().zip(values.iter().copied())
+        self.node.t.iter().copied().zip(values.iter().copied())
     }
 
     /// Shades what is between `psi` and what `lower` makes of it.

@@ -48,9 +48,12 @@ pub(super) const fn at(x: i32, y: i32) -> (i32, i32) {
 }
 
 /// Gives a drawing of `(px(width), px(height))` units its size in pixels.
-pub(super) fn shrink(svg: &str, (width, height): (u32, u32)) -> String {
+pub(super) fn shrink(mut svg: String, (width, height): (u32, u32)) -> String {
     let fine = format!("width=\"{}\" height=\"{}\"", px(width), px(height));
-    svg.replacen(&fine, &format!("width=\"{width}\" height=\"{height}\""), 1)
+    if let Some(at) = svg.find(&fine) {
+        svg.replace_range(at..at + fine.len(), &format!("width=\"{width}\" height=\"{height}\""));
+    }
+    svg
 }
 
 /// A line of this colour and width in pixels.

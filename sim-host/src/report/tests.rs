@@ -59,6 +59,7 @@ fn draw(name: &str, trace: &Trace) -> (String, String) {
     let (states, funnels) = (states_svg(trace).unwrap(), funnels_svg(trace).unwrap());
     keep(&format!("{name}-states.svg"), &states);
     keep(&format!("{name}-funnels.svg"), &funnels);
+    keep(&format!("{name}-inputs.svg"), &inputs_svg(trace).unwrap());
     (states, funnels)
 }
 
@@ -326,4 +327,116 @@ fn a_title_cannot_break_out_of_the_picture() {
     assert!(well_formed("<svg>\n<text>\n\u{1b}\n</text>\n</svg>\n").is_err());
     assert!(well_formed("<svg>\n<text>\na & b\n</text>\n</svg>\n").is_err());
     assert!(well_formed("<svg>\n<text>\n</svg>\n").is_err());
+}
+
+/// The picture of the agreement of a network of two, whose states are `x` at the ticks and whose funnels are `psi`.
+fn agreement(name: &str, x: impl Fn(i32) -> [f64; 2], psi: impl Fn(i32) -> f64) -> String {
+    let mut trace = Trace::new("agreement").with_bound(2.0);
+    for k in 0..200 {
+        let (x, psi) = (x(k), vec![psi(k); 2]);
+        let nu = vec![x[1] - x[0], x[0] - x[1]];
+        let row = Row {
+            t: 0.1 * f64::from(k),
+            true_nu: nu.clone(),
+            asked_psi: psi.clone(),
+            nu,
+            psi,
+            ..Row::default()
+        };
+        trace.push(&Row { x: x.to_vec(), xi: vec![0.0], ..row });
+    }
+    trace.spread(4.5, 0.25);
+    trace.mark(1, 10.0, None, MarkKind::Stopped);
+    let svg = agreement_svg(&trace).unwrap();
+    keep(&format!("{name}-agreement.svg"), &svg);
+    well_formed(&svg).unwrap();
+    assert!(!svg.contains("NaN") && !svg.contains("inf,"));
+    svg
+}
+
+#[test]
+fn spread_and_error_stand_beside_their_bound_on_decades() {
+    let decays = |k: i32| 4.0 * funnelnet_law::math::exp(-0.05 * f64::from(k));
+    let svg = agreement("decays", |k| [0.0, decays(k)], |k| 2.0 * decays(k));
+    for words in [
+        "bound",
+        "spread",
+        "to \u{3BE}",
+        "0.001",
+        "largest spread of all ticks 4.5, at the end 0.25",
+        "node 1 stopped",
+    ] {
+        assert!(svg.contains(words), "{words}");
+    }
+    assert!(!svg.contains("lower edge") && !svg.contains("clipped"));
+    // The bound above the spread: further up in the picture, at all times.
+    let first = |colour| drawn(&svg, colour, 2);
+    assert_eq!((first(style::BOUNDARY)[0], first(style::colour(0))[0]), (200, 200));
+}
+
+#[test]
+fn a_distance_of_zero_lies_on_the_edge_and_the_picture_says_so() {
+    let svg = agreement("zero", |k| [0.0, if k < 100 { 1.0 } else { 0.0 }], |_| 1.0);
+    assert!(svg.contains("0 and what is below the axis lies on its lower edge"));
+    assert_eq!(drawn(&svg, style::colour(0), 2)[0], 200, "it goes on to the end");
+    // Nothing but zero, too.
+    let svg = agreement("nothing", |_| [0.0; 2], |_| 0.0);
+    assert!(svg.contains("lies on its lower edge"));
+}
+
+#[test]
+fn a_bound_that_begins_infinite_and_a_network_that_diverges_leave_an_axis() {
+    let svg = agreement("infinite-start", |k| [0.0, 1.0 / f64::from(k + 1)], |k| 1.0 / f64::from(k));
+    assert!(svg.contains("the bound begins infinite") && !svg.contains("clipped"));
+    let svg = agreement("away", |k| [0.0, if k > 100 { f64::INFINITY } else { 1.0 }], |_| 1.0);
+    assert!(svg.contains("clipped: values up to infinity"));
+    let svg = agreement("unknown", |k| [0.0, if k > 100 { f64::NAN } else { 1.0 }], |_| 1.0);
+    assert!(!svg.contains("clipped"));
+}
+
+/// Two nodes with two components each; the second component is ten times the first.
+fn vectors() -> Trace {
+    let mut trace = Trace::new("vectors").with_components(2).with_unit(Some("m"));
+    for k in 0..100 {
+        let wave = funnelnet_law::math::sin(0.1 * f64::from(k));
+        let x = vec![wave, 10.0 * wave, 0.5 * wave, 5.0 * wave];
+        let u = x.iter().map(|x| -x).collect();
+        let row = Row { t: 0.1 * f64::from(k), nu: vec![0.1; 4], psi: vec![2.0; 4], u, ..Row::default() };
+        trace.push(&Row { x, xi: vec![0.75 * wave, 7.5 * wave], ..row });
+    }
+    trace
+}
+
+#[test]
+fn vectors_have_an_axis_for_each_component_and_a_colour_for_each_node() {
+    let trace = vectors();
+    let (states, _) = draw("vectors", &trace);
+    let inputs = inputs_svg(&trace).unwrap();
+    for (svg, axes) in
+        [(&states, ["state x0 (m)", "state x1 (m)"]), (&inputs, ["input u0 (m/s)", "input u1 (m/s)"])]
+    {
+        well_formed(svg).unwrap();
+        assert!(axes.iter().all(|axis| svg.contains(axis)), "{axes:?}");
+        // In the legend once each, and in no other colour.
+        assert_eq!((svg.matches("node 1").count(), svg.matches("node 2").count()), (1, 1));
+        for node in 0..2 {
+            assert_eq!(drawn(svg, style::colour(node), 2), [100, 100, 2], "both components, and the legend");
+        }
+        assert!(drawn(svg, style::colour(2), 2).is_empty());
+    }
+    assert!(states.contains("emergent") && !inputs.contains("emergent"));
+}
+
+#[test]
+fn inputs_end_where_a_node_stops_or_is_away() {
+    let mut trace = vectors();
+    trace.mark(1, 5.0, None, MarkKind::Stopped);
+    trace.mark(2, 2.0, Some(4.0), MarkKind::Away);
+    let inputs = inputs_svg(&trace).unwrap();
+    assert!(inputs.contains("node 1 stopped") && inputs.contains("node 2 away"));
+    assert_eq!(drawn(&inputs, style::colour(0), 2).iter().filter(|&&points| points == 51).count(), 2);
+    assert_eq!(
+        drawn(&inputs, style::colour(1), 2).iter().filter(|&&points| [20, 60].contains(&points)).count(),
+        4
+    );
 }

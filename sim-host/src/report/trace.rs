@@ -2,27 +2,69 @@
 
 use std::ops::Range;
 
+use crate::extremes::larger;
 use crate::judge::Worst;
 use crate::record::Row;
 
 use super::PlotError;
+use super::envelope::{Envelope, Sample};
 use super::marks::{Kind, Mark};
 use super::text::plain;
 
-/// The recorded rows of a run, by node, as plots need them.
+/// The recorded rows of a run, by node, as plots need them: however many they are, it keeps no more than their envelopes.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
-    pub(super) title: String,
+    title: String,
     unit: Option<String>,
-    pub(super) t: Vec<f64>,
     /// Components of a state; 0 means 1.
     components: usize,
+    rows: u64,
+    /// First and last time, in seconds.
+    span: (f64, f64),
+    /// One per node and component.
+    nodes: Vec<Recorded>,
+    /// `xi` and the blended dynamics, by component.
+    predictions: Vec<Envelope<2>>,
+    /// Spread, its bound, and the error to `xi`.
+    agreement: Envelope<3>,
+    /// Bound of the spread for a widest funnel of 1; not known where there is none.
+    bound: Option<f64>,
+    /// Largest spread at any tick, and that at the end, where they are known.
+    spread: Option<(f64, f64)>,
+    marks: Vec<Mark>,
+}
+
+/// What is kept of one component of one node: state, true term, its funnel, both as the node believes them, both ratios, and the input.
+#[derive(Debug, Clone, Default)]
+struct Recorded {
+    curves: Envelope<8>,
+    /// What is true at the rows.
+    rows: Worst,
+    /// What is true at all ticks, where that is known.
+    ticks: Option<Worst>,
+}
+
+/// What is drawn.
+pub(super) struct Drawn {
+    pub(super) title: String,
+    unit: Option<String>,
+    components: usize,
+    /// First and last time, in seconds.
+    pub(super) span: Range<f64>,
     /// One per node and component.
     pub(super) nodes: Vec<Node>,
     /// By component.
-    pub(super) xi: Vec<Vec<f64>>,
+    pub(super) xi: Vec<Vec<(f64, f64)>>,
     /// By component.
-    pub(super) blended: Vec<Vec<f64>>,
+    pub(super) blended: Vec<Vec<(f64, f64)>>,
+    /// The largest distance of two nodes, over time.
+    pub(super) spread: Vec<(f64, f64)>,
+    /// Its bound.
+    pub(super) bound: Vec<(f64, f64)>,
+    /// The largest distance of a node to `xi`.
+    pub(super) error: Vec<(f64, f64)>,
+    /// Largest spread at any tick, and that at the end, where they are known.
+    pub(super) of_all_ticks: Option<(f64, f64)>,
     pub(super) marks: Vec<Mark>,
 }
 
@@ -34,6 +76,8 @@ pub(super) struct Node {
     pub(super) component: usize,
     /// What a legend calls it.
     pub(super) label: String,
+    /// Times of all that follow, in seconds.
+    pub(super) t: Vec<f64>,
     pub(super) x: Vec<f64>,
     /// The true diffusive term, and the scenario's funnel.
     pub(super) nu: Vec<f64>,
@@ -41,18 +85,37 @@ pub(super) struct Node {
     /// The same as the node believes them.
     pub(super) own_nu: Vec<f64>,
     pub(super) own_psi: Vec<f64>,
-    /// What is true at the rows.
+    /// The true ratio, and that which the node believes; NaN where one is not known.
+    pub(super) ratio: Vec<f64>,
+    pub(super) own_ratio: Vec<f64>,
+    /// The input that it applies.
+    pub(super) u: Vec<f64>,
     rows: Worst,
-    /// What is true at all ticks, where that is known.
     ticks: Option<Worst>,
 }
 
 impl Node {
     /// The curves of the `index`-th entry of a row.
-    fn new(index: usize, components: usize) -> Self {
+    fn new(index: usize, components: usize, recorded: &Recorded) -> Self {
         let (id, component) = (index / components + 1, index % components);
         let label = if components == 1 { format!("node {id}") } else { format!("node {id}, x{component}") };
-        Self { id, component, label, ..Self::default() }
+        let column = |curve: usize| recorded.curves.samples().map(|sample| sample.values[curve]).collect();
+        Self {
+            id,
+            component,
+            label,
+            t: recorded.curves.samples().map(|sample| sample.t).collect(),
+            x: column(0),
+            nu: column(1),
+            psi: column(2),
+            own_nu: column(3),
+            own_psi: column(4),
+            ratio: column(5),
+            own_ratio: column(6),
+            u: column(7),
+            rows: recorded.rows,
+            ticks: recorded.ticks,
+        }
     }
 
     /// What came of it, and whether that is over all ticks rather than over the rows.
@@ -64,16 +127,28 @@ impl Node {
     pub(super) fn is_outside_at_a_row(&self) -> bool {
         self.rows.breaches > 0
     }
-
-    /// The true ratio at row `k`; NaN where it is not known.
-    pub(super) fn ratio(&self, k: usize) -> f64 {
-        ratio(self.nu[k], self.psi[k])
-    }
 }
 
 /// As the judge has it: zero in a funnel that has closed is at its boundary.
-pub(super) fn ratio(nu: f64, psi: f64) -> f64 {
+fn ratio(nu: f64, psi: f64) -> f64 {
     if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi }
+}
+
+/// The largest distance of two nodes that are known, in the component in which it is largest; NaN where none is known.
+fn spread(x: &[f64], components: usize) -> f64 {
+    let apart = |component: usize| {
+        let states = || x.iter().skip(component).step_by(components).copied().filter(|x| !x.is_nan());
+        states().fold(f64::NEG_INFINITY, f64::max) - states().fold(f64::INFINITY, f64::min)
+    };
+    let any = x.iter().any(|x| !x.is_nan());
+    if any { (0..components).map(apart).fold(0.0, larger) } else { f64::NAN }
+}
+
+/// The largest distance of a node that is known to `xi`; NaN where that, or every node, is not known.
+fn error(x: &[f64], xi: &[f64]) -> f64 {
+    let apart = x.iter().zip(xi.iter().cycle()).map(|(x, xi)| (x - xi).abs());
+    let known = apart.filter(|distance| !distance.is_nan());
+    known.fold(f64::NAN, f64::max)
 }
 
 impl Trace {
@@ -94,52 +169,55 @@ impl Trace {
         Self { unit: unit.map(plain), ..self }
     }
 
-    /// Whether the unit of the states is known.
-    pub(super) fn has_unit(&self) -> bool {
-        self.unit.is_some()
+    /// With the bound of the spread for a widest funnel of 1.
+    #[must_use]
+    pub fn with_bound(self, bound: f64) -> Self {
+        Self { bound: Some(bound), ..self }
     }
 
-    /// `what` with its unit, for an axis.
-    pub(super) fn axis(&self, what: &str) -> String {
-        match &self.unit {
-            Some(unit) => format!("{what} ({unit})"),
-            None => format!("{what} in state units"),
-        }
-    }
-
-    /// Components of a state.
-    pub(super) fn components(&self) -> usize {
-        self.components.max(1)
+    /// Whether there is something to draw: rows at two times or more.
+    #[must_use]
+    pub fn has_span(&self) -> bool {
+        self.span.0 < self.span.1
     }
 
     /// Appends a row. All rows of a trace have the same number of nodes; what a shorter row lacks is not
     /// drawn. A row without true terms has only one kind, and these are the true ones.
     pub fn push(&mut self, row: &Row) {
-        if self.nodes.is_empty() {
-            self.nodes = (0..row.x.len()).map(|index| Node::new(index, self.components())).collect();
-            self.xi = vec![Vec::new(); self.components()];
-            self.blended = self.xi.clone();
+        if self.rows == 0 {
+            self.nodes = vec![Recorded::default(); row.x.len()];
+            self.predictions = vec![Envelope::default(); self.components.max(1)];
+            self.span = (row.t, row.t);
         }
-        self.t.push(row.t);
-        for (curves, values) in [(&mut self.xi, &row.xi), (&mut self.blended, &row.blended)] {
-            for (component, curve) in curves.iter_mut().enumerate() {
-                curve.push(values.get(component).copied().unwrap_or(f64::NAN));
-            }
+        self.rows += 1;
+        self.span.1 = row.t;
+        let entry = |table: &[f64], at: usize| table.get(at).copied().unwrap_or(f64::NAN);
+        for (component, prediction) in self.predictions.iter_mut().enumerate() {
+            let values = [entry(&row.xi, component), entry(&row.blended, component)];
+            prediction.push(Sample { t: row.t, values });
         }
         let judged = !row.true_nu.is_empty();
         let (nu, psi) = if judged { (&row.true_nu, &row.asked_psi) } else { (&row.nu, &row.psi) };
         // Where every state is known, so is every term.
         let known = row.x.iter().all(|x| !x.is_nan());
-        for (i, node) in self.nodes.iter_mut().enumerate() {
-            let at = |table: &[f64]| table.get(i).copied().unwrap_or(f64::NAN);
-            node.x.push(at(&row.x));
-            node.nu.push(at(nu));
-            node.psi.push(at(psi));
-            node.own_nu.push(at(&row.nu));
-            node.own_psi.push(at(&row.psi));
-            let ratio = ratio(at(nu), at(psi)).abs();
-            node.rows.take((known || !ratio.is_nan()).then_some(ratio));
+        for (at, node) in self.nodes.iter_mut().enumerate() {
+            let [x, nu, psi] = [&row.x, nu, psi].map(|table| entry(table, at));
+            let (own_nu, own_psi) = (entry(&row.nu, at), entry(&row.psi, at));
+            let (ratio, own_ratio) = (ratio(nu, psi), ratio(own_nu, own_psi));
+            let values = [x, nu, psi, own_nu, own_psi, ratio, own_ratio, entry(&row.u, at)];
+            node.curves.push(Sample { t: row.t, values });
+            node.rows.take((known || !ratio.is_nan()).then_some(ratio.abs()));
         }
+        let widest = psi.iter().copied().fold(0.0, larger);
+        let bound = self.bound.map_or(f64::NAN, |bound| bound * widest);
+        let components = self.components.max(1);
+        let values = [spread(&row.x, components), bound, error(&row.x, &row.xi)];
+        self.agreement.push(Sample { t: row.t, values });
+    }
+
+    /// The largest spread at any tick, and that at the end, state units.
+    pub fn spread(&mut self, largest: f64, last: f64) {
+        self.spread = Some((largest, last));
     }
 
     /// What came of each node and component over all ticks, by index and then by component; else it is what the rows show.
@@ -161,6 +239,65 @@ impl Trace {
         }
     }
 
+    /// What there is to draw.
+    ///
+    /// # Errors
+    /// [`PlotError`] if there are rows at fewer than two times.
+    pub(super) fn drawn(&self) -> Result<Drawn, PlotError> {
+        if !self.has_span() {
+            return Err(PlotError::new("it needs rows at two times or more"));
+        }
+        let components = self.components.max(1);
+        let nodes = self.nodes.iter().enumerate();
+        let prediction = |curve: usize| {
+            let points = |of: &Envelope<2>| of.samples().map(|s| (s.t, s.values[curve])).collect();
+            self.predictions.iter().map(points).collect()
+        };
+        let agreement = |curve: usize| self.agreement.samples().map(|s| (s.t, s.values[curve])).collect();
+        Ok(Drawn {
+            spread: agreement(0),
+            bound: agreement(1),
+            error: agreement(2),
+            of_all_ticks: self.spread,
+            title: self.title.clone(),
+            unit: self.unit.clone(),
+            components,
+            span: self.span.0..self.span.1,
+            nodes: nodes.map(|(index, recorded)| Node::new(index, components, recorded)).collect(),
+            xi: prediction(0),
+            blended: prediction(1),
+            marks: self.marks.clone(),
+        })
+    }
+}
+
+impl Drawn {
+    /// Whether the unit of the states is known.
+    pub(super) fn has_unit(&self) -> bool {
+        self.unit.is_some()
+    }
+
+    /// `what` with its unit, for an axis.
+    pub(super) fn axis(&self, what: &str) -> String {
+        match &self.unit {
+            Some(unit) => format!("{what} ({unit})"),
+            None => format!("{what} in state units"),
+        }
+    }
+
+    /// The same for what changes by it in a second.
+    pub(super) fn axis_per_second(&self, what: &str) -> String {
+        match &self.unit {
+            Some(unit) => format!("{what} ({unit}/s)"),
+            None => format!("{what} in state units / s"),
+        }
+    }
+
+    /// Components of a state.
+    pub(super) fn components(&self) -> usize {
+        self.components
+    }
+
     /// The marks of node `id`.
     pub(super) fn marks_of(&self, id: usize) -> impl Iterator<Item = &Mark> {
         self.marks.iter().filter(move |mark| mark.id == id)
@@ -170,7 +307,7 @@ impl Trace {
     pub(super) fn points(&self, node: &Node, values: &[f64]) -> Vec<(f64, f64)> {
         let marks: Vec<&Mark> = self.marks_of(node.id).collect();
         let hide = |(&t, &y): (&f64, &f64)| (t, if marks.iter().any(|m| m.hides(t)) { f64::NAN } else { y });
-        self.t.iter().zip(values).map(hide).collect()
+        node.t.iter().zip(values).map(hide).collect()
     }
 
     /// The points of the states of `node`, up to its stop, which may be between two rows.
@@ -188,18 +325,10 @@ impl Trace {
     /// When `node` stopped, and its state there, where it is known.
     pub(super) fn stop(&self, node: &Node) -> Option<(f64, f64)> {
         let mark = self.marks_of(node.id).find(|mark| mark.kind == Kind::Stopped)?;
-        let after = self.t.partition_point(|&t| t < mark.from);
+        let after = node.t.partition_point(|&t| t < mark.from);
         // What it stopped with stays.
         let x = node.x.get(after).or(node.x.last()).copied().filter(|x| !x.is_nan())?;
         Some((mark.from, x))
-    }
-
-    /// First and last time, in seconds.
-    pub(super) fn span(&self) -> Result<Range<f64>, PlotError> {
-        match (self.t.first(), self.t.last()) {
-            (Some(&first), Some(&last)) if last > first => Ok(first..last),
-            _ => Err(PlotError::new("it needs rows at two times or more")),
-        }
     }
 }
 
@@ -216,8 +345,10 @@ mod tests {
         trace
     }
 
-    fn known(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-        points.iter().copied().filter(|p| !p.1.is_nan()).collect()
+    /// The known points of the states of the node.
+    fn states(trace: &Trace) -> Vec<(f64, f64)> {
+        let drawn = trace.drawn().unwrap();
+        drawn.states(&drawn.nodes[0]).into_iter().filter(|p| !p.1.is_nan()).collect()
     }
 
     #[test]
@@ -225,7 +356,7 @@ mod tests {
         let mut trace = ramp(6, 2.5);
         trace.mark(1, 3.7, None, Kind::Stopped);
         trace.mark(1, 2.5, None, Kind::Stopped);
-        let points = known(&trace.states(&trace.nodes[0]));
+        let points = states(&trace);
         assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (2.0, 2.0), (2.5, 2.5)]);
     }
 
@@ -233,7 +364,7 @@ mod tests {
     fn nothing_is_drawn_of_an_absence_even_where_a_row_has_a_value() {
         let mut trace = ramp(6, 9.0);
         trace.mark(1, 1.5, Some(4.0), Kind::Away);
-        let points = known(&trace.states(&trace.nodes[0]));
+        let points = states(&trace);
         assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (4.0, 4.0), (5.0, 5.0)]);
     }
 
@@ -247,11 +378,12 @@ mod tests {
             asked_psi: vec![2.0; 2],
             ..Row::default()
         };
+        let worst = |trace: &Trace| trace.drawn().unwrap().nodes[0].worst().0;
         trace.push(&row(0.0, [0.0, 1.0]));
         trace.push(&row(1.0, [0.0, f64::NAN]));
-        assert_eq!(trace.nodes[0].worst().0, Worst { max_ratio: 0.5, breaches: 0, unknown: 1, judged: 1 });
+        assert_eq!(worst(&trace), Worst { max_ratio: 0.5, breaches: 0, unknown: 1, judged: 1 });
         trace.push(&row(2.0, [f64::INFINITY, f64::INFINITY]));
-        let worst = trace.nodes[0].worst().0;
+        let worst = worst(&trace);
         assert!(worst.max_ratio.is_nan() && worst.breaches == 1, "{worst:?}");
     }
 }

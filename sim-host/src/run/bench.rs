@@ -5,6 +5,7 @@ use super::fidelity::{LOCKSTEP, bus_between, engine, lockstep};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
+use super::rows::Rows;
 use crate::bench::{
     BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
 };
@@ -20,7 +21,7 @@ use std::fmt::Display;
 use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
-pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     let events = skipped_events(scenario, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
@@ -52,7 +53,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
         Clock::Own => hub.with_own_clock(),
     };
     hub.conductor().members().for_each(|(node, identity)| warn_of_reset(node.id(), identity));
-    match compared(scenario, (options, file.clock), &mut hub, comparison, files) {
+    match compared(scenario, (options, file.clock), &mut hub, rows, (comparison, files)) {
         Ok(outcome) => {
             let wires = (wired > 0).then(|| WiresSummary {
                 count: wired,
@@ -168,11 +169,11 @@ fn compared(
     scenario: &Scenario,
     (options, clock): (&RunOptions, Clock),
     hub: &mut Hub,
-    mut comparison: Comparison,
-    mut files: Files,
+    rows: &mut dyn Rows,
+    (mut comparison, mut files): (Comparison, Files),
 ) -> Result<Outcome, RunError> {
     let (mut told, mut skew) = (Vec::new(), Skew::default());
-    let outcome = lockstep("bench", scenario, options, hub, |k, hub| {
+    let outcome = lockstep("bench", (scenario, options), hub, rows, |k, hub| {
         if options.verbosity != Verbosity::Quiet {
             tell(hub.conductor().absences(), &mut told);
         }

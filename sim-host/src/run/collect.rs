@@ -1,6 +1,8 @@
 //! Takes what f32 nodes see, tick by tick, and keeps what a run is judged by.
 
+use super::error::RunError;
 use super::outcome::{Believed, Outcome};
+use super::rows::Rows;
 use crate::emergent::{Prediction, Predictor};
 use crate::extremes::{larger, largest};
 use crate::judge::{Account, Judge, Moment};
@@ -34,14 +36,20 @@ pub struct Collector<'a> {
     accounts: Vec<Account>,
     reference_error: ReferenceSummary,
     outcome: Outcome,
+    rows: &'a mut dyn Rows,
     /// Of the tick, by index and then by component.
     x: Vec<f64>,
     u: Vec<f64>,
 }
 
 impl<'a> Collector<'a> {
-    /// For `scenario`, with a row every `stride` ticks.
-    pub fn new(scenario: &'a Scenario, stride: u64, reference: Option<&'a ReferenceSolution>) -> Self {
+    /// For `scenario`, with a row every `stride` ticks, which goes to `rows`.
+    pub fn new(
+        scenario: &'a Scenario,
+        stride: u64,
+        reference: Option<&'a ReferenceSolution>,
+        rows: &'a mut dyn Rows,
+    ) -> Self {
         let account = |id| Account { id, ..Account::default() };
         Self {
             scenario,
@@ -53,13 +61,17 @@ impl<'a> Collector<'a> {
             accounts: scenario.nodes.iter().map(|node| account(node.id)).collect(),
             reference_error: reference.map(ReferenceSummary::beside).unwrap_or_default(),
             outcome: Outcome::default(),
+            rows,
             x: Vec::new(),
             u: Vec::new(),
         }
     }
 
     /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
-    pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+    ///
+    /// # Errors
+    /// The row cannot be written.
+    pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
         for (seen, presence) in seen.chunks(self.scenario.components()).zip(presence) {
             let known = presence.is_known();
             self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { NO_STATE }));
@@ -74,16 +86,22 @@ impl<'a> Collector<'a> {
         if let Some(exact) = exact {
             self.compare(exact, presence);
         }
-        self.predict(k, seen, presence);
+        self.predict(k, seen, presence)
     }
 
     /// Takes tick `k`, which was the last to come, as the end of the run.
-    pub fn end_at(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+    ///
+    /// # Errors
+    /// Its row cannot be written.
+    pub fn end_at(
+        &mut self,
+        k: u64,
+        seen: &[Observation<f32>],
+        presence: &[Presence],
+    ) -> Result<(), RunError> {
         self.judge.end(&Moment { k, x: &self.x, u: &self.u, presence });
         self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
-        if !k.is_multiple_of(self.stride) {
-            self.row(k, seen, presence);
-        }
+        if k.is_multiple_of(self.stride) { Ok(()) } else { self.row(k, seen, presence) }
     }
 
     /// What the run came to.
@@ -109,21 +127,21 @@ impl<'a> Collector<'a> {
         }
     }
 
-    fn predict(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+    fn predict(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
         let last = k == self.scenario.time.ticks;
         if !last && !k.is_multiple_of(self.stride) {
-            return;
+            return Ok(());
         }
         if last {
             self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
         }
-        self.row(k, seen, presence);
+        self.row(k, seen, presence)
     }
 
-    fn row(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
+    fn row(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
         let t = self.scenario.time.at_s(k);
         let prediction = self.predictor.advance(t);
-        self.outcome.rows.push(row(t, seen, presence, prediction, &self.judge));
+        self.rows.take(row(t, seen, presence, prediction, &self.judge))
     }
 
     /// What each node says of itself at the tick.

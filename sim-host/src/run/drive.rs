@@ -2,10 +2,12 @@
 
 use super::collect::Collector;
 use super::error::RunError;
+use super::event_log::EventLog;
 use super::network::Network;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::{EarlyEnd, Outcome};
 use super::reference;
+use super::rows::Rows;
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 
@@ -13,6 +15,8 @@ use crate::scenario::Scenario;
 pub(super) struct Record {
     /// All that was seen, tick by tick.
     pub outcome: Outcome,
+    /// What nodes have reported.
+    pub log: EventLog,
     /// Where it ended before its last tick.
     pub cut: Option<Cut>,
 }
@@ -42,30 +46,33 @@ pub(super) fn drive<N: Network>(
     scenario: &Scenario,
     options: &RunOptions,
     network: &mut N,
+    rows: &mut dyn Rows,
     mut each: impl FnMut(u64, &mut N) -> Result<(), RunError>,
 ) -> Result<Record, RunError> {
     let exact = reference::where_expected(scenario, options)?;
-    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref());
+    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref(), rows);
     let progress = Progress::new(what, scenario.time.end_s(), options.verbosity == Verbosity::Quiet);
     network.start()?;
     let (mut seen, mut presence, mut cut) = (Vec::new(), Vec::new(), None);
+    let mut log = EventLog::default();
     // One tick more than the run has: it is what makes the diffusive terms at the end.
     for k in 0..=scenario.time.ticks {
         if let Err(error) = advance(network, options) {
             let Some(last) = last_of(k) else { return Err(error) };
             // What the network shows may be of the tick that has failed.
-            collector.end_at(last, &seen, &presence);
+            collector.end_at(last, &seen, &presence)?;
             cut = Some(Cut { after: k, error });
             break;
         }
         seen.clear();
         seen.extend_from_slice(network.observations());
         presence = network.presence(k);
-        collector.tick(k, &seen, &presence);
+        collector.tick(k, &seen, &presence)?;
+        network.tell(&mut log);
         each(k, network)?;
         progress.at(k as f64 * scenario.time.tick_s());
     }
-    Ok(Record { outcome: collector.finish(), cut })
+    Ok(Record { outcome: collector.finish(), log, cut })
 }
 
 /// The next tick, unless the user has stopped the run.
@@ -82,7 +89,7 @@ fn last_of(ticks: u64) -> Option<u64> {
 mod tests {
     use super::*;
     use crate::bus::ideal::Traffic;
-    use crate::engine::{Engine, NodeEvent};
+    use crate::engine::Engine;
     use crate::presence::Presence;
     use crate::run::testing::options;
     use crate::run::{Fidelity, engine_of};
@@ -116,8 +123,8 @@ mod tests {
             self.engine.presence(k)
         }
 
-        fn events(&self) -> &[NodeEvent] {
-            self.engine.events()
+        fn tell(&mut self, log: &mut EventLog) {
+            self.engine.tell(log);
         }
 
         fn traffic(&self) -> Traffic {
@@ -136,11 +143,13 @@ mod tests {
         let mut network = Frail { engine: engine_of(scenario).unwrap(), left: ticks };
         let (options, mut looks) =
             (RunOptions { every_ticks: Some(1), ..options(Fidelity::Loopback) }, Vec::new());
-        let record = drive("test", scenario, &options, &mut network, |k, _| {
+        let mut rows = Vec::new();
+        let record = drive("test", scenario, &options, &mut network, &mut rows, |k, _| {
             looks.push(k);
             Ok(())
         });
-        (record, looks)
+        let with_rows = |record: Record| Record { outcome: Outcome { rows, ..record.outcome }, ..record };
+        (record.map(with_rows), looks)
     }
 
     #[test]
@@ -156,7 +165,7 @@ mod tests {
         let scenario = scenario();
         let whole = run(&scenario, u64::MAX).0.unwrap().outcome;
         let (record, looks) = run(&scenario, 4);
-        let Record { outcome, cut } = record.unwrap();
+        let Record { outcome, cut, .. } = record.unwrap();
         let cut = cut.unwrap();
         assert_eq!((cut.after, cut.error.message.as_str()), (4, "it broke"));
         assert_eq!(looks, [0, 1, 2, 3]);
@@ -179,7 +188,7 @@ mod tests {
         let (scenario, options) = (scenario(), options(Fidelity::Loopback));
         options.interrupt.set();
         let mut engine = engine_of(&scenario).unwrap();
-        let record = drive("test", &scenario, &options, &mut engine, |_, _| Ok(()));
+        let record = drive("test", &scenario, &options, &mut engine, &mut Vec::new(), |_, _| Ok(()));
         assert!(record.is_err_and(|error| error == RunError::interrupted()));
     }
 }

@@ -6,6 +6,7 @@ use super::heard;
 use super::network::Network;
 use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
+use super::rows::Rows;
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
@@ -30,19 +31,19 @@ pub(super) const LOCKSTEP: Drive =
     Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
 
 /// Fidelity `loopback`.
-pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     if scenario.coupling == Coupling::WeaklyCentralised {
-        return central(scenario, options);
+        return central(scenario, options, rows);
     }
     let mut engine = engine(scenario)?;
-    let record = drive("loopback", scenario, options, &mut engine, |_, _| Ok(()))?;
+    let record = drive("loopback", scenario, options, &mut engine, rows, |_, _| Ok(()))?;
     // Of a run that was cut off nobody knows who would still have been heard.
     let (unheard, silent) = match record.cut {
         Some(_) => (Vec::new(), Vec::new()),
         None => heard::unheard_and_silent(scenario, &engine),
     };
-    let happened = scenario.events.clone();
-    Ok(Outcome { unheard, silent, happened, ..with_reports(engine.reports(), scenario, &engine, record) })
+    let (happened, reports) = (scenario.events.clone(), engine.reports());
+    Ok(Outcome { unheard, silent, happened, ..with_reports(reports, scenario, &mut engine, record) })
 }
 
 /// The nodes of a scenario in this program, on its bus, not started yet.
@@ -74,28 +75,29 @@ fn accepted(configs: &[NodeConfig]) -> Result<Vec<Params<f32>>, RunError> {
 }
 
 /// Weakly-centralised coupling, in one loop over all nodes and without a bus.
-fn central(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+fn central(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?)?;
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
-    let record = drive("loopback", scenario, options, &mut central, |_, _| Ok(()))?;
+    let record = drive("loopback", scenario, options, &mut central, rows, |_, _| Ok(()))?;
     let reports = central.reports().into_iter().map(Some).collect();
-    Ok(with_reports(reports, scenario, &central, record))
+    Ok(with_reports(reports, scenario, &mut central, record))
 }
 
 /// Adds what a network in this program says at the end to what was recorded of it.
 fn with_reports(
     reports: Vec<Option<Report>>,
     scenario: &Scenario,
-    network: &impl Network,
-    Record { outcome, cut }: Record,
+    network: &mut impl Network,
+    Record { outcome, mut log, cut }: Record,
 ) -> Outcome {
     let bus = Some(bus_record(network.traffic(), reports.iter().flatten()));
-    let (events, ended_early) = (network.events().to_vec(), cut.map(|cut| cut.told(scenario)));
-    Outcome { bus, events, ended_early, ..outcome.with_reports(reports) }
+    network.tell(&mut log);
+    let ((events, more_events), ended_early) = (log.finish(), cut.map(|cut| cut.told(scenario)));
+    Outcome { bus, events, more_events, ended_early, ..outcome.with_reports(reports) }
 }
 
 /// Fidelity `emulator`.
-pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     if !scenario.events.is_empty() {
         return Err(RunError::bad_input(
             "emulated nodes have no [[event]] yet; run this scenario with --on loopback",
@@ -106,7 +108,7 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     let attached = emulator::attach(&ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, bus(scenario), emulator::PATIENCE)?;
     let mut hub = hub.with_noise(Noise::of(scenario));
-    let outcome = lockstep("emulator", scenario, options, &mut hub, |_, _| Ok(()))?;
+    let outcome = lockstep("emulator", (scenario, options), &mut hub, rows, |_, _| Ok(()))?;
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
 }
 
@@ -114,14 +116,16 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
 /// tick, what was recorded is kept.
 pub(super) fn lockstep(
     what: &'static str,
-    scenario: &Scenario,
-    options: &RunOptions,
+    (scenario, options): (&Scenario, &RunOptions),
     hub: &mut Hub,
+    rows: &mut dyn Rows,
     each: impl FnMut(u64, &mut Hub) -> Result<(), RunError>,
 ) -> Result<Outcome, RunError> {
-    let Record { outcome, cut } = drive(what, scenario, options, hub, each)?;
+    let Record { outcome, mut log, cut } = drive(what, scenario, options, hub, rows, each)?;
     let closed = close(scenario, hub, cut);
-    Ok(with_words_of(hub, closed, outcome))
+    hub.tell(&mut log);
+    let (events, more_events) = log.finish();
+    Ok(Outcome { events, more_events, ..with_words_of(hub, closed, outcome) })
 }
 
 /// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error
@@ -161,8 +165,8 @@ fn with_words_of(
         (account.unseen, account.whole) = (unseen, conductor.was_there_throughout(index));
         contradictions.extend(conductor.cannot_have_counted(index, account));
     }
-    let (events, warnings) = (conductor.events().to_vec(), conductor.warnings());
-    Outcome { bus, events, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
+    let warnings = conductor.warnings();
+    Outcome { bus, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
 }
 
 pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {

@@ -6,6 +6,7 @@ mod collect;
 mod commission;
 mod drive;
 mod error;
+mod event_log;
 mod fidelity;
 mod folder;
 mod heard;
@@ -17,6 +18,7 @@ mod output;
 mod own_clock;
 mod places;
 mod reference;
+mod rows;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -25,12 +27,14 @@ mod tests;
 pub use claim::Claim;
 pub use commission::{commission, erase};
 pub use error::RunError;
+pub use event_log::MoreEvents;
 #[cfg(test)]
 pub(crate) use fidelity::engine as engine_of;
 pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
 pub use places::Wanted;
+pub use rows::Rows;
 
 use crate::emergent::EmergentTrajectory;
 use crate::printable::{printable, printable_lines};
@@ -64,8 +68,8 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
 pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
     let begin = Instant::now();
     fits(scenario)?;
-    let outputs = Outputs::open(scenario, options)?;
-    let outcome = simulate(scenario, options)?;
+    let mut outputs = Outputs::open(scenario, options)?;
+    let outcome = simulate_into(scenario, options, &mut outputs)?;
     tell_events(scenario, &outcome, options);
     let mut summary = outcome.judge(scenario, options.on);
     summary.version = env!("CARGO_PKG_VERSION");
@@ -84,21 +88,38 @@ pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) 
 
 /// A node that has stopped by itself leaves figures that look like those of a good run.
 fn tell_events(scenario: &Scenario, outcome: &Outcome, options: &RunOptions) {
-    let told = outcome.events.iter().filter(|event| match options.verbosity {
+    let is_told = |event: &Event| match options.verbosity {
         Verbosity::Verbose => true,
-        Verbosity::Normal => matches!(event.event, Event::Fault(_) | Event::Warned(_)),
+        Verbosity::Normal => matches!(event, Event::Fault(_) | Event::Warned(_)),
         Verbosity::Quiet => false,
-    });
-    let events = output::events(told, scenario.time.tick_ns);
+    };
+    let tick_ns = scenario.time.tick_ns;
+    let mut told = output::events(outcome.events.iter().filter(|event| is_told(&event.event)), tick_ns);
+    let more = outcome.more_events.iter().filter(|more| is_told(&more.last.event));
+    told.extend(more.map(|more| output::counted(more, tick_ns)));
     // Nobody is left to tell where standard error is closed.
-    let _ = std::io::stderr().write_all(events.as_bytes());
+    let _ = std::io::stderr().write_all(told.as_bytes());
 }
 
-/// Runs `scenario` and gives everything that was seen; writes nothing.
+/// Runs `scenario` and gives everything that was seen, all rows among it; writes nothing.
 ///
 /// # Errors
 /// See [`RunError`].
 pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+    let mut rows = Vec::new();
+    let outcome = simulate_into(scenario, options, &mut rows)?;
+    Ok(Outcome { rows, ..outcome })
+}
+
+/// The same with rows that go where `rows` says as they come; the outcome has none.
+///
+/// # Errors
+/// See [`RunError`], and those of `rows`.
+pub fn simulate_into(
+    scenario: &Scenario,
+    options: &RunOptions,
+    rows: &mut dyn Rows,
+) -> Result<Outcome, RunError> {
     fits(scenario)?;
     if scenario.expect.asks_for_emergent() && EmergentTrajectory::new(scenario).is_none() {
         return Err(RunError::bad_input(format!(
@@ -108,10 +129,10 @@ pub fn simulate(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
         )));
     }
     match options.on {
-        Fidelity::Loopback => fidelity::loopback(scenario, options),
-        Fidelity::Emulator => fidelity::emulator(scenario, options),
-        Fidelity::Bench => bench::run(scenario, options),
-        Fidelity::Reference => reference::run(scenario, options),
+        Fidelity::Loopback => fidelity::loopback(scenario, options, rows),
+        Fidelity::Emulator => fidelity::emulator(scenario, options, rows),
+        Fidelity::Bench => bench::run(scenario, options, rows),
+        Fidelity::Reference => reference::run(scenario, options, rows),
     }
 }
 

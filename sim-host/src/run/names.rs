@@ -11,12 +11,14 @@ pub const SUMMARY: &str = "summary.json";
 pub const LOCK: &str = ".sim-host.lock";
 
 /// Files of every command.
-const FILES: [&str; 10] = [
+const FILES: [&str; 12] = [
     SUMMARY,
     "trajectory.csv",
     "events.txt",
     "states.svg",
     "funnels.svg",
+    "agreement.svg",
+    "inputs.svg",
     SCENARIO,
     "bench.csv",
     "can.log",

@@ -1,9 +1,10 @@
 //! Networks of f32 nodes as a run drives them, whatever carries their frames.
 
 use super::error::RunError;
+use super::event_log::EventLog;
 use crate::bus::ideal::Traffic;
 use crate::central::Central;
-use crate::engine::{Engine, NodeEvent};
+use crate::engine::Engine;
 use crate::hub::Hub;
 use crate::presence::Presence;
 use funnelnet_node::Observation;
@@ -22,8 +23,8 @@ pub(super) trait Network {
     /// Presence of each node at tick `k`, which was the last to run, by index.
     fn presence(&self, k: u64) -> Vec<Presence>;
 
-    /// Events that the nodes reported so far.
-    fn events(&self) -> &[NodeEvent];
+    /// Tells `log` what the nodes reported since the last call.
+    fn tell(&mut self, log: &mut EventLog);
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;
@@ -50,8 +51,8 @@ impl Network for Engine {
         self.presence(k)
     }
 
-    fn events(&self) -> &[NodeEvent] {
-        self.events()
+    fn tell(&mut self, log: &mut EventLog) {
+        log.take(self.take_events());
     }
 
     fn traffic(&self) -> Traffic {
@@ -78,8 +79,8 @@ impl Network for Central {
         self.presence()
     }
 
-    fn events(&self) -> &[NodeEvent] {
-        self.events()
+    fn tell(&mut self, log: &mut EventLog) {
+        log.take(self.take_events());
     }
 
     fn traffic(&self) -> Traffic {
@@ -105,8 +106,9 @@ impl Network for Hub {
         self.conductor().presence().to_vec()
     }
 
-    fn events(&self) -> &[NodeEvent] {
-        self.conductor().events()
+    fn tell(&mut self, log: &mut EventLog) {
+        // The conductor keeps them: a bench compares its faults with those of loopback.
+        log.catch_up(self.conductor().events());
     }
 
     fn traffic(&self) -> Traffic {

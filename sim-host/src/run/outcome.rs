@@ -1,6 +1,7 @@
 //! What a run came to, before and after it is judged.
 
 use super::error::RunError;
+use super::event_log::MoreEvents;
 use super::options::Fidelity;
 use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
@@ -68,7 +69,7 @@ impl EarlyEnd {
 pub struct Outcome {
     /// Where it ended before its last tick. The rest is of the ticks that it had.
     pub ended_early: Option<EarlyEnd>,
-    /// Trajectory.
+    /// Trajectory, where it is kept rather than written as it comes.
     pub rows: Vec<Row>,
     /// States at the end, by index and then by component; NaN where one is not known.
     pub last: Vec<f64>,
@@ -102,10 +103,12 @@ pub struct Outcome {
     pub bus: Option<BusSummary>,
     /// What f32 nodes counted, by index.
     pub counters: Vec<Counters>,
-    /// What nodes reported.
+    /// What nodes reported: of each the first hundred of a kind.
     pub events: Vec<NodeEvent>,
     /// The scenario's events, where they have been made to happen.
     pub happened: Vec<EventSpec>,
+    /// What came of the others.
+    pub more_events: Vec<MoreEvents>,
     /// The nodes of a bench, and how they differ from loopback.
     pub bench: Option<BenchSummary>,
     /// Logs of emulated nodes: id and text.

@@ -2,13 +2,15 @@
 
 use super::claim::commit;
 use super::error::RunError;
+use super::event_log::{MoreEvents, NAMED};
 use super::names;
 use super::options::{Fidelity, RunOptions};
 use super::outcome::Outcome;
+use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{AtomicFile, Precision, RecordError, Shape, Summary, TrajectoryWriter};
-use crate::report::{MarkKind, PlotError, Trace, funnels_svg, states_svg};
+use crate::record::{AtomicFile, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter};
+use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, inputs_svg, states_svg};
 use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -19,14 +21,17 @@ pub struct Outputs {
     json: Option<AtomicFile>,
 }
 
-/// What `--out` asks for.
+/// What `--out` asks for. Rows go into the trajectory and into the pictures as they come.
 struct FolderFiles {
     path: PathBuf,
     trajectory: TrajectoryWriter,
+    trace: Trace,
     events: AtomicFile,
     scenario: AtomicFile,
     states: AtomicFile,
     funnels: AtomicFile,
+    inputs: AtomicFile,
+    agreement: AtomicFile,
     summary: AtomicFile,
 }
 
@@ -66,24 +71,32 @@ impl FolderFiles {
         Ok(Self {
             path: path.to_owned(),
             trajectory: TrajectoryWriter::create(path.join("trajectory.csv"), shape, precision)?,
+            trace: Trace::new(&scenario.title)
+                .with_components(shape.components)
+                .with_unit(scenario.unit.as_deref())
+                .with_bound(scenario.sync_bound(1.0)),
             events: file("events.txt")?,
             scenario: file(names::SCENARIO)?,
             states: file("states.svg")?,
             funnels: file("funnels.svg")?,
+            inputs: file("inputs.svg")?,
+            agreement: file("agreement.svg")?,
             summary: file(names::SUMMARY)?,
         })
     }
 
     fn write(self, scenario: &Scenario, outcome: &Outcome, summary: &str) -> Result<(), RunError> {
-        let Self { path, mut trajectory, events: told, scenario: as_run, states, funnels, summary: last } =
-            self;
-        outcome.rows.iter().try_for_each(|row| trajectory.write(row))?;
+        let Self { path, mut trajectory, mut trace, .. } = self;
+        let (told, as_run, last) = (self.events, self.scenario, self.summary);
         trajectory.settle()?;
         let mut settled = vec![settle(told, &told_of(scenario, outcome))?, settle(as_run, &scenario.as_run)?];
-        if outcome.ended_early.is_none() || outcome.rows.len() >= DRAWN_ROWS {
-            let trace = trace(scenario, outcome);
-            settled.push(settle(states, &plot(states_svg(&trace))?)?);
-            settled.push(settle(funnels, &plot(funnels_svg(&trace))?)?);
+        // A run that ended early may have too few rows for a picture.
+        if outcome.ended_early.is_none() || trace.has_span() {
+            mark(&mut trace, scenario, outcome);
+            settled.push(settle(self.states, &plot(states_svg(&trace))?)?);
+            settled.push(settle(self.funnels, &plot(funnels_svg(&trace))?)?);
+            settled.push(settle(self.inputs, &plot(inputs_svg(&trace))?)?);
+            settled.push(settle(self.agreement, &plot(agreement_svg(&trace))?)?);
         }
         for (id, log) in &outcome.logs {
             settled.push(settle(AtomicFile::create(path.join(format!("node-{id}.log")))?, log)?);
@@ -95,8 +108,14 @@ impl FolderFiles {
     }
 }
 
-/// Rows that there must be for a picture.
-const DRAWN_ROWS: usize = 2;
+impl Rows for Outputs {
+    fn take(&mut self, row: Row) -> Result<(), RunError> {
+        let Some(folder) = &mut self.folder else { return Ok(()) };
+        folder.trajectory.write(&row)?;
+        folder.trace.push(&row);
+        Ok(())
+    }
+}
 
 /// A whole file that has not got its name yet.
 fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
@@ -105,24 +124,30 @@ fn settle(mut file: AtomicFile, text: &str) -> Result<AtomicFile, RecordError> {
     Ok(file)
 }
 
-/// The curves of a run, with stops, absences and cut links.
+/// The curves of a run whose rows were kept, with stops, absences and cut links.
 #[must_use]
 pub fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
     let title = scenario.title.as_str();
     let mut trace =
         Trace::new(title).with_components(scenario.components()).with_unit(scenario.unit.as_deref());
     outcome.rows.iter().for_each(|row| trace.push(row));
+    mark(&mut trace, scenario, outcome);
+    trace
+}
+
+/// Adds to the rows of a picture what is known only at the end.
+fn mark(trace: &mut Trace, scenario: &Scenario, outcome: &Outcome) {
     trace.judged(&outcome.findings.worst);
+    trace.spread(outcome.findings.max_spread, outcome.findings.final_spread);
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
     }
-    mark_events(scenario, &outcome.happened, &mut trace);
+    mark_events(scenario, &outcome.happened, trace);
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let at_s = |tick: u32| scenario.time.at_s(tick.into());
         let to = absence.to_tick.map(at_s);
         trace.mark(usize::from(absence.node), at_s(absence.from_tick), to, MarkKind::Away);
     }
-    trace
 }
 
 /// Marks what events have done.
@@ -154,6 +179,9 @@ fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     let mut lines: Vec<_> =
         happened.map(|event| (event.at_ns, format!("{} s, event {event}\n", seconds(event.at_ns)))).collect();
     lines.extend(outcome.events.iter().map(line));
+    lines.extend(
+        outcome.more_events.iter().map(|more| (more.last.at.saturating_sub(tick_ns), counted(more, tick_ns))),
+    );
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let mut tell = |tick: u32, what: String| {
             let at = u64::from(tick).saturating_mul(tick_ns);
@@ -166,7 +194,20 @@ fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     }
     // Stable: what happened at the same time stays in the order in which it was told.
     lines.sort_by_key(|&(at, _)| at);
-    lines.into_iter().map(|(_, line)| line).collect()
+    let is_short = outcome.more_events.is_empty();
+    let heading = if is_short { String::new() } else { format!("# {}\n", shortened()) };
+    heading + &lines.into_iter().map(|(_, line)| line).collect::<String>()
+}
+
+/// How a list of events is shortened, for its reader.
+fn shortened() -> String {
+    format!("of each node the first {NAMED} events of a kind, and of more their number and the last one")
+}
+
+/// The last of the events that were only counted, as a line.
+pub(super) fn counted(more: &MoreEvents, tick_ns: u64) -> String {
+    let line = events([&more.last], tick_ns);
+    format!("{} (the last of {} more of this kind)\n", line.trim_end(), more.count)
 }
 
 /// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one

@@ -3,6 +3,7 @@
 use super::error::RunError;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::{EarlyEnd, Outcome};
+use super::rows::Rows;
 use crate::emergent::Predictor;
 use crate::exit::Exit;
 use crate::extremes::{larger, largest};
@@ -18,7 +19,7 @@ use std::ops::ControlFlow;
 const JUDGED_STATES: u64 = 1 << 24;
 
 /// Runs the reference by itself. It is judged at every tick, or in a long run at every so many, whatever `--every` asks for.
-pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Result<Outcome, RunError> {
     let (ticks, stride) = (scenario.time.ticks, options.stride(scenario.time.ticks));
     let judged = (ticks * scenario.nodes.len() as u64).div_ceil(JUDGED_STATES).max(1);
     let is_row = |k: u64| k.is_multiple_of(stride) || k == ticks;
@@ -41,7 +42,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunErro
             let prediction = predictor.advance(row.t);
             (row.xi, row.blended) = (prediction.xi.clone(), prediction.blended.clone());
             outcome.widest = largest(0.0, row.psi.iter().copied());
-            outcome.rows.push(row);
+            to.take(row)?;
         }
     }
     let findings = judge.finish();

@@ -109,14 +109,7 @@ impl Board {
     }
 
     fn play(identity: Identity, part: Part) -> Self {
-        // Closed in programs that other tests start meanwhile: they would keep an unplugged board's line open.
-        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
-        let port = pty::openpt(flags).unwrap();
-        pty::grantpt(&port).unwrap();
-        pty::unlockpt(&port).unwrap();
-        rustix::fs::fcntl_setfl(&port, OFlags::RDWR | OFlags::NONBLOCK).unwrap();
-        let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
-        let port = File::from(port);
+        let (port, path) = terminal();
         let (quit, states) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
         let noise = Arc::new(AtomicU64::new(0));
         let mut played = Played {
@@ -158,6 +151,18 @@ impl Board {
         self.quit.store(true, Ordering::Relaxed);
         self.thread.join().unwrap()
     }
+}
+
+/// A pseudo-terminal whose other end is at a path.
+pub fn terminal() -> (File, String) {
+    // Closed in programs that other tests start meanwhile: they would keep an unplugged board's line open.
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+    let port = pty::openpt(flags).unwrap();
+    pty::grantpt(&port).unwrap();
+    pty::unlockpt(&port).unwrap();
+    rustix::fs::fcntl_setfl(&port, OFlags::RDWR | OFlags::NONBLOCK).unwrap();
+    let path = pty::ptsname(&port, Vec::new()).unwrap().into_string().unwrap();
+    (File::from(port), path)
 }
 
 /// What a board does that a good one does not.

@@ -1,0 +1,21 @@
+//! Where the rows of a run go, one by one: memory does not grow with its length.
+
+use super::error::RunError;
+use crate::record::Row;
+
+/// Takes rows in the order of time.
+pub trait Rows {
+    /// Takes the next row.
+    ///
+    /// # Errors
+    /// It cannot be written: the run is over then.
+    fn take(&mut self, row: Row) -> Result<(), RunError>;
+}
+
+/// Keeps them all, for who looks at them afterwards.
+impl Rows for Vec<Row> {
+    fn take(&mut self, row: Row) -> Result<(), RunError> {
+        self.push(row);
+        Ok(())
+    }
+}
