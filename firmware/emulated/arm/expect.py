@@ -7,7 +7,7 @@ from bus import Bus, frame
 from core import PowerCut
 from fdcan import Frame
 import settings
-from words import CONFIGURED, REPORT, STAGED, STATE, STORED, words
+from words import CONFIGURED, REPORT, STAGED, STATE, STORED, read, words
 
 SCENARIO = "firmware/emulated/pair.toml"
 DEPTHS = (0, 0.5, 1)
@@ -138,14 +138,16 @@ class OnLine(Commissioned):
         self.assertEqual(board.identity(Words.of())["id"], 1)
         self.assertEqual(board.core.resets, 0)
 
-    def test_a_full_line_while_it_stores_costs_frames_and_nothing_else(self):
+    def test_after_an_overrun_while_it_stores_it_restarts_and_hears_again(self):
         board = self.configured(self.BOARD.booted())
         state = Words.of()["ticks"][1]["states"][1][0]["serial"]
         board.tell(Words.of()["store"] + state * 1200)
         board.ms(900)
-        self.assertGreater(board.uart.overruns, 0, "nothing was lost: the test shows nothing")
-        self.assertEqual(board.identity(Words.of())["id"], 1)
-        self.assertEqual(board.core.resets, 0)
+        stored = [frame for frame in board.frames() if kind(frame) == STORED]
+        self.assertIn("ok", read(stored)[0]["stored"])
+        self.assertEqual(board.core.resets, 1)
+        identity = board.identity(Words.of())
+        self.assertEqual((identity["id"], identity["reset"], identity["starts"]), (1, "Software", 2))
 
 
 class OnCan(Commissioned):
@@ -166,6 +168,18 @@ class OnCan(Commissioned):
             states = [each for each in sent if STATES[0] <= each.id >> 7 <= STATES[1]]
             self.assertEqual(states, expected)
         self.assertEqual([board.can.lost for board in bus.boards], [0, 0])
+
+    def test_a_node_whose_clock_is_missing_goes_on_trying(self):
+        board = self.BOARD()
+        board.rcc.has_crystal = False
+        board.ms(1100)
+        self.assertGreaterEqual(board.core.resets, 2)
+        board.rcc.has_crystal = True
+        board.ms(600)
+        identity = board.identity(Words.of())
+        self.assertEqual(identity["reset"], "PowerOn", "no start before this one has come as far as to count")
+        board.ms(3000)
+        self.assertIsNotNone(board.identity(Words.of()), "and its watchdog goes on with its own period")
 
     def test_it_comes_back_from_bus_off(self):
         board = self.configured(self.BOARD.booted())

@@ -23,10 +23,13 @@ class Rcc(Peripheral):
     CAUSES = {"power": 7 << 25, "reset request": 1 << 28 | 1 << 26, "watchdog": 1 << 29 | 1 << 26}
     CLEAR = 1 << 24
     cause = CAUSES["power"]
+    # Whether the crystal, or what stands for it, is there.
+    has_crystal = True
 
     def read(self, offset):
         held = self.get(offset)
         if offset == self.CR:
+            held = held if self.has_crystal else held & ~0x10000
             return held & ~0x02020002 | (held & 0x10000) << 1 | (held & 0x01000000) << 1 | (held & 1) << 1 | 3
         if offset == self.CFGR:
             return held & ~0xC | (held & 3) << 2

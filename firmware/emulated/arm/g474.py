@@ -23,10 +23,13 @@ class Rcc(Peripheral):
     CAUSES = {"power": 1 << 27 | 1 << 26, "reset request": 1 << 28 | 1 << 26, "watchdog": 1 << 29 | 1 << 26}
     CLEAR = 1 << 23
     cause = CAUSES["power"]
+    # Whether the crystal, or what stands for it, is there.
+    has_crystal = True
 
     def read(self, offset):
         held = self.get(offset)
         if offset == self.CR:
+            held = held if self.has_crystal else held & ~0x10000
             return held & ~0x0A020400 | (held & 0x100) << 2 | (held & 0x10000) << 1 | (held & 0x01000000) << 1 | 0x500
         if offset == self.CFGR:
             return held & ~0xC | (held & 3) << 2

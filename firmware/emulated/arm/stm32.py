@@ -71,8 +71,8 @@ class Iwdg(Peripheral):
 
     def reset(self):
         super().reset()
-        self.fed = None
-        self.longest = 0.0
+        self.held[self.RLR] = 0xFFF
+        self.fed, self.longest = None, 0.0
 
     @property
     def period(self):
