@@ -271,7 +271,7 @@ cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus 
 }
 
 # Images that firmware/emulated runs.
-readonly EMULATED_IMAGES="rp2040_pico nucleo_g474re nucleo_f446re nrf52840_dk"
+readonly EMULATED_IMAGES="rp2040_pico rp2040_pico_peers heater nucleo_g474re nucleo_f446re nrf52840_dk"
 
 cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits
     if ! has_emulated; then
@@ -522,8 +522,9 @@ cmd_test() { #: set up, then every check, cheap ones first
     say "all checks passed"
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, ten million fuzzed inputs per target; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
     cmd_sweep
+    FUNNEL_EXTENDED=1 cmd_boards-run
     fuzz/run.sh --runs 10000000 can can_fd node serial service session store
     fuzz/run.sh --runs 1000000 scenario
 }

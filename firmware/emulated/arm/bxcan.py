@@ -22,7 +22,7 @@ class BxCan(Peripheral):
 
     def __init__(self, core, base):
         super().__init__(core, base)
-        self.sent = []
+        self.sent, self.sent_at = [], []
 
     def reset(self):
         super().reset()
@@ -78,6 +78,7 @@ class BxCan(Peripheral):
         at = MAILBOXES + 16 * mailbox
         length = self.get(at + 4) & 15
         data = struct.pack("<II", self.get(at + 8), self.get(at + 12))
+        self.sent_at.append(self.core.ns)
         self.sent.append(Frame(identifier >> 21, data[:length]))
         self.held[TSR] = self.get(TSR) | 0x03 << 8 * mailbox
 

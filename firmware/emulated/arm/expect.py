@@ -11,6 +11,7 @@ from words import CONFIGURED, REPORT, STAGED, STATE, STORED, read, words
 
 SCENARIO = "firmware/emulated/pair.toml"
 DEPTHS = (0, 0.5, 1)
+TICK_US, LARGEST_JITTER = 1000, 0.05
 # Function codes of states on CAN.
 STATES = 3, 10
 
@@ -158,11 +159,15 @@ class OnCan(Commissioned):
         return Bus(boards)
 
     def test_two_nodes_run_the_bits_of_loopback(self):
-        bus = self.pair()
+        bus, delays = self.pair(), []
         bus.start(Words.of())
         ticks = Words.of()["ticks"]
         for tick in range(len(ticks) - 1):
+            begin = bus.boards[0].core.ns
             bus.tick(Words.of(), tick)
+            delays.append((bus.boards[0].can.sent_at[-1] - begin) / 1e3)
+        print(f"{self.BOARD.image}: {len(delays)} ticks, state {min(delays):.1f} to {max(delays):.1f} us after SYNC")
+        self.assertLess(max(delays) - min(delays), LARGEST_JITTER * TICK_US)
         for index, sent in enumerate(bus.sent):
             expected = [frame(component) for tick in ticks for component in tick["states"][index]]
             states = [each for each in sent if STATES[0] <= each.id >> 7 <= STATES[1]]

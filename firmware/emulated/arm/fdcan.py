@@ -31,7 +31,7 @@ class Fdcan(Peripheral):
     def __init__(self, core, base, ram_base):
         super().__init__(core, base)
         self.ram = core.add(MessageRam(core, ram_base))
-        self.sent, self.reset_count = [], 0
+        self.sent, self.sent_at = [], []
 
     def reset(self):
         super().reset()
@@ -77,6 +77,7 @@ class Fdcan(Peripheral):
             if buffers >> index & 1 and not self.is_off:
                 words = [self.ram.get(TRANSMIT + ELEMENT * index + 4 * word) for word in range(18)]
                 length = LENGTHS[words[1] >> 16 & 15]
+                self.sent_at.append(self.core.ns)
                 self.sent.append(Frame(words[0] >> 18 & 0x7FF, struct.pack("<16I", *words[2:])[:length], is_fd=bool(words[1] >> 21 & 1)))
         self.flag(TRANSMITTED)
 
