@@ -14,6 +14,8 @@ UID = 0x1FFF7A10
 HZ, TIMER_HZ, BAUD = 160_000_000, 80_000_000, 115_200
 ERASE_NS = 250e6
 BOOT_MS = 10
+# What a look at a clock that is missing takes: longer than on the chip, so that a wait does not take all day.
+POLL_NS = 10e3
 
 
 class Rcc(Peripheral):
@@ -29,7 +31,9 @@ class Rcc(Peripheral):
     def read(self, offset):
         held = self.get(offset)
         if offset == self.CR:
-            held = held if self.has_crystal else held & ~0x10000
+            if not self.has_crystal:
+                held &= ~0x10000
+                self.core.stall(POLL_NS)
             return held & ~0x02020002 | (held & 0x10000) << 1 | (held & 0x01000000) << 1 | (held & 1) << 1 | 3
         if offset == self.CFGR:
             return held & ~0xC | (held & 3) << 2
