@@ -34,6 +34,8 @@ rp2040_pico          rp2040_pico   rp2040_pico         -       98304 19456  8704
 rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -      106496 26624  8704
 heater               rp2040_pico   heater              -       94208 17408  5120
 "
+# Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.
+readonly EMULATED=$ROOT/target/emulated
 # Instructions per node-tick in loopback.
 readonly HOST_LIMIT=1500
 # The paths above and below are those of cargo's default target folders.
@@ -165,6 +167,7 @@ cmd_setup() { #: find or install what the other commands need
     (( ${#missing[@]} == 0 )) || apt_install "${missing[@]}"
     setup_toolchain
     setup_socketcan
+    setup_emulated
     # Not fatal: clippy says where it is skipped.
     target_has_clippy || [[ $(toolchain) != debian ]] || (apt_install rust-web-clippy) || true
     say "host: $(rustc --version); $(valgrind --version)"
@@ -178,6 +181,30 @@ has_package() { apt-cache show "$1" >/dev/null 2>&1; }
 
 setup_socketcan() {
     has_socketcan || (apt_install user-mode-linux can-utils kmod iproute2 patchelf) || say "no user-mode Linux, so no test of SocketCAN"
+}
+
+# Emulators of boards, from npm and PyPI, in the versions of the lock files: development tools alone.
+has_emulated() { have node && [[ -x $EMULATED/venv/bin/python && -s $EMULATED/bootrom.bin && -d firmware/emulated/pico/node_modules/rp2040js ]]; }
+
+setup_emulated() {
+    has_emulated || (install_emulated) || say "no emulators of boards, so none of their images is run"
+}
+
+install_emulated() {
+    local missing=() wheels=$EMULATED/wheels log=$EMULATED/install.log
+    have node || missing+=(nodejs)
+    have npm || missing+=(npm)
+    python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
+    (( ${#missing[@]} == 0 )) || apt_install "${missing[@]}"
+    mkdir -p "$EMULATED"
+    say "installing emulators of boards from npm and PyPI"
+    {
+        (cd firmware/emulated/pico && timeout 300 npm ci --no-audit --no-fund) \
+            && python3 -m venv "$EMULATED/venv" \
+            && timeout 300 "$EMULATED/venv/bin/pip" download --no-deps --require-hashes -d "$wheels" -r firmware/emulated/requirements.txt \
+            && "$EMULATED/venv/bin/pip" install --no-deps --no-index --find-links "$wheels" unicorn pyelftools \
+            && python3 firmware/emulated/bootrom.py "$wheels" "$EMULATED/bootrom.bin"
+    } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "the emulators of boards cannot be installed (the whole output: $log)"; }
 }
 
 cmd_fmt() { #: check the format of every Rust file
@@ -241,6 +268,35 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus and on lines to each other, what can go wrong with emulators and benches, and emulated heaters
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin mps2_peers --bin selftest --bin heater_emulated
     cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters --test lines -- --include-ignored
+}
+
+# Images that firmware/emulated runs.
+readonly EMULATED_IMAGES="rp2040_pico rp2040_pico_peers heater nucleo_g474re nucleo_f446re nrf52840_dk"
+
+cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits
+    if ! has_emulated; then
+        [[ ${CI:-} != true ]] || fail "no emulators of boards: ./ci.sh setup"
+        say "SKIPPED the images of boards on emulators: no node, unicorn or boot ROM; ./ci.sh setup installs them where npm and PyPI can be reached"
+        return
+    fi
+    local image
+    for image in $EMULATED_IMAGES; do image_build "$image"; done
+    cargo build --locked --quiet --package sim-host --bins --example board_words
+    boards_run_pico & local pico=$!
+    boards_run_arm || { kill "$pico" 2>/dev/null; wait "$pico"; fail "images of the boards with a Cortex-M4F"; }
+    wait "$pico" || fail "images of the Raspberry Pi Pico"
+}
+
+boards_run_pico() {
+    local nodes=5 ticks=300
+    (cd firmware/emulated/pico && node --test --test-reporter=spec test/) || return
+    say "a bench of $nodes Picos, $ticks ticks"
+    python3 firmware/emulated/bench.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$(image_path rp2040_pico)" \
+        "$nodes" scenarios/five-agents.toml --set "time.duration=${ticks}ms"
+}
+
+boards_run_arm() {
+    (cd firmware/emulated/arm && "$EMULATED/venv/bin/python" -m unittest --verbose)
 }
 
 cmd_socketcan() { #: benches on a real CAN bus: vcan in a guest kernel, nodes in processes of their own
@@ -459,16 +515,17 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy doc unit package thumb firmware boards panics stack selftest parity socketcan scenarios gallery-check cost fuzz book; do
+    for name in setup fmt clippy doc unit package thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
         say "--- $name"
         "cmd_$name"
     done
     say "all checks passed"
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, memory of a long run, ten million fuzzed inputs per target; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, memory of a long run, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
     cmd_sweep
     cargo test --locked -p sim-host --test memory -- --ignored --nocapture
+    FUNNEL_EXTENDED=1 cmd_boards-run
     fuzz/run.sh --runs 10000000 can can_fd link node serial service session store
     fuzz/run.sh --runs 1000000 scenario
 }

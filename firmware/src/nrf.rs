@@ -1,10 +1,13 @@
-//! Number, clocks, reset cause and watchdog of an nRF52840.
+//! Number, clocks, reset cause, watchdog and serial lines of an nRF52840.
 
+use embassy_nrf::buffered_uarte::Error;
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::wdt::{self, WatchdogHandle};
 use embassy_nrf::{Peri, pac, peripherals::WDT};
+use embedded_io_async::{ErrorType, Read, Write};
 use funnelnet_protocol::service::ResetCause;
 
+use crate::reset;
 use crate::watchdog::PERIOD;
 use funnelnet_app::watchdog::Watchdog;
 
@@ -66,5 +69,41 @@ impl Watchdog for Wdt {
         if let Self::Running(handle) = self {
             handle.pet();
         }
+    }
+}
+
+/// Cycles for the longest answer to leave, which may still wait to be sent: 5 ms.
+const LAST_WORDS: u32 = 5 * 64_000;
+
+/// A UART, or its half that reads, that restarts the node after an overrun.
+///
+/// An overrun comes where the core has stood still for longer than half a buffer lasts, as it does while it erases flash and the host talks on. embassy's driver
+/// takes two ends of reception for one then, and is deaf from there on; its count of bytes may be wrong, too. The node is not running when it erases.
+pub struct OrRestart<U>(pub U);
+
+impl<U: ErrorType> ErrorType for OrRestart<U> {
+    type Error = U::Error;
+}
+
+impl<U: Read<Error = Error>> Read for OrRestart<U> {
+    async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Error> {
+        match self.0.read(bytes).await {
+            Err(Error::Overrun) => {
+                defmt::warn!("serial line: overrun; restart");
+                cortex_m::asm::delay(LAST_WORDS);
+                reset::restart()
+            }
+            read => read,
+        }
+    }
+}
+
+impl<U: Write> Write for OrRestart<U> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, U::Error> {
+        self.0.write(bytes).await
+    }
+
+    async fn flush(&mut self) -> Result<(), U::Error> {
+        self.0.flush().await
     }
 }

@@ -44,6 +44,8 @@ impl Timer {
 
 impl Watchdog for Timer {
     fn start(&mut self) {
+        // Also while a debugger holds the core: else the output would keep its duty for as long.
+        self.0.pause_on_debug(false);
         self.0.start(PERIOD);
     }
 

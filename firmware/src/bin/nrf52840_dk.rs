@@ -12,7 +12,7 @@ use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, peripherals, uarte};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::nrf::{self, Wdt};
+use firmware::nrf::{self, OrRestart, Wdt};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
 use funnelnet_app::link::serial::Serial;
@@ -26,9 +26,9 @@ bind_interrupts!(struct Interrupts {
 #[embassy_executor::task]
 async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>, chip: Chip<Wdt>) {
     static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
-    static LINK: StaticCell<Serial<BufferedUarte<'static>>> = StaticCell::new();
+    static LINK: StaticCell<Serial<OrRestart<BufferedUarte<'static>>>> = StaticCell::new();
     static STORAGE: StaticCell<InFlash<Blocking<Nvmc<'static>>>> = StaticCell::new();
-    let link = LINK.init_with(|| Serial::new(uart));
+    let link = LINK.init_with(|| Serial::new(OrRestart(uart)));
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
     storage.open().await;
     pin!(app::run(&SESSION, link, storage, Virtual, chip)).await

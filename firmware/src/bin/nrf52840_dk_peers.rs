@@ -15,7 +15,7 @@ use embassy_nrf::pac::gpio::vals::Pull;
 use embassy_nrf::{bind_interrupts, peripherals, uarte};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
-use firmware::nrf::{self, Wdt};
+use firmware::nrf::{self, OrRestart, Wdt};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
 use funnelnet_app::link::peers::{PeerBuffers, Peers};
@@ -31,7 +31,7 @@ bind_interrupts!(struct Interrupts {
 /// The pin that hears the neighbour, P1.01.
 const PEER_RX: usize = 1;
 
-type Reader = BufferedUarteRx<'static>;
+type Reader = OrRestart<BufferedUarteRx<'static>>;
 type Writer = BufferedUarteTx<'static>;
 type Halves = (Writer, Reader);
 type Link = Peers<Reader, Writer, Reader, Writer, 1>;
@@ -51,7 +51,7 @@ async fn node(host: Halves, peer: Halves, flash: Nvmc<'static>, chip: Chip<Wdt>)
 /// The half that writes first.
 fn halves(uart: BufferedUarte<'static>) -> Halves {
     let (receive, transmit) = uart.split();
-    (transmit, receive)
+    (transmit, OrRestart(receive))
 }
 
 #[entry]

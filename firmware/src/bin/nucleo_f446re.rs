@@ -80,6 +80,7 @@ fn main() -> ! {
     static BUFFER: ConstStaticCell<RxBuf<RECEIVE_BUFFER>> = ConstStaticCell::new(RxBuf::new());
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+    safety::watch_the_start();
     let chip = embassy_stm32::init(clocks());
     let of_node = safety::begin(chip.IWDG);
     let config = service_plane();

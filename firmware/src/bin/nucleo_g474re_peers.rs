@@ -67,6 +67,7 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     static BUFFERS: ConstStaticCell<[PeerBuffers; PEERS]> = ConstStaticCell::new([PeerBuffers::NEW; PEERS]);
+    safety::watch_the_start();
     let chip = embassy_stm32::init(clocks());
     let of_node = safety::begin(chip.IWDG);
     let mut config = line(BIT_RATE);

@@ -13,11 +13,13 @@ use funnelnet_link::BusState;
 use funnelnet_protocol::can::CanFrame;
 
 use super::{received, width};
-use funnelnet_app::link::can::{Controller, Exchange};
+use funnelnet_app::link::can::{Controller, Exchange, Received};
 
 /// Received frames that wait for the task: the controller itself holds three. 16 are 1 ms of a full bus at 1 Mbit/s.
 pub const RECEIVE_BUFFER: usize = 16;
 
+/// Data bytes of a classic frame at most.
+const LONGEST: u8 = 8;
 /// Readings of a register to wait for the initialization mode at most, some 50 us.
 const LONGEST_WAIT: u32 = 1000;
 
@@ -49,7 +51,7 @@ impl BxCan {
         timing: NominalBitTiming,
         buffer: &'static mut RxBuf<RECEIVE_BUFFER>,
     ) -> Self {
-        can.modify_filters().enable_bank(0, Fifo::Fifo0, Mask32::accept_all());
+        can.modify_filters().enable_bank(0, Fifo::Fifo0, of_this_plane());
         // Frames of one identifier leave in order. Retransmission stays as it is, on: embassy's setter for it is inverted.
         can.set_tx_fifo_scheduling(true);
         drop(can.modify_config().set_bit_timing(timing));
@@ -103,9 +105,23 @@ impl Controller for BxCan {
 
 async fn read(receive: &mut BufferedCanRx<'static, RECEIVE_BUFFER>) -> Exchange {
     match receive.read().await {
-        Ok(envelope) => Exchange::Received(received(envelope.frame.header(), envelope.frame.data())),
+        Ok(envelope) => Exchange::Received(frame_of(&envelope.frame)),
         Err(_) => Exchange::Error,
     }
+}
+
+/// A DLC of 9 to 15 is legal and means eight bytes (ISO 11898-1). The controller passes it on as it is, and the driver's `data` would cut its
+/// eight bytes by it.
+fn frame_of(frame: &Frame) -> Option<Received> {
+    let header = frame.header();
+    received(header, header.len().min(LONGEST), frame.raw_data())
+}
+
+/// Data frames with an identifier of 11 bits: nothing else is of the real-time plane.
+fn of_this_plane() -> Mask32 {
+    let mut mask = Mask32::frames_with_std_id(StandardId::ZERO, StandardId::ZERO);
+    mask.data_frames_only();
+    mask
 }
 
 fn frame(frame: &CanFrame) -> Option<Frame> {

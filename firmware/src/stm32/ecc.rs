@@ -1,22 +1,41 @@
 //! A word of flash whose write a power cut has interrupted: the STM32G4 raises an NMI when it is read (RM0440, "Flash memory error
 //! code correction"). In the storage that is nothing but a record that was not finished; anywhere else it is a defect.
+//!
+//! Where the word is says the controller, and not what the program does at the moment: the NMI may come some cycles after the read.
 #![allow(unsafe_code)]
 
-use core::sync::atomic::Ordering;
-
 use cortex_m_rt::exception;
+use embassy_stm32::flash::FLASH_BASE;
 use embassy_stm32::pac;
+use embassy_stm32::pac::flash::regs::Eccr;
 
 use crate::panic;
-use crate::storage::flash::READING;
+use crate::storage::flash::region;
 
-// SAFETY: the handler uses one register, whose flags are cleared by writing what was read, and one atomic.
+/// Bytes of a bank, where there are two (option byte DBANK).
+const BANK: u32 = 256 << 10;
+/// What one count of ADDR_ECC may be, bytes. The field is as wide as a bank has bytes; that it counts them, and not double words, is not tried.
+/// Either way no code is where the storage is taken to be.
+const UNITS: [u32; 2] = [1, 8];
+
+// SAFETY: the handler uses one register, whose flags are cleared by writing what was read.
 #[exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
-    if READING.load(Ordering::Relaxed) && (eccr.eccd() || eccr.eccd2()) {
+    let is_double = eccr.eccd() || eccr.eccd2();
+    if is_double && UNITS.iter().any(|unit| is_stored(address(eccr, *unit))) {
         pac::FLASH.eccr().write_value(eccr);
     } else {
-        panic::memory_error(eccr.addr_ecc());
+        panic::memory_error(address(eccr, 1));
     }
+}
+
+/// Where the error is, if ADDR_ECC counts `unit` bytes.
+fn address(eccr: Eccr, unit: u32) -> u32 {
+    let bank = if eccr.bk_ecc() { BANK } else { 0 };
+    (FLASH_BASE as u32).wrapping_add(bank).wrapping_add(eccr.addr_ecc().wrapping_mul(unit))
+}
+
+fn is_stored(address: u32) -> bool {
+    region(0).contains(&address)
 }

@@ -184,7 +184,10 @@ impl Controller for FdCan {
 
 async fn read(receive: &BufferedFdCanReceiver) -> Exchange {
     match receive.receive().await {
-        Ok(envelope) => Exchange::Received(received(envelope.frame.header(), envelope.frame.data())),
+        Ok(envelope) => {
+            let header = envelope.frame.header();
+            Exchange::Received(received(header, header.len(), envelope.frame.data()))
+        }
         Err(_) => Exchange::Error,
     }
 }

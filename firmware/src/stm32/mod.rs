@@ -38,10 +38,10 @@ pub fn line(bit_rate: u32) -> usart::Config {
     config
 }
 
-/// A frame of the real-time plane, or `None` for one with a 29-bit identifier and for a remote frame.
-fn received(header: &Header, bytes: &[u8]) -> Option<Received> {
+/// A frame of the real-time plane that holds `length` bytes, or `None` for one with a 29-bit identifier and for a remote frame.
+fn received(header: &Header, length: u8, bytes: &[u8]) -> Option<Received> {
     let Id::Standard(id) = header.id() else { return None };
-    (!header.rtr()).then(|| Received::new(id.as_raw(), header.len(), bytes))
+    (!header.rtr()).then(|| Received::new(id.as_raw(), length, bytes))
 }
 
 /// A number that is not zero, at compile time: quanta and prescalers of a bit.

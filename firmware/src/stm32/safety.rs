@@ -1,7 +1,9 @@
 //! Reset cause and independent watchdog (IWDG, on its own RC oscillator) of an STM32, and with them what it gives its node.
 
 use embassy_stm32::Peri;
+use embassy_stm32::pac;
 use embassy_stm32::pac::RCC;
+use embassy_stm32::pac::iwdg::vals::Key;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use funnelnet_protocol::service::ResetCause;
@@ -11,6 +13,12 @@ use crate::app::Chip;
 use crate::reset;
 use crate::watchdog::PERIOD;
 use funnelnet_app::watchdog::Watchdog;
+
+/// Starts the watchdog with the period that it has after a reset, 0.5 s. Call it first of all: `embassy_stm32::init` waits for a crystal without
+/// limit, and a node whose clock is missing shall go on trying.
+pub fn watch_the_start() {
+    pac::IWDG.kr().write(|kr| kr.set_key(Key::START));
+}
 
 /// What the chip gives its node: number, start, and watchdog. Called once.
 pub fn begin(iwdg: Peri<'static, IWDG>) -> Chip<Iwdg> {
@@ -38,13 +46,15 @@ fn cause() -> ResetCause {
     }
 }
 
-/// The chip's watchdog. Once started it cannot be stopped.
+/// The chip's watchdog, which [`watch_the_start`] has started. It cannot be stopped.
 pub struct Iwdg(IndependentWatchdog<'static, IWDG>);
 
 impl Iwdg {
-    /// Not started yet.
+    /// With its period. It begins with the next feeding, so that is here.
     fn new(iwdg: Peri<'static, IWDG>) -> Self {
-        Self(IndependentWatchdog::new(iwdg, PERIOD.as_micros() as u32))
+        let mut watchdog = IndependentWatchdog::new(iwdg, PERIOD.as_micros() as u32);
+        watchdog.pet();
+        Self(watchdog)
     }
 }
 

@@ -1,7 +1,6 @@
 //! Storage in the flash that a board sets apart: the region STORAGE of its memory map.
 
 use core::ops::Range;
-use core::sync::atomic::{AtomicBool, Ordering};
 
 use embedded_storage::nor_flash as blocking;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
@@ -17,9 +16,6 @@ unsafe extern "C" {
     static __storage_start: u8;
     static __storage_end: u8;
 }
-
-/// The storage is being read: a word that a power cut has spoiled is no defect then.
-pub static READING: AtomicBool = AtomicBool::new(false);
 
 /// The region STORAGE, for a driver that counts from `base`.
 pub fn region(base: u32) -> Range<u32> {
@@ -81,10 +77,7 @@ impl<F: blocking::ReadNorFlash> ReadNorFlash for Blocking<F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
-        READING.store(true, Ordering::Relaxed);
-        let done = self.0.read(offset, bytes);
-        READING.store(false, Ordering::Relaxed);
-        done
+        self.0.read(offset, bytes)
     }
 
     fn capacity(&self) -> usize {

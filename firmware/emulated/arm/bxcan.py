@@ -1,0 +1,141 @@
+"""CAN 1 of the STM32F4 (RM0390, chapter 30): filter banks of FIFO 0, its three places, three mailboxes, bus-off.
+
+Frames go out at once, as in fdcan.py. A DLC of 9 to 15 is kept as it came, as the chip does, with the eight bytes that such a frame has.
+"""
+
+import struct
+
+from core import Peripheral
+from fdcan import Frame, RECOVERY_NS
+
+MCR, MSR, TSR, RF0R, IER, ESR = 0x00, 0x04, 0x08, 0x0C, 0x14, 0x18
+MAILBOXES, RECEIVED, FM1R, FS1R, FFA1R, FA1R, BANKS = 0x180, 0x1B0, 0x204, 0x20C, 0x214, 0x21C, 0x240
+BANK_COUNT, DEPTH = 14, 3
+INRQ, SLEEP = 1, 2
+OVERRUN = 1 << 4
+# Interrupts: mailbox empty, frame pending, errors.
+TX_IRQ, RX0_IRQ, SCE_IRQ = 19, 20, 22
+
+
+class BxCan(Peripheral):
+    """The controller. `sent` is what it has put on the bus; `receive` gives it a frame."""
+
+    def __init__(self, core, base):
+        super().__init__(core, base)
+        self.sent, self.sent_at = [], []
+
+    def reset(self):
+        super().reset()
+        self.held.update({MCR: 0x00010002, 0x200: 0x2A1C0E01})
+        self.fifo, self.lost, self.refused = [], 0, 0
+        self.is_off, self.recovers_at = False, None
+
+    def read(self, offset):
+        if offset == MSR:
+            return self.get(MCR) & (INRQ | SLEEP)
+        if offset == TSR:
+            return self.get(TSR) | 0x1C000000  # all mailboxes empty
+        if offset == RF0R:
+            return len(self.fifo) | (self.get(RF0R) & OVERRUN) | (8 if len(self.fifo) == DEPTH else 0)
+        if offset == ESR:
+            return 248 << 16 | 7 if self.is_off else 0
+        if RECEIVED <= offset < RECEIVED + 16:
+            return self.fifo[0][(offset - RECEIVED) // 4] if self.fifo else 0
+        return self.get(offset)
+
+    def write(self, offset, value):
+        if offset == TSR:
+            self.held[TSR] = self.get(TSR) & ~(value & 0x0F0F0F)
+        elif offset == RF0R:
+            if value & 0x20 and self.fifo:
+                self.fifo.pop(0)
+            if value & OVERRUN:
+                self.held[RF0R] = 0
+        elif offset == MCR:
+            self.leave_initialization(value)
+        elif MAILBOXES <= offset < MAILBOXES + 48 and (offset - MAILBOXES) % 16 == 0 and value & 1:
+            self.transmit((offset - MAILBOXES) // 16, value)
+        else:
+            self.held[offset] = value
+        self.raise_lines()
+
+    def leave_initialization(self, value):
+        left = self.get(MCR) & INRQ and not value & INRQ
+        if left and self.is_off:
+            self.recovers_at = self.core.ns + RECOVERY_NS
+        self.held[MCR] = value
+
+    def raise_lines(self):
+        enabled = self.get(IER)
+        self.core.irq(TX_IRQ, bool(enabled & 1 and self.get(TSR) & 0x010101))
+        self.core.irq(RX0_IRQ, bool(enabled & 2 and self.fifo or enabled & 8 and self.get(RF0R) & OVERRUN))
+
+    # --- sending
+
+    def transmit(self, mailbox, identifier):
+        if self.is_off:
+            return
+        at = MAILBOXES + 16 * mailbox
+        length = self.get(at + 4) & 15
+        data = struct.pack("<II", self.get(at + 8), self.get(at + 12))
+        self.sent_at.append(self.core.ns)
+        self.sent.append(Frame(identifier >> 21, data[:length]))
+        self.held[TSR] = self.get(TSR) | 0x03 << 8 * mailbox
+
+    # --- receiving
+
+    def accepts(self, frame):
+        active, wide, lists, to_fifo_1 = (self.get(register) for register in (FA1R, FS1R, FM1R, FFA1R))
+        return any(self.matches(frame, bank, wide >> bank & 1, lists >> bank & 1)
+                   for bank in range(BANK_COUNT) if active >> bank & 1 and not to_fifo_1 >> bank & 1)
+
+    def matches(self, frame, bank, is_wide, is_list):
+        first, second = self.get(BANKS + 8 * bank), self.get(BANKS + 8 * bank + 4)
+        if is_wide:
+            word, fields = identifier(frame), [first, second]
+        else:
+            word = short_identifier(frame)
+            fields = [first & 0xFFFF, first >> 16, second & 0xFFFF, second >> 16]
+        if is_list:
+            return word in fields
+        return any(word & mask == value & mask for value, mask in zip(fields[::2], fields[1::2]))
+
+    def receive(self, frame):
+        if self.is_off or self.get(MCR) & (INRQ | SLEEP):
+            return
+        if not self.accepts(frame):
+            self.refused += 1
+            return
+        if len(self.fifo) >= DEPTH:
+            self.lost += 1
+            self.held[RF0R] = OVERRUN
+        else:
+            code = frame.dlc if frame.dlc is not None else len(frame.data)
+            self.fifo.append((identifier(frame), code, *struct.unpack("<II", (frame.data + bytes(8))[:8])))
+        self.raise_lines()
+
+    # --- bus-off
+
+    def go_off(self):
+        self.is_off = True
+
+    def advance(self, before, after):
+        if self.recovers_at is not None and after >= self.recovers_at:
+            self.is_off, self.recovers_at = False, None
+
+    def next_event(self):
+        return self.recovers_at
+
+
+def identifier(frame):
+    """As in a filter of 32 bits and in the receive FIFO."""
+    if frame.is_extended:
+        return frame.id << 3 | 4 | frame.is_remote << 1
+    return frame.id << 21 | frame.is_remote << 1
+
+
+def short_identifier(frame):
+    """As in a filter of 16 bits."""
+    if frame.is_extended:
+        return frame.id >> 18 << 5 | 8 | frame.is_remote << 4 | frame.id >> 15 & 7
+    return frame.id << 5 | frame.is_remote << 4

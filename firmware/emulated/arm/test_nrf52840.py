@@ -1,0 +1,17 @@
+"""The nRF52840-DK's image."""
+
+import unittest
+
+import settings
+from expect import OnLine
+from nrf52840 import Nrf52840
+
+
+class Line(OnLine, unittest.TestCase):
+    """Both planes on UARTE 0."""
+
+    BOARD, WATCHDOG_S, CUT_EVERY = Nrf52840, 2.0, settings.cut_every(25)
+
+
+if __name__ == "__main__":
+    unittest.main()

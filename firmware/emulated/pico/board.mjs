@@ -1,0 +1,51 @@
+// A Pico with a host at its line, in virtual time: the same every time.
+import path from 'node:path';
+import { Frames, LineIn, kind } from './line.mjs';
+import { Pico, bootRom } from './pico.mjs';
+import { KIND, ROOT, bytes, read } from './words.mjs';
+
+const IMAGES = path.join(ROOT, 'firmware/target/thumbv6m-none-eabi/release');
+const BOOT_ROM = bootRom(path.join(ROOT, 'target/emulated/bootrom.bin'));
+const MS = 1e6;
+const STEP_NS = 50_000;
+// From power on to a node that listens.
+const BOOT_MS = 20;
+
+export class Board {
+  constructor(image, { storage = null, uid } = {}) {
+    this.pico = new Pico({ image: path.join(IMAGES, image), bootRom: BOOT_ROM, storage, uid });
+    [this.uart] = this.pico.uarts;
+    this.line = new LineIn(this.pico, this.uart);
+    this.said = [];
+    const frames = new Frames((frame) => this.said.push({ at: this.pico.now, frame }));
+    this.uart.onByte = (byte) => frames.push(byte);
+  }
+
+  // One that has started.
+  static booted(image, options) {
+    const board = new Board(image, options);
+    board.ms(BOOT_MS);
+    return board;
+  }
+
+  ms(count) { this.pico.runFor(count * MS); }
+
+  tell(hex) { this.line.push(bytes(hex)); }
+
+  // Says something and waits for a frame of this kind; what that says, or null.
+  ask(hex, wanted, withinMs = 1000) {
+    const from = this.said.length, end = this.pico.now + withinMs * MS;
+    this.tell(hex);
+    while (this.pico.now < end) {
+      this.pico.runFor(STEP_NS);
+      const answer = this.said.slice(from).find(({ frame }) => kind(frame) === wanted);
+      if (answer) return read([answer.frame])[0];
+    }
+    return null;
+  }
+
+  identity(words) { return this.ask(words.hello, KIND.identity)?.identity ?? null; }
+
+  // The same flash in a board that has had no supply.
+  powerCycled(image) { return Board.booted(image, { storage: this.pico.storage() }); }
+}
