@@ -1,14 +1,31 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
+pub mod bus;
+pub mod controller;
+pub mod counters;
 mod crc;
+pub mod driver;
+pub mod event;
+pub mod filter;
 pub mod frame;
 pub mod length;
+pub mod noise;
+mod participant;
 pub mod rate;
+mod reader;
 mod stuff;
 pub mod wire;
 
+pub use bus::Bus;
+pub use controller::Order;
+pub use counters::{Counters, Mode};
+pub use driver::Queue;
+pub use event::{Event, What};
+pub use filter::Filter;
 pub use frame::{Frame, FrameError, Id, Kind};
 pub use length::Length;
+pub use noise::{BitErrors, Hit, Noise, Quiet, SeenBy};
 pub use rate::{BitRate, RateError, Timing};
-pub use wire::Wire;
+pub use reader::ErrorKind;
+pub use wire::{Field, Wire};
