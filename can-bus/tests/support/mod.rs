@@ -1,4 +1,5 @@
 //! Random frames, the same ones for every judge.
+#![allow(dead_code, reason = "each test uses a part of it")]
 
 use funnelnet_can_bus::{Frame, Id, Kind};
 use std::fmt::Write as _;
