@@ -31,12 +31,22 @@ pub struct Bus<N> {
 struct Node {
     controller: Controller,
     participant: Participant,
-    /// The buffer that it is sending, and since when.
-    sending: Option<(usize, u64)>,
+    attempt: Option<Attempt>,
     /// How it takes part, as last reported.
     mode: Mode,
     /// When its recovery from bus-off was begun, ns.
     restarted: u64,
+}
+
+/// A frame on the way.
+#[derive(Clone, Copy, Debug)]
+struct Attempt {
+    /// Its transmit buffer.
+    buffer: usize,
+    /// Its start of frame, ns.
+    started: u64,
+    /// Its sender was error-passive then.
+    passive: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -86,7 +96,7 @@ impl<N: Noise> Bus<N> {
         self.nodes.push(Node {
             controller,
             participant: Participant::new(),
-            sending: None,
+            attempt: None,
             mode: Mode::Active,
             restarted: 0,
         });
@@ -138,9 +148,9 @@ impl<N: Noise> Bus<N> {
             Phase::Start { at } if at <= self.now => Some(at),
             _ => None,
         };
-        let Node { controller, participant, sending, .. } = &mut self.nodes[node];
+        let Node { controller, participant, attempt, .. } = &mut self.nodes[node];
         let begun = starting.filter(|_| participant.may_begin()).and_then(|at| controller.next(at));
-        controller.cancel(sending.map(|(buffer, _)| buffer).or(begun));
+        controller.cancel(attempt.map(|attempt| attempt.buffer).or(begun));
     }
 
     /// Begins the recovery of a controller that is off the bus: it takes part again after 128 times 11 recessive bits.
@@ -288,7 +298,7 @@ impl<N: Noise> Bus<N> {
             hit.after -= u64::from(length.bits());
         }
         self.busy_ns += clean.free - at;
-        self.nodes[clean.node].sending = Some((buffer, at));
+        self.nodes[clean.node].attempt = Some(Attempt { buffer, started: at, passive: false });
         self.phase = Phase::Clean(clean);
         if contended {
             self.report_losers(at, clean.node, buffer, sink);
@@ -315,10 +325,7 @@ impl<N: Noise> Bus<N> {
         let node = &mut self.nodes[clean.node];
         match clean.stage {
             Stage::Receive => {
-                let frame = node
-                    .sending
-                    .and_then(|(buffer, _)| node.controller.pending(buffer))
-                    .map(|sent| sent.frame);
+                let frame = node.sent().map(|pending| pending.frame);
                 if let Some(frame) = frame {
                     self.receive_clean(clean.node, frame, sink);
                 }
@@ -492,22 +499,23 @@ impl Node {
 
     /// The frame that it is sending.
     fn sent(&self) -> Option<&Pending> {
-        self.sending.and_then(|(buffer, _)| self.controller.pending(buffer))
+        self.attempt.and_then(|attempt| self.controller.pending(attempt.buffer))
     }
 
     /// Begins to send a frame that came until `by`, if there is one, in the bit that began at `at`.
     fn begin(&mut self, at: u64, by: u64) {
         let Some(buffer) = self.controller.next(by) else { return };
         if let Some(pending) = self.controller.pending(buffer) {
-            self.participant.begin(&pending.frame);
-            self.sending = Some((buffer, at));
+            let passive = self.participant.mode() == Mode::Passive;
+            self.participant.begin(&pending.frame, passive);
+            self.attempt = Some(Attempt { buffer, started: at, passive });
         }
     }
 
     /// The attempt that was on the way, if one was, has not succeeded.
     fn failed(&mut self, error: bool) {
-        if let Some((buffer, _)) = self.sending.take() {
-            self.controller.failed(buffer, error);
+        if let Some(attempt) = self.attempt.take() {
+            self.controller.failed(attempt.buffer, error);
         }
     }
 
@@ -534,9 +542,9 @@ impl Node {
     }
 
     fn report_sent(&mut self, at: u64, node: usize, sink: &mut impl FnMut(Event)) {
-        let Some((buffer, started)) = self.sending.take() else { return };
+        let Some(Attempt { buffer, started, passive }) = self.attempt.take() else { return };
         if let Some(Pending { frame, ready, errors, .. }) = self.controller.remove(buffer) {
-            sink(Event { at, node, what: What::Sent { frame, ready, started, errors } });
+            sink(Event { at, node, what: What::Sent { frame, passive, ready, started, errors } });
         }
     }
 

@@ -23,6 +23,8 @@ pub enum What {
     Sent {
         /// The frame.
         frame: Frame,
+        /// Whether its sender was error-passive at the start, which a CAN FD frame tells.
+        passive: bool,
         /// When the frame came into its transmit buffer, ns.
         ready: u64,
         /// When the start of this attempt was, ns.

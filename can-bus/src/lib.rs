@@ -2,6 +2,9 @@
 #![forbid(unsafe_code)]
 
 pub mod bus;
+pub mod candump;
+#[cfg(feature = "pcapng")]
+pub mod capture;
 pub mod controller;
 pub mod counters;
 mod crc;
@@ -14,10 +17,15 @@ pub mod noise;
 mod participant;
 pub mod rate;
 mod reader;
+pub mod record;
 mod stuff;
+pub mod table;
 pub mod wire;
 
 pub use bus::Bus;
+pub use candump::Line;
+#[cfg(feature = "pcapng")]
+pub use capture::Capture;
 pub use controller::Order;
 pub use counters::{Counters, Mode};
 pub use driver::Queue;
@@ -28,4 +36,6 @@ pub use length::Length;
 pub use noise::{BitErrors, Hit, Noise, Quiet, SeenBy};
 pub use rate::{BitRate, RateError, Timing};
 pub use reader::ErrorKind;
+pub use record::Record;
+pub use table::Table;
 pub use wire::{Field, Wire};

@@ -142,8 +142,8 @@ impl Participant {
     }
 
     /// Begins to send with the start of frame.
-    pub(crate) fn begin(&mut self, frame: &Frame) {
-        let wire = Wire::of(frame, self.mode() == Mode::Passive);
+    pub(crate) fn begin(&mut self, frame: &Frame, passive: bool) {
+        let wire = Wire::of(frame, passive);
         self.start(Some(Sending { wire, at: 0 }));
     }
 
