@@ -7,12 +7,13 @@ use crate::controller::{Controller, Order, Pending};
 use crate::counters::{Counters, Mode};
 use crate::event::{Event, What};
 use crate::filter::Filter;
-use crate::frame::Frame;
+use crate::frame::{Frame, Id, LARGEST_BASE};
 use crate::length::{END, INTERMISSION, Length};
 use crate::noise::{Hit, Noise, SeenBy};
 use crate::participant::{Happening, Participant};
 use crate::rate::Timing;
 use crate::wire::{DOMINANT, Pace, RECESSIVE};
+use std::collections::BTreeSet;
 
 /// A CAN bus and the controllers on it, which are numbered from 0 on in the order in which they were added.
 #[derive(Debug)]
@@ -25,6 +26,16 @@ pub struct Bus<N> {
     now: u64,
     busy_ns: u64,
     bit_by_bit: bool,
+    report_losses: bool,
+    /// What an arbitration between controllers that are on the bus would come to: priorities of their next frames, with the controllers.
+    waiting: BTreeSet<(u32, usize)>,
+    /// A frame came, or was cancelled, between a start of frame and its sample point: what waits is not what takes part.
+    late: bool,
+    /// A controller may recover from bus-off.
+    recovering: bool,
+    /// A controller may have a receive error counter above zero.
+    heard_errors: bool,
+    routes: Routes,
 }
 
 #[derive(Debug)]
@@ -32,6 +43,8 @@ struct Node {
     controller: Controller,
     participant: Participant,
     attempt: Option<Attempt>,
+    /// Its entry in what waits.
+    waits: Option<u32>,
     /// How it takes part, as last reported.
     mode: Mode,
     /// When its recovery from bus-off was begun, ns.
@@ -82,7 +95,22 @@ impl<N: Noise> Bus<N> {
     pub fn new(timing: Timing, mut noise: N) -> Self {
         let hit = noise.next();
         let phase = Phase::Idle { since: 0 };
-        Self { timing, noise, hit, nodes: Vec::new(), phase, now: 0, busy_ns: 0, bit_by_bit: false }
+        Self {
+            timing,
+            noise,
+            hit,
+            nodes: Vec::new(),
+            phase,
+            now: 0,
+            busy_ns: 0,
+            bit_by_bit: false,
+            report_losses: true,
+            waiting: BTreeSet::new(),
+            late: false,
+            recovering: false,
+            heard_errors: false,
+            routes: Routes::default(),
+        }
     }
 
     /// Lets undisturbed frames go bit by bit too: slower, with the same result.
@@ -90,13 +118,21 @@ impl<N: Noise> Bus<N> {
         self.bit_by_bit = on;
     }
 
+    /// Whether lost arbitrations of undisturbed frames are reported, which they are at first. Where many controllers send at once, that is most of
+    /// the events.
+    pub fn report_losses(&mut self, on: bool) {
+        self.report_losses = on;
+    }
+
     /// Adds a controller, error-active, before time passes; its number.
     pub fn add(&mut self, order: Order, filter: Filter) -> usize {
         let controller = Controller::new(order, filter);
+        self.routes = Routes::default();
         self.nodes.push(Node {
             controller,
             participant: Participant::new(),
             attempt: None,
+            waits: None,
             mode: Mode::Active,
             restarted: 0,
         });
@@ -127,14 +163,19 @@ impl<N: Noise> Bus<N> {
     #[must_use]
     pub fn send(&mut self, node: usize, frame: Frame) -> bool {
         let loaded = self.nodes[node].controller.load(frame, self.now);
-        if let Phase::Idle { since } = self.phase
-            && loaded
-            && self.nodes[node].participant.may_begin()
-        {
-            self.settle_idle();
-            self.phase = Phase::Start { at: since.max(self.now) };
+        if !loaded {
+            return false;
         }
-        loaded
+        self.note_waiting(node);
+        match self.phase {
+            Phase::Idle { since } if self.nodes[node].participant.may_begin() => {
+                self.settle_idle();
+                self.phase = Phase::Start { at: since.max(self.now) };
+            }
+            Phase::Start { at } if at < self.now => self.late = true,
+            _ => {}
+        }
+        true
     }
 
     /// Free transmit buffers of a controller.
@@ -151,14 +192,18 @@ impl<N: Noise> Bus<N> {
         let Node { controller, participant, attempt, .. } = &mut self.nodes[node];
         let begun = starting.filter(|_| participant.may_begin()).and_then(|at| controller.next(at));
         controller.cancel(attempt.map(|attempt| attempt.buffer).or(begun));
+        self.late |= starting.is_some();
+        self.note_waiting(node);
     }
 
     /// Begins the recovery of a controller that is off the bus: it takes part again after 128 times 11 recessive bits.
     pub fn restart(&mut self, node: usize) {
         self.settle_idle();
         let node = &mut self.nodes[node];
-        node.restarted = self.now;
-        node.participant.restart();
+        if node.participant.restart() {
+            node.restarted = self.now;
+            self.recovering = true;
+        }
     }
 
     /// The oldest frame in the receive FIFO of a controller.
@@ -185,6 +230,7 @@ impl<N: Noise> Bus<N> {
     pub fn next_at(&self) -> Option<u64> {
         let (nominal, rate) = (self.timing.nominal().bit_ns(), self.timing.nominal().sample_ns());
         match self.phase {
+            Phase::Idle { .. } if !self.recovering => None,
             Phase::Idle { since } => {
                 let bits = self.nodes.iter().filter_map(|node| node.participant.bits_to_recovery()).min()?;
                 Some(since + (bits - 1) * nominal + rate)
@@ -223,12 +269,15 @@ impl<N: Noise> Bus<N> {
         }
         let bits = (now - *since - sample) / bit + 1;
         *since += bits * bit;
-        self.nodes.iter_mut().for_each(|node| node.participant.pass_recessive(bits));
+        if self.recovering {
+            self.nodes.iter_mut().for_each(|node| node.participant.pass_recessive(bits));
+        }
     }
 
     fn recover(&mut self, sink: &mut impl FnMut(Event)) {
         self.settle_idle();
         self.report_modes(sink);
+        self.note_all();
         if let Phase::Idle { since } = self.phase {
             self.begin_or_idle(since);
         }
@@ -236,9 +285,32 @@ impl<N: Noise> Bus<N> {
 
     /// The bus is recessive, and free from `at` on.
     fn begin_or_idle(&mut self, at: u64) {
-        let waits = |node: &Node| node.participant.may_begin() && node.controller.next(at).is_some();
-        self.phase =
-            if self.nodes.iter().any(waits) { Phase::Start { at } } else { Phase::Idle { since: at } };
+        self.phase = if self.waiting.is_empty() { Phase::Idle { since: at } } else { Phase::Start { at } };
+    }
+
+    /// Notes with what a controller would take part in an arbitration.
+    fn note_waiting(&mut self, number: usize) {
+        let node = &mut self.nodes[number];
+        let next = if node.participant.mode() == Mode::Off { None } else { node.controller.next(self.now) };
+        let waits =
+            next.and_then(|buffer| node.controller.pending(buffer)).map(|pending| pending.frame.priority());
+        let before = std::mem::replace(&mut node.waits, waits);
+        if before == waits {
+            return;
+        }
+        if let Some(before) = before {
+            self.waiting.remove(&(before, number));
+        }
+        if let Some(waits) = waits {
+            self.waiting.insert((waits, number));
+        }
+    }
+
+    /// Notes what may have changed anywhere.
+    fn note_all(&mut self) {
+        (0..self.nodes.len()).for_each(|node| self.note_waiting(node));
+        self.recovering = self.nodes.iter().any(|node| node.participant.is_recovering());
+        self.heard_errors = self.nodes.iter().any(|node| node.participant.counters.receive > 0);
     }
 
     fn report_modes(&mut self, sink: &mut impl FnMut(Event)) {
@@ -249,49 +321,39 @@ impl<N: Noise> Bus<N> {
 
     /// The sample point of a start of frame: all that have a frame by now take part in the arbitration.
     fn start(&mut self, at: u64, sink: &mut impl FnMut(Event)) {
-        let mut best: Option<(u32, usize, usize)> = None;
-        let mut contended = 0;
-        for (number, node) in self.nodes.iter().enumerate().filter(|(_, node)| node.participant.may_begin()) {
-            let Some(buffer) = node.contends_with(at, self.now) else { continue };
-            let Some(pending) = node.controller.pending(buffer) else { continue };
-            let rank = pending.frame.priority();
-            contended += 1;
-            match best {
-                Some((priority, ..)) if priority < rank => {}
-                // Two with the same: they collide.
-                Some((priority, ..)) if priority == rank => return self.bit(at, Pace::Nominal, sink),
-                _ => best = Some((rank, number, buffer)),
-            }
-        }
-        let Some((_, node, buffer)) = best else {
+        let late = std::mem::take(&mut self.late);
+        let mut best = self.waiting.iter();
+        let Some(&(priority, node)) = best.next() else {
             self.phase = Phase::Idle { since: at };
             return;
         };
-        let clean = self.clean_frame(at, node, buffer);
+        let collides = best.next().is_some_and(|&(next, _)| next == priority);
+        let clean = if late || collides || self.bit_by_bit { None } else { self.clean_frame(at, node) };
         match clean {
-            Some(clean) if !self.bit_by_bit => self.begin_clean(at, clean, buffer, contended > 1, sink),
-            _ => self.bit(at, Pace::Nominal, sink),
+            Some((clean, buffer, length)) => self.begin_clean(at, clean, buffer, length, sink),
+            None => self.bit(at, Pace::Nominal, sink),
         }
     }
 
     /// The frame as one step, if nothing disturbs it: its sender is error-active, another one acknowledges, no bit is hit.
-    fn clean_frame(&self, at: u64, node: usize, buffer: usize) -> Option<(Clean, Length)> {
+    fn clean_frame(&self, at: u64, node: usize) -> Option<(Clean, usize, Length)> {
         let is_on = |node: &Node| node.participant.mode() != Mode::Off;
         let acknowledged =
             self.nodes.iter().enumerate().any(|(number, other)| number != node && is_on(other));
         let sender = &self.nodes[node];
+        let buffer = sender.controller.next(at)?;
         let length = Length::of(&sender.controller.pending(buffer)?.frame, false);
         let hit = self.hit.is_some_and(|hit| hit.after < u64::from(length.bits()));
         let clean = Clean { node, free: at + length.ns(self.timing), stage: Stage::Receive };
-        (acknowledged && !hit && sender.participant.mode() == Mode::Active).then_some((clean, length))
+        (acknowledged && !hit && sender.participant.mode() == Mode::Active).then_some((clean, buffer, length))
     }
 
     fn begin_clean(
         &mut self,
         at: u64,
-        (clean, length): (Clean, Length),
+        clean: Clean,
         buffer: usize,
-        contended: bool,
+        length: Length,
         sink: &mut impl FnMut(Event),
     ) {
         if let Some(hit) = &mut self.hit {
@@ -300,23 +362,16 @@ impl<N: Noise> Bus<N> {
         self.busy_ns += clean.free - at;
         self.nodes[clean.node].attempt = Some(Attempt { buffer, started: at, passive: false });
         self.phase = Phase::Clean(clean);
-        if contended {
-            self.report_losers(at, clean.node, buffer, sink);
+        if self.report_losses {
+            self.report_losers(clean.node, sink);
         }
     }
 
-    fn report_losers(&mut self, at: u64, winner: usize, buffer: usize, sink: &mut impl FnMut(Event)) {
-        let (now, to) =
-            (self.now, self.nodes[winner].controller.pending(buffer).map(|pending| pending.frame.id()));
-        for (node, loser) in self.nodes.iter_mut().enumerate() {
-            if node == winner || !loser.participant.may_begin() {
-                continue;
-            }
-            let Some(buffer) = loser.contends_with(at, now) else { continue };
-            if let Some(pending) = loser.controller.pending(buffer) {
-                sink(Event { at: now, node, what: What::LostArbitration { id: pending.frame.id(), to } });
-            }
-            loser.controller.failed(buffer, false);
+    fn report_losers(&self, winner: usize, sink: &mut impl FnMut(Event)) {
+        let to = self.nodes[winner].waits.map(Id::of_priority);
+        for &(priority, node) in self.waiting.iter().filter(|(_, node)| *node != winner) {
+            let what = What::LostArbitration { id: Id::of_priority(priority), to };
+            sink(Event { at: self.now, node, what });
         }
     }
 
@@ -335,24 +390,43 @@ impl<N: Noise> Bus<N> {
                 node.participant.counters.sent();
                 node.report_sent(at, clean.node, sink);
                 node.report_mode(at, clean.node, sink);
+                self.note_waiting(clean.node);
                 self.phase = Phase::Clean(Clean { stage: Stage::Free, ..clean });
             }
             Stage::Free => {
-                self.recover_after(clean);
-                self.report_modes(sink);
+                if self.recovering {
+                    self.recover_after(clean);
+                    self.report_modes(sink);
+                    self.note_all();
+                }
                 self.begin_or_idle(clean.free);
             }
         }
     }
 
     fn receive_clean(&mut self, sender: usize, frame: Frame, sink: &mut impl FnMut(Event)) {
+        if self.heard_errors {
+            self.count_received(sender, sink);
+        }
         let at = self.now;
+        let route = self.routes.take(frame.id(), &self.nodes);
+        for &number in &route {
+            let node = &mut self.nodes[number];
+            if number != sender && node.participant.mode() != Mode::Off {
+                node.report_received(at, number, frame, sink);
+            }
+        }
+        self.routes.put_back(frame.id(), route);
+    }
+
+    fn count_received(&mut self, sender: usize, sink: &mut impl FnMut(Event)) {
+        self.heard_errors = false;
         for (number, node) in self.nodes.iter_mut().enumerate() {
             if number != sender && node.participant.mode() != Mode::Off {
                 node.participant.counters.received();
-                node.report_received(at, number, frame, sink);
-                node.report_mode(at, number, sink);
+                node.report_mode(self.now, number, sink);
             }
+            self.heard_errors |= node.participant.counters.receive > 0;
         }
     }
 
@@ -393,6 +467,7 @@ impl<N: Noise> Bus<N> {
             self.busy_ns += next - at;
         }
         if self.nodes.iter().all(|node| node.participant.is_quiet()) {
+            self.note_all();
             self.begin_or_idle(next);
         } else {
             self.phase = Phase::Bits { at: next, pace: self.pace() };
@@ -476,6 +551,33 @@ impl<N: Noise> Bus<N> {
     }
 }
 
+/// Who keeps the frames of an 11-bit identifier, as far as that was asked. Filters do not change.
+#[derive(Debug, Default)]
+struct Routes {
+    base: Vec<Option<Vec<usize>>>,
+}
+
+impl Routes {
+    /// The controllers whose filters keep an identifier.
+    fn take(&mut self, id: Id, nodes: &[Node]) -> Vec<usize> {
+        let known = match id {
+            Id::Base(id) => self.base.get_mut(usize::from(id)).and_then(Option::take),
+            Id::Extended(_) => None,
+        };
+        let keeps = |number: &usize| nodes[*number].controller.filter.keeps(id);
+        known.unwrap_or_else(|| (0..nodes.len()).filter(keeps).collect())
+    }
+
+    fn put_back(&mut self, id: Id, route: Vec<usize>) {
+        let Id::Base(id) = id else { return };
+        let at = usize::from(id);
+        if self.base.len() <= at {
+            self.base.resize(usize::from(LARGEST_BASE) + 1, None);
+        }
+        self.base[at] = Some(route);
+    }
+}
+
 /// Recessive bits after an acknowledgement: its delimiter, the end of frame, the intermission.
 const RECESSIVE_END: u64 = 1 + (END + INTERMISSION) as u64;
 
@@ -492,11 +594,6 @@ impl Stage {
 }
 
 impl Node {
-    /// The buffer with which it takes part in an arbitration that began at `at`, if its frame came by then or to the sample point.
-    fn contends_with(&self, at: u64, sample: u64) -> Option<usize> {
-        self.controller.next(at).or_else(|| self.controller.next(sample))
-    }
-
     /// The frame that it is sending.
     fn sent(&self) -> Option<&Pending> {
         self.attempt.and_then(|attempt| self.controller.pending(attempt.buffer))

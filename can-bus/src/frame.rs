@@ -23,6 +23,18 @@ pub enum Id {
     Extended(u32),
 }
 
+impl Id {
+    /// The identifier of a frame with this [priority](Frame::priority).
+    pub(crate) fn of_priority(priority: u32) -> Self {
+        let base = priority >> 21;
+        if priority >> 19 & 1 == 0 {
+            Self::Base(base as u16)
+        } else {
+            Self::Extended(base << 18 | priority >> 1 & 0x3_FFFF)
+        }
+    }
+}
+
 impl fmt::Display for Id {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -233,5 +245,6 @@ mod tests {
             Frame::data(Id::Base(0x124), &[]).unwrap(),
         ];
         assert!(frames.is_sorted_by(|a, b| a.priority() < b.priority()));
+        assert!(frames.iter().all(|frame| Id::of_priority(frame.priority()) == frame.id()));
     }
 }

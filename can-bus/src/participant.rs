@@ -147,11 +147,13 @@ impl Participant {
         self.start(Some(Sending { wire, at: 0 }));
     }
 
-    /// Begins to recover from bus-off. Nothing happens if it is not off, or recovers already.
-    pub(crate) fn restart(&mut self) {
-        if self.state == State::Off {
+    /// Begins to recover from bus-off; whether it was off, and did not recover already.
+    pub(crate) fn restart(&mut self) -> bool {
+        let off = self.state == State::Off;
+        if off {
             self.state = State::Recovering { run: 0, times: 0 };
         }
+        off
     }
 
     pub(crate) fn is_recovering(&self) -> bool {
