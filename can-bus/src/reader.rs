@@ -297,7 +297,7 @@ mod tests {
     }
 
     fn frames() -> Vec<Frame> {
-        let data: Vec<u8> = (0..64).map(|at: u8| if at % 3 == 0 { 0 } else { at }).collect();
+        let data: Vec<u8> = (0..64).map(|at: u8| if at.is_multiple_of(3) { 0 } else { at }).collect();
         let ids = [Id::Base(0x185), Id::Base(0), Id::Extended(0x1234_5678), Id::Extended(0)];
         ids.into_iter()
             .flat_map(|id| {
