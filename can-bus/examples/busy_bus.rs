@@ -1,14 +1,16 @@
-//! A load for counting instructions: nodes of degree 4 on a bus, a state of each in each tick. `busy_bus TICKS [NODES]`; prints what was carried.
+//! A load for counting instructions: nodes of degree 4 on a bus, a state of each in each tick. `busy_bus TICKS [NODES [losses]]`
+//! prints what was carried; with `losses`, lost arbitrations are reported too.
 
 use funnelnet_can_bus::{BitRate, Bus, Event, Filter, Frame, Id, Order, Quiet, Timing, What};
 
 const TICK_NS: u64 = 20_000_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut arguments = std::env::args().skip(1).map(|argument| argument.parse::<u64>());
-    let ticks = arguments.next().ok_or("usage: busy_bus TICKS [NODES]")??;
-    let nodes = arguments.next().transpose()?.unwrap_or(100) as usize;
+    let mut arguments = std::env::args().skip(1);
+    let ticks: u64 = arguments.next().ok_or("usage: busy_bus TICKS [NODES [losses]]")?.parse()?;
+    let nodes: usize = arguments.next().map_or(Ok(100), |nodes| nodes.parse())?;
     let mut bus = Bus::new(Timing::classic(BitRate::new(1_000_000, 875)?), Quiet);
+    bus.report_losses(arguments.next().as_deref() == Some("losses"));
     let id = |node: usize| Id::Base(0x180 + (node % nodes) as u16);
     for node in 0..nodes {
         let neighbours = [nodes - 2, nodes - 1, 1, 2].map(|by| id(node + by));
