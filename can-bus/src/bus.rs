@@ -13,7 +13,6 @@ use crate::noise::{Hit, Noise, SeenBy};
 use crate::participant::{Happening, Participant};
 use crate::rate::Timing;
 use crate::wire::{DOMINANT, Pace, RECESSIVE};
-use std::collections::BTreeSet;
 
 /// A CAN bus and the controllers on it, which are numbered from 0 on in the order in which they were added.
 #[derive(Debug)]
@@ -28,7 +27,8 @@ pub struct Bus<N> {
     bit_by_bit: bool,
     report_losses: bool,
     /// What an arbitration between controllers that are on the bus would come to: priorities of their next frames, with the controllers.
-    waiting: BTreeSet<(u32, usize)>,
+    /// The one that wins is the last.
+    waiting: Vec<(u32, usize)>,
     /// A frame came, or was cancelled, between a start of frame and its sample point: what waits is not what takes part.
     late: bool,
     /// A controller may recover from bus-off.
@@ -105,7 +105,7 @@ impl<N: Noise> Bus<N> {
             busy_ns: 0,
             bit_by_bit: false,
             report_losses: true,
-            waiting: BTreeSet::new(),
+            waiting: Vec::new(),
             late: false,
             recovering: false,
             heard_errors: false,
@@ -298,11 +298,14 @@ impl<N: Noise> Bus<N> {
         if before == waits {
             return;
         }
+        let place = |waiting: &[(u32, usize)], entry| waiting.partition_point(|&other| other > entry);
         if let Some(before) = before {
-            self.waiting.remove(&(before, number));
+            let at = place(&self.waiting, (before, number));
+            self.waiting.remove(at);
         }
         if let Some(waits) = waits {
-            self.waiting.insert((waits, number));
+            let at = place(&self.waiting, (waits, number));
+            self.waiting.insert(at, (waits, number));
         }
     }
 
@@ -322,7 +325,7 @@ impl<N: Noise> Bus<N> {
     /// The sample point of a start of frame: all that have a frame by now take part in the arbitration.
     fn start(&mut self, at: u64, sink: &mut impl FnMut(Event)) {
         let late = std::mem::take(&mut self.late);
-        let mut best = self.waiting.iter();
+        let mut best = self.waiting.iter().rev();
         let Some(&(priority, node)) = best.next() else {
             self.phase = Phase::Idle { since: at };
             return;
@@ -369,7 +372,7 @@ impl<N: Noise> Bus<N> {
 
     fn report_losers(&self, winner: usize, sink: &mut impl FnMut(Event)) {
         let to = self.nodes[winner].waits.map(Id::of_priority);
-        for &(priority, node) in self.waiting.iter().filter(|(_, node)| *node != winner) {
+        for &(priority, node) in self.waiting.iter().rev().filter(|(_, node)| *node != winner) {
             let what = What::LostArbitration { id: Id::of_priority(priority), to };
             sink(Event { at: self.now, node, what });
         }

@@ -3,6 +3,9 @@
 const POLYNOMIAL_15: u16 = 0x4599;
 const MASK_15: u16 = 0x7FFF;
 
+/// Bytes of what is given as a number.
+const BYTES: usize = 16;
+
 /// CRC-15 of one byte.
 const TABLE_15: [u16; 256] = {
     let mut table = [0; 256];
@@ -25,10 +28,10 @@ const fn step_15(crc: u16, bit: bool) -> u16 {
 
 /// CRC-15 of `bytes` bytes, the last ones of `bits`. It begins with zero, so zeros before the first one change nothing.
 pub(crate) fn crc_15(bits: u128, bytes: u32) -> u16 {
-    (0..bytes).rev().fold(0, |crc, at| {
-        let byte = (bits >> (8 * at)) as u8;
-        (crc << 8) & MASK_15 ^ TABLE_15[usize::from((crc >> 7) as u8 ^ byte)]
-    })
+    bits.to_be_bytes()
+        .iter()
+        .skip(BYTES - bytes as usize)
+        .fold(0, |crc, byte| (crc << 8) & MASK_15 ^ TABLE_15[usize::from((crc >> 7) as u8 ^ byte)])
 }
 
 /// A checksum that takes one bit after the other.

@@ -13,6 +13,9 @@ struct Effect {
     at_end: bool,
 }
 
+/// Bytes of what is given as a number.
+const BYTES: usize = 16;
+
 const START: Effect = Effect { state: 0, stuffed: 0, at_end: false };
 
 const BYTE: [[Effect; 256]; 8] = {
@@ -84,9 +87,8 @@ impl Stuffing {
         if odd > 0 {
             self.add(after(self.state, (bits >> (length - odd)) as u8, odd));
         }
-        for at in (0..length / 8).rev() {
-            self.byte((bits >> (8 * at)) as u8);
-        }
+        let whole = length as usize / 8;
+        bits.to_be_bytes().iter().skip(BYTES - whole).for_each(|&byte| self.byte(byte));
     }
 
     /// Stuff bits so far, one right after the last bit included.
