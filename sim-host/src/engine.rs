@@ -2,12 +2,14 @@
 //!
 //! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
 
+use crate::bus::Medium;
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
 use funnelnet_node::{Action, Event, Node, Observation};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::message::{Command, Message, Target};
+use funnelnet_protocol::refusal::Refusal;
 
 /// An event of a node, with the node's index and the engine's time (ns).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,10 +25,10 @@ pub struct NodeEvent {
 /// A node that waits for a message.
 const NEVER: u64 = u64::MAX;
 
-/// Nodes on an ideal bus.
-pub struct Engine {
+/// Nodes on a bus, an ideal one if no other is said.
+pub struct Engine<M = IdealBus<CanFrame>> {
     nodes: Vec<Node>,
-    bus: IdealBus<CanFrame>,
+    bus: M,
     noise: Noise,
     /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
     wakes: Vec<u64>,
@@ -35,9 +37,9 @@ pub struct Engine {
     events: Vec<NodeEvent>,
 }
 
-impl Engine {
+impl<M: Medium> Engine<M> {
     /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
-    pub fn new(nodes: Vec<Node>, bus: IdealBus<CanFrame>) -> Self {
+    pub fn new(nodes: Vec<Node>, bus: M) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
         Self { wakes: vec![NEVER; nodes.len()], observations, events: Vec::new(), nodes, bus, noise }
@@ -51,9 +53,8 @@ impl Engine {
     /// Starts all nodes at time 0.
     pub fn start(&mut self) {
         let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };
-        let frame = can::encode(&start);
         for index in 0..self.nodes.len() {
-            receive(&mut self.nodes, index, &frame, 0);
+            receive(&mut self.nodes, index, Ok(start), 0);
             self.poll(index, 0);
         }
     }
@@ -99,6 +100,11 @@ impl Engine {
         &self.events
     }
 
+    /// The bus.
+    pub fn bus(&self) -> &M {
+        &self.bus
+    }
+
     /// Frame counts so far.
     pub fn traffic(&self) -> Traffic {
         self.bus.traffic()
@@ -107,7 +113,7 @@ impl Engine {
     fn deliver_before(&mut self, now: u64) {
         while let Some(at) = self.bus.next_arrival().filter(|&at| at < now) {
             let nodes = &mut self.nodes;
-            self.bus.deliver(|receiver, frame| receive(nodes, receiver, frame, at));
+            self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
         }
     }
 
@@ -134,10 +140,10 @@ impl Engine {
     }
 }
 
-/// Hands a node a frame from its link: decodes it, or counts that it could not be decoded.
-fn receive(nodes: &mut [Node], index: usize, frame: &CanFrame, now: u64) {
+/// Hands a node what its link has heard, or counts that it could not be read.
+fn receive(nodes: &mut [Node], index: usize, heard: Result<Message, Refusal>, now: u64) {
     let Some(node) = nodes.get_mut(index) else { return };
-    match can::decode(frame.id(), frame.data()) {
+    match heard {
         // The node counts what it refuses; nothing else is to be done about it here.
         Ok(message) => drop(node.on_message(&message, now)),
         Err(reason) => node.refuse(reason),
