@@ -100,9 +100,9 @@ impl<M: Medium> Engine<M> {
         &self.events
     }
 
-    /// The bus.
-    pub fn bus(&self) -> &M {
-        &self.bus
+    /// Part of the time so far for which the bus was busy.
+    pub fn utilisation(&self) -> f64 {
+        self.bus.utilisation()
     }
 
     /// Frame counts so far.

@@ -35,7 +35,7 @@ fn on_can(scenario: &Scenario, rate: u32, noise: impl Noise) -> Seen {
         states.push(seen.iter().map(|seen| f64::from(seen.x)).collect());
         ratio = seen.iter().fold(ratio, |ratio, seen| ratio.max(f64::from(seen.ratio)));
     }
-    let (utilisation, frames) = (engine.bus().utilisation(), engine.traffic().sent);
+    let (utilisation, frames) = (engine.utilisation(), engine.traffic().sent);
     Seen { states, ratio, utilisation, frames }
 }
 
@@ -87,24 +87,31 @@ fn five_agents_on_a_fast_bus_have_the_bits_of_the_ideal_one() {
     }
 }
 
-/// At 500 kbit/s and 1 kHz the bus is busy for 95 % of the time: with errors some frames come a tick late, and the funnel bears it.
+/// At 500 kbit/s and 1 kHz the bus is busy for 90 % of the time. Where a node announces something beside its state, a state comes a tick late;
+/// with errors more of them do. The funnel bears it.
 #[test]
-fn on_a_nearly_full_bus_errors_delay_frames_and_the_funnel_holds() {
+fn on_a_nearly_full_bus_some_states_are_late_and_the_funnel_holds() {
     let scenario = scenario("five-agents.toml", &[]);
     let ideal = on_ideal(&scenario);
-    let quiet = on_can(&scenario, 500_000, Quiet);
-    assert_eq!(first_difference(&quiet.states, &ideal), None);
+    let apart = |seen: &Seen| {
+        let at = |(seen, ideal): (&Vec<f64>, &Vec<f64>)| {
+            seen.iter().zip(ideal).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        };
+        seen.states.iter().zip(&ideal).map(at).fold(0.0, f64::max)
+    };
+    let (quiet, noisy) = (on_can(&scenario, 500_000, Quiet), on_can(&scenario, 500_000, one_percent()));
+    for seen in [&quiet, &noisy] {
+        println!(
+            "utilisation {:.4}, states apart by {:.2e}, ratio {:.4}",
+            seen.utilisation,
+            apart(seen),
+            seen.ratio
+        );
+        assert!(first_difference(&seen.states, &ideal).is_some_and(|tick| tick > 5));
+        assert!(seen.ratio < 1.0, "{}", seen.ratio);
+    }
     assert_utilisation(&quiet, 5e5, 1e-3);
-    let noisy = on_can(&scenario, 500_000, one_percent());
-    let apart =
-        |k: usize| noisy.states[k].iter().zip(&ideal[k]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    let most = (0..ideal.len()).map(apart).fold(0.0, f64::max);
-    println!(
-        "utilisation {:.4} and {:.4}; states apart by {most:.2e}, ratio {:.4}",
-        quiet.utilisation, noisy.utilisation, noisy.ratio
-    );
-    assert!(first_difference(&noisy.states, &ideal).is_some());
-    assert!(most < 0.1 && noisy.ratio < 1.0, "{most} {}", noisy.ratio);
+    assert!(apart(&quiet) < apart(&noisy));
     assert!(noisy.utilisation > quiet.utilisation);
 }
 

@@ -11,6 +11,9 @@ use funnelnet_protocol::message::NodeId;
 use funnelnet_protocol::{Message, Refusal, can};
 use std::collections::VecDeque;
 
+/// Where in a bit a controller reads its level, per mille of it: what CiA recommends.
+pub const SAMPLE_PER_MILLE: u32 = 875;
+
 /// Bits of an identifier that say whose frame it is (protocol/README.md).
 const NODE_BITS: u16 = 0x7F;
 
@@ -49,11 +52,6 @@ impl<N: Noise> CanBus<N> {
         let station = |_: &NodeId| Station { port: CanPort::new(), queue: Queue::default() };
         let stations = ids.iter().map(station).collect();
         Self { bus, stations, due: VecDeque::new(), look_at: 0, traffic: Traffic::default() }
-    }
-
-    /// Part of the time so far for which the bus was busy.
-    pub fn utilisation(&self) -> f64 {
-        self.bus.busy_ns() as f64 / self.bus.now().max(1) as f64
     }
 
     /// The bus itself.
@@ -175,5 +173,9 @@ impl<N: Noise> Medium for CanBus<N> {
 
     fn traffic(&self) -> Traffic {
         self.traffic
+    }
+
+    fn utilisation(&self) -> f64 {
+        self.bus.busy_ns() as f64 / self.bus.now().max(1) as f64
     }
 }

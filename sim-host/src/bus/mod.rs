@@ -21,4 +21,9 @@ pub trait Medium {
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;
+
+    /// Part of the time so far for which it was busy; 0 without a bit rate.
+    fn utilisation(&self) -> f64 {
+        0.0
+    }
 }

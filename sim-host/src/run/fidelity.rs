@@ -6,6 +6,8 @@ use super::heard;
 use super::network::Network;
 use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
+use crate::bus::Medium;
+use crate::bus::can::{CanBus, SAMPLE_PER_MILLE};
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
@@ -13,12 +15,16 @@ use crate::emulator;
 use crate::engine::Engine;
 use crate::hub::Hub;
 use crate::noise::Noise;
+use crate::random::{self, Purpose};
 use crate::record::BusSummary;
-use crate::scenario::{Coupling, Scenario};
+use crate::scenario::{BusModel, Coupling, Scenario};
+use funnelnet_can_bus::{BitErrors, BitRate, Timing};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::message::NodeId;
 use funnelnet_protocol::report::Report;
 use funnelnet_protocol::{NodeConfig, Refusal};
+use rand_pcg::rand_core::Rng as _;
 use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
@@ -31,7 +37,18 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     if scenario.coupling == Coupling::WeaklyCentralised {
         return central(scenario, options);
     }
-    let mut engine = engine(scenario)?;
+    match scenario.bus.model {
+        BusModel::Can => in_program(scenario, options, Engine::new(nodes(scenario)?, can_bus(scenario)?)),
+        BusModel::Ideal | BusModel::CanFd | BusModel::Uart => in_program(scenario, options, ideal(scenario)?),
+    }
+}
+
+fn in_program<M: Medium>(
+    scenario: &Scenario,
+    options: &RunOptions,
+    engine: Engine<M>,
+) -> Result<Outcome, RunError> {
+    let mut engine = engine.with_noise(Noise::of(scenario));
     let record = drive("loopback", scenario, options, &mut engine, |_, _| Ok(()))?;
     // Of a run that was cut off nobody knows who would still have been heard.
     let (unheard, silent) = match record.cut {
@@ -42,12 +59,42 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, Ru
     Ok(Outcome { unheard, silent, ..with_reports(reports, scenario, &engine, record) })
 }
 
-/// The nodes of a scenario in this program, on its bus, not started yet.
+/// The nodes of a scenario in this program, on an ideal bus, not started yet.
 pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
+    Ok(ideal(scenario)?.with_noise(Noise::of(scenario)))
+}
+
+fn ideal(scenario: &Scenario) -> Result<Engine, RunError> {
+    Ok(Engine::new(nodes(scenario)?, bus(scenario)))
+}
+
+/// The nodes of a scenario, configured.
+fn nodes(scenario: &Scenario) -> Result<Vec<Node>, RunError> {
     let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
     let params = accepted(&configs)?.into_iter();
-    let nodes = params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect();
-    Ok(Engine::new(nodes, bus(scenario)).with_noise(Noise::of(scenario)))
+    Ok(params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
+}
+
+/// The scenario's CAN bus, with as many bit errors as it asks for.
+fn can_bus(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise>, RunError> {
+    let spec = &scenario.bus;
+    let rate = BitRate::new(spec.bitrate, SAMPLE_PER_MILLE).map_err(RunError::bad_input)?;
+    let mut stream = random::stream(scenario.seed, Purpose::BitErrors, 0);
+    let errors =
+        BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64()).map_err(RunError::bad_input)?;
+    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
+    let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
+    Ok(CanBus::new(Timing::classic(rate), errors, &ids, &listeners(scenario)))
+}
+
+/// Nodes that are not in this program have no bus but the ideal one of the hub, or a real one.
+pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
+    if scenario.bus.model == BusModel::Ideal {
+        return Ok(());
+    }
+    Err(RunError::bad_input(
+        "bus.model = \"can\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\"",
+    ))
 }
 
 /// Parameters that the nodes make of their configurations.
@@ -75,13 +122,15 @@ fn with_reports(
     network: &impl Network,
     Record { outcome, cut }: Record,
 ) -> Outcome {
-    let bus = Some(bus_record(network.traffic(), &reports));
+    let bus = BusSummary { utilisation: network.utilisation(), ..bus_record(network.traffic(), &reports) };
+    let bus = Some(bus);
     let (events, ended_early) = (network.events().to_vec(), cut.map(|cut| cut.told(scenario)));
     Outcome { bus, events, ended_early, ..outcome.with_reports(reports) }
 }
 
 /// Fidelity `emulator`.
 pub fn emulator(scenario: &Scenario, options: &RunOptions) -> Result<Outcome, RunError> {
+    needs_no_can(scenario)?;
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let attached = emulator::attach(&ids, &options.emulator())?;
