@@ -180,10 +180,10 @@ fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
     assert_eq!((set.bitrate, set.bit_errors), (500_000, 100_000));
     for (keys, message) in [
         (
-            "bitrate = 333_333",
+            "bitrate = 333333",
             "bus.bitrate = 333333: a bit and its first 87.5 % must have whole nanoseconds; the nearest rate that does is 312500",
         ),
-        ("bitrate = 2_000_000", "bus.bitrate = 2000000: must be an integer from 10000 to 1000000 (bit/s)"),
+        ("bitrate = 2000000", "bus.bitrate = 2000000: must be an integer from 10000 to 1000000 (bit/s)"),
         ("bit_errors = 0.2", "bus.bit_errors = 0.2: must be"),
         ("loss = 0.1", "unknown key 'loss' in [bus]; known: model, bitrate, bit_errors"),
     ] {
