@@ -215,6 +215,7 @@ cmd_fmt() { #: check the format of every Rust file
 
 cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its target
     cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
+    cargo clippy --quiet --locked --package funnelnet-can-bus --all-targets --all-features -- -D warnings
     if target_has_clippy; then
         firmware_cargo clippy --quiet --locked --features cost --bins -- -D warnings
         local image
@@ -226,6 +227,7 @@ cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its t
 
 cmd_unit() { #: unit, property and golden tests on the host
     cargo test --locked --workspace
+    cargo test --locked --package funnelnet-can-bus --features pcapng --lib
 }
 
 cmd_doc() { #: the crates' documentation, with warnings denied

@@ -6,6 +6,7 @@ mod world;
 
 pub use world::World;
 
+use crate::bus::Medium;
 use crate::bus::ideal::{IdealBus, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
@@ -13,6 +14,7 @@ use crate::scenario::Change;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::message::{Command, Message, Target, TickStamp};
+use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
 
 /// An event of a node, with the node's index and the engine's time (ns).
@@ -33,10 +35,10 @@ const NEVER: u64 = u64::MAX;
 const NOTHING: Observation<f32> =
     Observation { tick: u32::MAX, x: f32::NAN, nu: f32::NAN, psi: f32::NAN, ratio: f32::NAN, u: f32::NAN };
 
-/// Nodes on an ideal bus.
-pub struct Engine {
+/// Nodes on a bus, an ideal one if no other is said.
+pub struct Engine<M = IdealBus<CanFrame>> {
     nodes: Vec<Node>,
-    bus: IdealBus<CanFrame>,
+    bus: M,
     noise: Noise,
     /// Where events happen.
     world: Option<World>,
@@ -47,9 +49,9 @@ pub struct Engine {
     events: Vec<NodeEvent>,
 }
 
-impl Engine {
+impl<M: Medium> Engine<M> {
     /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
-    pub fn new(nodes: Vec<Node>, bus: IdealBus<CanFrame>) -> Self {
+    pub fn new(nodes: Vec<Node>, bus: M) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
         let wakes = vec![NEVER; nodes.len()];
@@ -150,6 +152,11 @@ impl Engine {
         std::mem::take(&mut self.events)
     }
 
+    /// Part of the time so far for which the bus was busy.
+    pub fn utilisation(&self) -> f64 {
+        self.bus.utilisation()
+    }
+
     /// Frame counts so far.
     pub fn traffic(&self) -> Traffic {
         self.bus.traffic()
@@ -198,18 +205,18 @@ impl Engine {
     /// Gives a command to one node, and does what follows.
     fn command(&mut self, index: usize, command: Command, now: u64) {
         let message = Message::Ctrl { target: Target::All, command, arg: 0, at_tick: 0 };
-        receive(&mut self.nodes, index, &can::encode(&message), now);
+        receive(&mut self.nodes, index, Ok(message), now);
         self.poll(index, now);
     }
 
     /// Marks `tick` for the nodes that tick by SYNC.
     fn synchronise(&mut self, tick: u64, now: u64) {
         let previous_tick = TickStamp::full((tick as u32).wrapping_sub(1));
-        let frame = can::encode(&Message::Sync { source: None, previous_tick, phase_us: 0 });
+        let sync = Message::Sync { source: None, previous_tick, phase_us: 0 };
         for index in 0..self.nodes.len() {
             let by_sync = self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
             if by_sync && self.nodes.get(index).map(Node::phase) == Some(Phase::Running) {
-                receive(&mut self.nodes, index, &frame, now);
+                receive(&mut self.nodes, index, Ok(sync), now);
                 if let Some(wake) = self.wakes.get_mut(index) {
                     *wake = now;
                 }
@@ -220,7 +227,7 @@ impl Engine {
     fn deliver_before(&mut self, now: u64) {
         while let Some(at) = self.bus.next_arrival().filter(|&at| at < now) {
             let nodes = &mut self.nodes;
-            self.bus.deliver(|receiver, frame| receive(nodes, receiver, frame, at));
+            self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
         }
     }
 
@@ -247,10 +254,10 @@ impl Engine {
     }
 }
 
-/// Hands a node a frame from its link: decodes it, or counts that it could not be decoded.
-fn receive(nodes: &mut [Node], index: usize, frame: &CanFrame, now: u64) {
+/// Hands a node what its link has heard, or counts that it could not be read.
+fn receive(nodes: &mut [Node], index: usize, heard: Result<Message, Refusal>, now: u64) {
     let Some(node) = nodes.get_mut(index) else { return };
-    match can::decode(frame.id(), frame.data()) {
+    match heard {
         // The node counts what it refuses; nothing else is to be done about it here.
         Ok(message) => drop(node.on_message(&message, now)),
         Err(reason) => node.refuse(reason),

@@ -18,6 +18,8 @@ pub enum Purpose {
     Jitter = 3,
     /// Measurement noise.
     Noise = 4,
+    /// Disturbed bits of a bus.
+    BitErrors = 5,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.

@@ -182,6 +182,8 @@ fn complaint(
         Presence::Absent => named.is_away(node, k),
         Presence::Stopped => named.has_stopped(node),
         Presence::Unrecorded => named.is_contradicted(node),
+        // Nothing but an event keeps a node off.
+        Presence::Off => false,
     };
     (!good).then(|| format!("node {} at tick {k}: {presence:?}, {seen:?}, in truth {truth:?}", node + 1))
 }
@@ -223,7 +225,7 @@ fn run(seed: u64, length: u64, rates: Rates) -> Record {
             known[match presence {
                 Presence::Ran => 0,
                 Presence::Absent => 1,
-                Presence::Stopped | Presence::Unrecorded => 2,
+                Presence::Stopped | Presence::Unrecorded | Presence::Off => 2,
             }] += 1;
             hash.extend([if presence.is_known() { seen.x } else { f32::NAN }]);
             let truth = truth(&world, node, k);

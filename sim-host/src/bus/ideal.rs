@@ -3,7 +3,11 @@
 //! A frame reaches all listeners at the same time, as on a shared wire; each of them loses it independently. Jitter is
 //! drawn per frame from the sender's stream, loss per frame and receiver from the receiver's stream.
 
+use super::Medium;
 use crate::random::{self, Purpose};
+use funnelnet_protocol::can::{self, CanFrame};
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
 
@@ -112,6 +116,28 @@ impl<P> IdealBus<P> {
     /// Frame counts so far.
     pub fn traffic(&self) -> Traffic {
         self.traffic
+    }
+}
+
+impl Medium for IdealBus<CanFrame> {
+    fn send(&mut self, now: u64, sender: usize, frame: CanFrame) {
+        self.send(now, sender, frame);
+    }
+
+    fn next_arrival(&self) -> Option<u64> {
+        self.next_arrival()
+    }
+
+    fn deliver(&mut self, mut receive: impl FnMut(usize, Result<Message, Refusal>)) {
+        self.deliver(|receiver, frame| receive(receiver, can::decode(frame.id(), frame.data())));
+    }
+
+    fn set_listeners(&mut self, listeners: Vec<Vec<usize>>) {
+        self.set_listeners(listeners);
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.traffic()
     }
 }
 

@@ -1,3 +1,33 @@
 //! Bus models: what happens to a frame between its sender and its receivers.
 
+pub mod can;
 pub mod ideal;
+
+use funnelnet_protocol::can::CanFrame;
+use funnelnet_protocol::message::Message;
+use funnelnet_protocol::refusal::Refusal;
+use ideal::Traffic;
+
+/// A medium that carries the frames of nodes to their neighbours.
+pub trait Medium {
+    /// Node `sender` sends a frame at `now` (ns, never going back).
+    fn send(&mut self, now: u64, sender: usize, frame: CanFrame);
+
+    /// When the next thing happens, ns.
+    fn next_arrival(&self) -> Option<u64>;
+
+    /// Lets the next thing happen: `receive(receiver, message)` for each node that hears something then, or the reason for refusing it.
+    fn deliver(&mut self, receive: impl FnMut(usize, Result<Message, Refusal>));
+
+    /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus alone: a scenario refuses
+    /// them on any other.
+    fn set_listeners(&mut self, _listeners: Vec<Vec<usize>>) {}
+
+    /// Frame counts so far.
+    fn traffic(&self) -> Traffic;
+
+    /// Part of the time so far for which it was busy; 0 without a bit rate.
+    fn utilisation(&self) -> f64 {
+        0.0
+    }
+}

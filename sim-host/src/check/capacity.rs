@@ -50,9 +50,17 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     let (slow, fast) = (highest_rate(nodes, 5e5), highest_rate(nodes, 1e6));
     let fd = highest_fd_rate(scenario.nodes.len(), scenario.components(), FD_RATES);
     let load = PLANNED_LOAD * rate / fast;
-    let over = scenario.bus.model != BusModel::Ideal && rate > fast;
+    let can = scenario.bus.model == BusModel::Can;
+    let most = if can { highest_rate(nodes, scenario.bus.bitrate.into()) } else { fast };
+    let over = scenario.bus.model != BusModel::Ideal && rate > most;
+    let scope = if can {
+        let bitrate = figure(scenario.bus.bitrate.into());
+        format!("the CAN bus of {bitrate} bit/s carries ticks of {} Hz at 70 % load", figure(most.floor()))
+    } else {
+        "no limit on the ideal bus".to_owned()
+    };
     let text = format!(
-        "no limit on the ideal bus; classic CAN at 1 Mbit/s would be loaded to {} % by a tick of {} Hz, and carries {} Hz at \
+        "{scope}; classic CAN at 1 Mbit/s would be loaded to {} % by a tick of {} Hz, and carries {} Hz at \
          70 % ({} Hz at 500 kbit/s; CAN FD with 2 Mbit/s in the data phase: {} Hz)",
         figure(100.0 * load),
         figure(rate),
@@ -69,7 +77,7 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     });
     let found = Finding::new("capacity", "Capacity", text, values);
     match over {
-        true => found.advise(Status::Fail, format!("lengthen the tick to {} s or more", figure(1.0 / fast))),
+        true => found.advise(Status::Fail, format!("lengthen the tick to {} s or more", figure(1.0 / most))),
         false => found.stands(Status::Note),
     }
 }

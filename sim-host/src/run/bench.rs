@@ -1,7 +1,7 @@
 //! Fidelity `bench`: the nodes of a bench file, with this program as the bus between them.
 
 use super::error::RunError;
-use super::fidelity::{LOCKSTEP, bus_between, engine, lockstep};
+use super::fidelity::{LOCKSTEP, bus_between, engine, lockstep, needs_no_can};
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
@@ -22,6 +22,7 @@ use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
 pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
+    needs_no_can(scenario)?;
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     let events = skipped_events(scenario, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.

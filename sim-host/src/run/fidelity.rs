@@ -7,6 +7,8 @@ use super::network::Network;
 use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
+use crate::bus::Medium;
+use crate::bus::can::{CanBus, SAMPLE_PER_MILLE};
 use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
@@ -14,12 +16,16 @@ use crate::emulator;
 use crate::engine::{Engine, World};
 use crate::hub::Hub;
 use crate::noise::Noise;
+use crate::random::{self, Purpose};
 use crate::record::BusSummary;
-use crate::scenario::{Coupling, Scenario};
+use crate::scenario::{BusModel, Coupling, Scenario};
+use funnelnet_can_bus::{BitErrors, BitRate, Timing};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::message::NodeId;
 use funnelnet_protocol::report::Report;
 use funnelnet_protocol::{NodeConfig, Refusal};
+use rand_pcg::rand_core::Rng as _;
 use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
@@ -35,7 +41,23 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     if scenario.coupling == Coupling::WeaklyCentralised {
         return central(scenario, options, rows);
     }
-    let mut engine = engine(scenario)?;
+    match scenario.bus.model {
+        BusModel::Can => {
+            let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
+            in_program(scenario, options, rows, engine.with_noise(Noise::of(scenario)))
+        }
+        BusModel::Ideal | BusModel::CanFd | BusModel::Uart => {
+            in_program(scenario, options, rows, engine(scenario)?)
+        }
+    }
+}
+
+fn in_program<M: Medium>(
+    scenario: &Scenario,
+    options: &RunOptions,
+    rows: &mut dyn Rows,
+    mut engine: Engine<M>,
+) -> Result<Outcome, RunError> {
     let record = drive("loopback", scenario, options, &mut engine, rows, |_, _| Ok(()))?;
     // Of a run that was cut off nobody knows who would still have been heard.
     let (unheard, silent) = match record.cut {
@@ -46,7 +68,7 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     Ok(Outcome { unheard, silent, happened, ..with_reports(reports, scenario, &mut engine, record) })
 }
 
-/// The nodes of a scenario in this program, on its bus, not started yet.
+/// The nodes of a scenario in this program, on an ideal bus, not started yet.
 pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario)).with_noise(Noise::of(scenario));
     if scenario.events.is_empty() {
@@ -62,6 +84,28 @@ fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<Node>, RunError> {
     let configs = node_configs(scenario, drive).map_err(RunError::bad_input)?;
     let params = accepted(&configs)?.into_iter();
     Ok(params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
+}
+
+/// The scenario's CAN bus, with as many bit errors as it asks for.
+fn can_bus(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise>, RunError> {
+    let spec = &scenario.bus;
+    let rate = BitRate::new(spec.bitrate, SAMPLE_PER_MILLE).map_err(RunError::bad_input)?;
+    let mut stream = random::stream(scenario.seed, Purpose::BitErrors, 0);
+    let errors =
+        BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64()).map_err(RunError::bad_input)?;
+    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
+    let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
+    Ok(CanBus::new(Timing::classic(rate), errors, &ids, &listeners(scenario)))
+}
+
+/// Nodes that are not in this program have no bus but the ideal one of the hub, or a real one.
+pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
+    if scenario.bus.model == BusModel::Ideal {
+        return Ok(());
+    }
+    Err(RunError::bad_input(
+        "bus.model = \"can\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\"",
+    ))
 }
 
 /// Parameters that the nodes make of their configurations.
@@ -90,7 +134,8 @@ fn with_reports(
     network: &mut impl Network,
     Record { outcome, mut log, cut }: Record,
 ) -> Outcome {
-    let bus = Some(bus_record(network.traffic(), reports.iter().flatten()));
+    let traffic = bus_record(network.traffic(), reports.iter().flatten());
+    let bus = Some(BusSummary { utilisation: network.utilisation(), ..traffic });
     network.tell(&mut log);
     let ((events, more_events), ended_early) = (log.finish(), cut.map(|cut| cut.told(scenario)));
     Outcome { bus, events, more_events, ended_early, ..outcome.with_reports(reports) }
@@ -98,6 +143,7 @@ fn with_reports(
 
 /// Fidelity `emulator`.
 pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
+    needs_no_can(scenario)?;
     if !scenario.events.is_empty() {
         return Err(RunError::bad_input(
             "emulated nodes have no [[event]] yet; run this scenario with --on loopback",

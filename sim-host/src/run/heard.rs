@@ -1,5 +1,6 @@
 //! Who was heard, by what the nodes of a simulated network know of each other at the end.
 
+use crate::bus::Medium;
 use crate::engine::Engine;
 use crate::scenario::Scenario;
 use funnelnet_node::neighbour::Presence;
@@ -9,7 +10,7 @@ use funnelnet_protocol::NodeId;
 /// Ids of nodes that no neighbour has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes
 /// that have stopped say nothing, as they should, and have a check of their own. Nor does anybody hear over a link that an event keeps cut
 /// at the end, or a node that it keeps off.
-pub(super) fn unheard_and_silent(scenario: &Scenario, engine: &Engine) -> (Vec<u16>, Vec<u16>) {
+pub(super) fn unheard_and_silent<M: Medium>(scenario: &Scenario, engine: &Engine<M>) -> (Vec<u16>, Vec<u16>) {
     let (mut unheard, mut silent) = (Vec::new(), Vec::new());
     for (index, node) in engine.nodes().iter().enumerate() {
         let id = node.id();

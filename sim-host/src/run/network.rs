@@ -2,6 +2,7 @@
 
 use super::error::RunError;
 use super::event_log::EventLog;
+use crate::bus::Medium;
 use crate::bus::ideal::Traffic;
 use crate::central::Central;
 use crate::engine::Engine;
@@ -28,10 +29,15 @@ pub(super) trait Network {
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;
+
+    /// Part of the time so far for which the bus was busy; 0 without a bit rate.
+    fn utilisation(&self) -> f64 {
+        0.0
+    }
 }
 
 /// Loopback: nodes on a bus in this program.
-impl Network for Engine {
+impl<M: Medium> Network for Engine<M> {
     fn start(&mut self) -> Result<(), RunError> {
         Self::start(self);
         Ok(())
@@ -57,6 +63,10 @@ impl Network for Engine {
 
     fn traffic(&self) -> Traffic {
         self.traffic()
+    }
+
+    fn utilisation(&self) -> f64 {
+        self.utilisation()
     }
 }
 

@@ -52,8 +52,16 @@ use coupling::Defaults;
 use reader::{Log, Range, Section, later, ready};
 use tree::{Item, Place};
 
+use crate::bus::can::SAMPLE_PER_MILLE;
+use funnelnet_can_bus::BitRate;
+
 /// The most nodes of a run: ids are 7 bits on the wire, and 0 means all (protocol/README.md). A larger scenario can be checked.
 pub const LARGEST_RUN: usize = funnelnet_protocol::NodeId::MAX as usize;
+
+/// Bit rate of CAN where none is said, and the fastest one of classic CAN, bit/s.
+const DEFAULT_BITRATE: u32 = 1_000_000;
+/// Largest share of disturbed bits: no frame has a chance above it.
+const MOST_BIT_ERRORS: f64 = 0.1;
 
 /// Node-ticks that a run may have: about two weeks at a million per second.
 const MAX_NODE_TICKS: u64 = 1 << 40;
@@ -167,11 +175,19 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let graph = network::build(&network, seed, &log);
     damping::resolve(&mut nodes, &damping, &graph, coupling.kind, &log);
     fresh(&bus, &time, root, &log);
+    whole_bits(&bus, root, &log);
     no_bus(coupling.kind, root, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
     network::room(&graph, components, &network, &log);
     log.checkpoint()?;
-    let setting = event::Setting { time: &time, graph: &graph, coupling: coupling.kind, root, log: &log };
+    let setting = event::Setting {
+        time: &time,
+        graph: &graph,
+        coupling: coupling.kind,
+        bus: bus.model,
+        root,
+        log: &log,
+    };
     let events = event::make_sense(events, &expect, &setting);
     log.checkpoint()?;
     let path = path.to_owned();
@@ -292,10 +308,24 @@ fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
     }
 }
 
+/// The bits of the bus have whole nanoseconds, and so have their sample points.
+fn whole_bits(bus: &BusSpec, root: &Item, log: &Log) {
+    let fits = |rate: &u32| BitRate::new(*rate, SAMPLE_PER_MILLE).is_ok();
+    let key = root.get("bus").and_then(|section| section.get("bitrate"));
+    if let Some(key) = key.filter(|_| bus.model == BusModel::Can && bus.bitrate > 0 && !fits(&bus.bitrate)) {
+        let near = (1..DEFAULT_BITRATE).flat_map(|by| [bus.bitrate.saturating_sub(by), bus.bitrate + by]);
+        let nearest = near.into_iter().find(fits).unwrap_or(DEFAULT_BITRATE);
+        let allowed = format!(
+            "a bit and its first 87.5 % must have whole nanoseconds; the nearest rate that does is {nearest}"
+        );
+        log.report(key.diagnostic(Problem::Value, allowed));
+    }
+}
+
 /// Weakly-centralised coupling is simulated without a bus, so that nothing of it can be asked for.
 fn no_bus(coupling: Coupling<f64>, root: &Item, log: &Log) {
     let section = root.get("bus").filter(|_| coupling == Coupling::WeaklyCentralised);
-    for key in ["loss", "latency", "jitter"] {
+    for key in ["loss", "latency", "jitter", "bitrate", "bit_errors"] {
         if let Some(item) = section.and_then(|section| section.get(key)) {
             let allowed =
                 "must not be there with weakly-centralised coupling, which is simulated without a bus";
@@ -305,19 +335,34 @@ fn no_bus(coupling: Coupling<f64>, root: &Item, log: &Log) {
 }
 
 fn read_bus(file: &mut Section<'_>) -> BusSpec {
-    let mut bus = BusSpec { model: BusModel::Ideal, loss: 0.0, latency_ns: 0, jitter_ns: 0 };
+    let mut bus = BusSpec {
+        model: BusModel::Ideal,
+        loss: 0.0,
+        latency_ns: 0,
+        jitter_ns: 0,
+        bitrate: DEFAULT_BITRATE,
+        bit_errors: 0,
+    };
     let models = [
         ready("ideal", BusModel::Ideal),
-        later("can", BusModel::Can),
+        ready("can", BusModel::Can),
         later("can-fd", BusModel::CanFd),
         later("uart", BusModel::Uart),
     ];
     let Some(mut section) = file.section("bus") else { return bus };
     let Some(model) = section.choice("model", &models, Some(BusModel::Ideal)) else { return bus };
     bus.model = model;
-    bus.loss = section.number("loss", Some(0.0), Range::probability());
-    bus.latency_ns = section.duration("latency", Some(0));
-    bus.jitter_ns = section.duration("jitter", Some(0));
+    if model == BusModel::Can {
+        let limits = (10_000, DEFAULT_BITRATE.into());
+        bus.bitrate = section.integer("bitrate", Some(limits.1), limits, "bit/s") as u32;
+        let share =
+            section.number("bit_errors", Some(0.0), Range::between(0.0, MOST_BIT_ERRORS, "of the bits"));
+        bus.bit_errors = (share * 1e9).round() as u32;
+    } else {
+        bus.loss = section.number("loss", Some(0.0), Range::probability());
+        bus.latency_ns = section.duration("latency", Some(0));
+        bus.jitter_ns = section.duration("jitter", Some(0));
+    }
     section.finish();
     bus
 }

@@ -187,6 +187,10 @@ pub struct BusSpec {
     pub latency_ns: u64,
     /// Width of the additional random delay in nanoseconds.
     pub jitter_ns: u64,
+    /// Bit rate of CAN, bit/s.
+    pub bitrate: u32,
+    /// Disturbed bits among a billion, on CAN.
+    pub bit_errors: u32,
 }
 
 /// Limits that the run must stay below; `None` is not checked.

@@ -86,7 +86,15 @@ fn defaults_and_overrides_are_resolved() {
     );
     assert_eq!(initial_ratios(&scenario), [0.1, 8.0 / 120.0, 0.1]);
     assert_eq!(scenario.expect, Expect { funnel_ratio: Some(1.0), ..Expect::default() });
-    assert_eq!(scenario.bus, BusSpec { model: BusModel::Ideal, loss: 0.0, latency_ns: 0, jitter_ns: 0 });
+    let ideal = BusSpec {
+        model: BusModel::Ideal,
+        loss: 0.0,
+        latency_ns: 0,
+        jitter_ns: 0,
+        bitrate: 1_000_000,
+        bit_errors: 0,
+    };
+    assert_eq!(scenario.bus, ideal);
 }
 
 #[test]
@@ -166,11 +174,32 @@ fn times_need_units_and_whole_ticks() {
 }
 
 #[test]
+fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
+    let bus = |keys: &str| format!("[bus]\nmodel = \"can\"\n{keys}\n[expect]");
+    let read = |keys: &str| read(&FILE.replacen("[expect]", &bus(keys), 1), &[]).unwrap().bus;
+    let (default, set) = (read(""), read("bitrate = 500_000\nbit_errors = 1e-4"));
+    assert_eq!((default.model, default.bitrate, default.bit_errors), (BusModel::Can, 1_000_000, 0));
+    assert_eq!((set.bitrate, set.bit_errors), (500_000, 100_000));
+    for (keys, message) in [
+        (
+            "bitrate = 333333",
+            "bus.bitrate = 333333: a bit and its first 87.5 % must have whole nanoseconds; the nearest rate that does is 312500",
+        ),
+        ("bitrate = 2000000", "bus.bitrate = 2000000: must be an integer from 10000 to 1000000 (bit/s)"),
+        ("bit_errors = 0.2", "bus.bit_errors = 0.2: must be"),
+        ("loss = 0.1", "unknown key 'loss' in [bus]; known: model, bitrate, bit_errors"),
+    ] {
+        let message_found = errors("[expect]", &bus(keys));
+        assert!(message_found.contains(message), "{message_found}");
+    }
+}
+
+#[test]
 fn what_comes_later_is_told_apart_from_what_is_unknown() {
     let later = "known, but not supported by this version yet";
     for (from, to, place) in [
         ("\"affine\"", "\"expression\"", "19:21: agent.dynamics.kind"),
-        ("[expect]", "[bus]\nmodel = \"can\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can\""),
+        ("[expect]", "[bus]\nmodel = \"can-fd\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can-fd\""),
     ] {
         let message = errors(from, to);
         assert!(message.contains(later), "{message}");

@@ -5,7 +5,7 @@ use super::{EventKind, EventSpec, Targets};
 use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::Log;
 use crate::scenario::tree::{Item, Value};
-use crate::scenario::{Coupling, Expect, Graph, TimeSpec, format_duration};
+use crate::scenario::{BusModel, Coupling, Expect, Graph, TimeSpec, format_duration};
 use std::collections::BTreeSet;
 
 /// The last tick at which a node may come. It learns the tick from a SYNC, which carries 24 bits of it, and takes one that is
@@ -21,6 +21,7 @@ pub(in crate::scenario) struct Setting<'a> {
     pub time: &'a TimeSpec,
     pub graph: &'a Graph,
     pub coupling: Coupling<f64>,
+    pub bus: BusModel,
     pub root: &'a Item,
     pub log: &'a Log,
 }
@@ -42,6 +43,11 @@ pub(in crate::scenario) fn make_sense(
     if let Some(event) = items.first().filter(|_| setting.coupling == Coupling::WeaklyCentralised) {
         let allowed =
             "must not be there with weakly-centralised coupling, which is simulated without nodes and links";
+        setting.log.report(event.diagnostic(Problem::Value, allowed));
+        return events;
+    }
+    if let Some(event) = items.first().filter(|_| setting.bus != BusModel::Ideal) {
+        let allowed = "must not be there with this bus.model: events happen on the ideal bus, so far";
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }

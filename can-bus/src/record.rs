@@ -1,0 +1,128 @@
+//! Frames and errors as SocketCAN has them, which is what logs hold: identifier with flags, length, data (linux/can.h, linux/can/error.h).
+
+use crate::counters::{Counters, Mode};
+use crate::event::{Event, What};
+use crate::frame::{Frame, Id, Kind, LONGEST_FD};
+use crate::reader::ErrorKind;
+use crate::wire::Field;
+
+/// Flag of a 29-bit identifier.
+pub const EXTENDED: u32 = 0x8000_0000;
+/// Flag of a remote frame.
+pub const REMOTE: u32 = 0x4000_0000;
+/// Flag of an error.
+pub const ERROR: u32 = 0x2000_0000;
+
+/// Flags of a CAN FD frame.
+const SWITCH: u8 = 1;
+const PASSIVE: u8 = 2;
+const FD: u8 = 4;
+
+/// Bytes of an error.
+const ERROR_BYTES: u8 = 8;
+/// Classes of an error, in the identifier.
+const CONTROLLER: u32 = 0x04;
+const PROTOCOL: u32 = 0x08;
+const NOT_ACKNOWLEDGED: u32 = 0x20;
+const BUS_OFF: u32 = 0x40;
+const BUS_ERROR: u32 = 0x80;
+const COUNTERS: u32 = 0x200;
+
+/// A frame or an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Record {
+    /// When, ns.
+    pub at: u64,
+    /// Identifier with its flags, or the classes of an error.
+    pub id: u32,
+    /// Flags of a CAN FD frame.
+    pub fd: Option<u8>,
+    /// Length that the data length code says.
+    pub length: u8,
+    data: [u8; LONGEST_FD],
+}
+
+impl Record {
+    /// A frame; `passive` says whether its sender is error-passive, which a CAN FD frame tells.
+    pub fn of_frame(at: u64, frame: &Frame, passive: bool) -> Self {
+        let id = match frame.id() {
+            Id::Base(id) => u32::from(id),
+            Id::Extended(id) => id | EXTENDED,
+        };
+        let (flag, fd) = match frame.kind() {
+            Kind::Data => (0, None),
+            Kind::Remote => (REMOTE, None),
+            Kind::Fd { switch } => {
+                (0, Some(FD | if switch { SWITCH } else { 0 } | if passive { PASSIVE } else { 0 }))
+            }
+        };
+        let mut data = [0; LONGEST_FD];
+        data[..frame.bytes().len()].copy_from_slice(frame.bytes());
+        Self { at, id: id | flag, fd, length: frame.length() as u8, data }
+    }
+
+    /// What a log holds of an event: frames that were sent, errors, and changes of how a controller takes part.
+    pub fn of_event(event: &Event) -> Option<Self> {
+        let at = event.at;
+        match event.what {
+            What::Sent { ref frame, passive, .. } => Some(Self::of_frame(at, frame, passive)),
+            What::Error { kind, field, sender, counters } => {
+                Some(Self::of_error(at, kind, field, sender, counters))
+            }
+            What::Mode { mode, counters } => Some(Self::of_mode(at, mode, counters)),
+            What::Received { .. } | What::LostArbitration { .. } | What::Overload => None,
+        }
+    }
+
+    fn of_error(at: u64, kind: ErrorKind, field: Field, sender: bool, counters: Counters) -> Self {
+        let (class, kind) = match kind {
+            ErrorKind::Acknowledgement => (NOT_ACKNOWLEDGED, 0),
+            ErrorKind::Bit => (PROTOCOL, 0x01),
+            ErrorKind::Form => (PROTOCOL, 0x02),
+            ErrorKind::Stuff => (PROTOCOL, 0x04),
+            // Unspecified, at the checksum.
+            ErrorKind::Checksum => (PROTOCOL, 0),
+        };
+        let field = if kind == 0 && class == PROTOCOL { Field::Checksum } else { field };
+        let of_sender = if sender && class == PROTOCOL { 0x80 } else { 0 };
+        Self::new_error(at, class | BUS_ERROR, [0, 0, kind | of_sender, location(field)], counters)
+    }
+
+    fn of_mode(at: u64, mode: Mode, counters: Counters) -> Self {
+        let status = match mode {
+            Mode::Off => return Self::new_error(at, BUS_OFF, [0; 4], counters),
+            Mode::Active => 0x40,
+            Mode::Passive if counters.transmit > 127 => 0x20,
+            Mode::Passive => 0x10,
+        };
+        Self::new_error(at, CONTROLLER, [0, status, 0, 0], counters)
+    }
+
+    fn new_error(at: u64, class: u32, bytes: [u8; 4], counters: Counters) -> Self {
+        let mut data = [0; LONGEST_FD];
+        data[..4].copy_from_slice(&bytes);
+        let byte = |counter: u16| u8::try_from(counter).unwrap_or(u8::MAX);
+        (data[6], data[7]) = (byte(counters.transmit), byte(counters.receive));
+        Self { at, id: ERROR | class | COUNTERS, fd: None, length: ERROR_BYTES, data }
+    }
+
+    /// Data; none of a remote frame.
+    pub fn bytes(&self) -> &[u8] {
+        if self.id & (REMOTE | ERROR) == REMOTE { &[] } else { &self.data[..usize::from(self.length)] }
+    }
+}
+
+/// Where in the frame, as the kernel numbers it.
+fn location(field: Field) -> u8 {
+    match field {
+        Field::Arbitration | Field::Between => 0,
+        Field::Start => 0x03,
+        Field::Control => 0x0B,
+        Field::Data => 0x0A,
+        Field::Checksum => 0x08,
+        Field::ChecksumDelimiter => 0x18,
+        Field::Acknowledgement => 0x19,
+        Field::AcknowledgementDelimiter => 0x1B,
+        Field::End => 0x1A,
+    }
+}
