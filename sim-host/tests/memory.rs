@@ -67,23 +67,24 @@ fn memory_of(text: &str, duration: &str) -> (u64, usize) {
     (most, rows.iter().filter(|&&byte| byte == b'\n').count() - 1)
 }
 
-/// Within 5 %.
-fn alike(short: &str, long: &str, times: usize) {
+/// The longer run has no more than so many percent more memory.
+fn alike(short: &str, long: &str, times: usize, percent: u64) {
     let [(before, few), (after, many)] = [short, long].map(|duration| memory_of(CALM, duration));
     println!("{short}: {few} rows, {before} kB; {long}: {many} rows, {after} kB");
     assert_eq!(many - 1, times * (few - 1));
-    assert!(after * 100 <= before * 105, "{before} kB for {short}, {after} kB for {long}");
+    assert!(after * 100 <= before * (100 + percent), "{before} kB for {short}, {after} kB for {long}");
 }
 
 #[test]
 fn memory_does_not_grow_with_time() {
-    alike("4s", "40s", 10);
+    alike("4s", "40s", 10, 5);
 }
 
 #[test]
 #[ignore = "a minute: ./ci.sh extended"]
-fn memory_of_a_thousand_seconds_is_that_of_ten() {
-    alike("10s", "1000s", 100);
+fn memory_of_a_thousand_seconds_is_nearly_that_of_ten() {
+    // The envelopes of the pictures are not full after ten seconds: 12 % were measured, and a row for each tick would be a multiple.
+    alike("10s", "1000s", 100, 20);
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! The rows of a run as a picture needs them, in memory that does not grow with their number.
 
-/// Groups of rows at most: more than a picture has columns of pixels.
-const GROUPS: usize = 2048;
+/// Rows at most that are kept as they are.
+const ROWS: usize = 2048;
+/// Groups of several rows at most: about as many as a picture has columns of pixels.
+const GROUPS: usize = 1024;
 /// Rows of an open group that are kept before they are reduced.
 const PENDING: usize = 64;
 
@@ -14,7 +16,7 @@ pub(super) struct Sample<const C: usize> {
     pub(super) values: [f64; C],
 }
 
-/// The envelope of `C` curves. Fewer rows than [`GROUPS`] are kept as they are. More are grouped, twice as many in each group whenever
+/// The envelope of `C` curves. Fewer rows than [`ROWS`] are kept as they are. More are grouped, twice as many in each group whenever
 /// there are too many groups; of each stay the first and the last row, and those where a curve is lowest and highest.
 #[derive(Clone, Debug)]
 pub(super) struct Envelope<const C: usize> {
@@ -56,7 +58,8 @@ impl<const C: usize> Envelope<C> {
         self.kept.append(&mut self.open);
         self.ends.push(self.kept.len());
         self.in_open = 0;
-        if self.ends.len() >= GROUPS {
+        let most = if self.width == 1 { ROWS } else { GROUPS };
+        if self.ends.len() >= most {
             self.halve();
         }
     }
@@ -109,8 +112,8 @@ mod tests {
 
     #[test]
     fn what_fits_is_kept_as_it_is() {
-        let few = envelope(GROUPS as u64 - 1, |k| [k as f64, f64::NAN]);
-        assert_eq!(few.samples().count(), GROUPS - 1);
+        let few = envelope(ROWS as u64 - 1, |k| [k as f64, f64::NAN]);
+        assert_eq!(few.samples().count(), ROWS - 1);
     }
 
     #[test]
