@@ -21,7 +21,7 @@ struct Seen {
 }
 
 fn on_can(scenario: &Scenario, rate: u32, noise: impl Noise) -> Seen {
-    let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0 };
+    let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
     let configs = node_configs(scenario, drive).unwrap();
     let nodes =
         configs.iter().map(|config| Node::new(Params::new(config).unwrap(), &config.neighbours)).collect();
