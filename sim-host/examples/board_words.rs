@@ -37,7 +37,7 @@ fn words(path: &str, overrides: &[String]) -> Value {
     let overrides: Vec<_> =
         overrides.iter().map(|text| Override::parse(text).expect("section.key=value")).collect();
     let scenario = Scenario::load(&PathBuf::from(path), &overrides).expect("a scenario");
-    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0 };
+    let drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: false };
     let configs = node_configs(&scenario, drive).expect("a scenario for nodes");
     let outcome = simulate(&scenario, &options()).expect("a run in loopback");
     let ticks =
