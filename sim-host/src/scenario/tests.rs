@@ -187,7 +187,7 @@ fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
         ),
         ("bitrate = 2000000", "bus.bitrate = 2000000: must be an integer from 10000 to 1000000 (bit/s)"),
         ("bit_errors = 0.2", "bus.bit_errors = 0.2: must be"),
-        ("loss = 0.1", "unknown key 'loss' in [bus]; known: model, bitrate, bit_errors"),
+        ("loss = 0.1", "unknown key 'loss' in [bus] of model 'can'; known: model, bitrate, bit_errors"),
     ] {
         let message_found = errors("[expect]", &bus(keys));
         assert!(message_found.contains(message), "{message_found}");
