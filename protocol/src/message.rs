@@ -110,6 +110,9 @@ impl Target {
     }
 }
 
+/// Argument of a start for a node that comes to a network that runs: it announces nothing, since it does not know the tick yet.
+pub const JOIN: u8 = 1;
+
 /// What a CTRL frame asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -13,7 +13,7 @@ use crate::presence::Presence;
 use crate::scenario::Change;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
 use funnelnet_protocol::can::{self, CanFrame};
-use funnelnet_protocol::message::{Command, Message, Target, TickStamp};
+use funnelnet_protocol::message::{Command, JOIN, Message, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
 
@@ -204,7 +204,9 @@ impl<M: Medium> Engine<M> {
 
     /// Gives a command to one node, and does what follows.
     fn command(&mut self, index: usize, command: Command, now: u64) {
-        let message = Message::Ctrl { target: Target::All, command, arg: 0, at_tick: 0 };
+        let joins = command == Command::Start && self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
+        let arg = if joins { JOIN } else { 0 };
+        let message = Message::Ctrl { target: Target::All, command, arg, at_tick: 0 };
         receive(&mut self.nodes, index, Ok(message), now);
         self.poll(index, now);
     }

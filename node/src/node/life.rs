@@ -6,15 +6,23 @@ use crate::observe::{Event, Phase};
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
-use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, TickStamp};
+use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Severity, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    pub(super) fn on_command(&mut self, command: Command, at_tick: u16, now: u64) -> Result<(), Refusal> {
+    pub(super) fn on_command(
+        &mut self,
+        (command, arg): (Command, u8),
+        at_tick: u16,
+        now: u64,
+    ) -> Result<(), Refusal> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
-                self.announce();
+                // A newcomer says nothing before it knows the tick.
+                if arg != JOIN {
+                    self.announce();
+                }
                 self.clock.start(self.params.tick_source, at_tick, self.params.tick_ns, now);
                 self.outbox.report(Event::Started);
                 Ok(())
