@@ -14,7 +14,7 @@ UID = 0x1FFF7590
 HZ, BAUD = 160_000_000, 115_200
 ERASE_NS = 22e6
 BOOT_MS = 10
-# What a look at a clock that is missing takes: longer than on the chip, so that a wait does not take all day.
+# What a look at a clock that is missing, or at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
 POLL_NS = 10e3
 
 
@@ -70,8 +70,10 @@ class Flash(Peripheral):
         self.held.update({self.OPTR: 0xFFEFF8AA, self.CR: 0xC0000000})
 
     def read(self, offset):
-        busy = self.BUSY if offset == self.SR and self.core.ns < self.busy_until else 0
-        return self.get(offset) | busy
+        is_busy = offset == self.SR and self.core.ns < self.busy_until
+        if is_busy:
+            self.core.stall(POLL_NS)
+        return self.get(offset) | (self.BUSY if is_busy else 0)
 
     def write(self, offset, value):
         if offset == self.KEYR:
