@@ -6,9 +6,53 @@ use super::subject::Subject;
 use super::{Finding, Status, share};
 use crate::scenario::format_duration;
 use funnelnet_node::neighbour::WINDOW_BACK;
+use funnelnet_node::params::LONGEST_ROUND;
 
-/// Loss up to which nothing was seen to suffer; at 30 % a narrow funnel is left now and then (README).
+/// Loss up to which `c` may stay as it is (LAW.md 4).
 const HARMLESS_LOSS: f64 = 0.1;
+/// `c` for a loss up to 20 %, and beyond.
+const DAMPED: [(f64, f64); 2] = [(0.2, 3.0), (1.0, 4.0)];
+
+/// Rounds that are long enough for every frame (LAW.md 5), as the setting where the run is a whole number of them.
+fn decide_less_often(found: Finding, status: Status, why: &str, subject: &Subject<'_>) -> Finding {
+    let (bus, time) = (&subject.scenario.bus, subject.scenario.time);
+    let step_ns = time.tick_ns / u64::from(time.round);
+    let steps = time.ticks.saturating_mul(time.round.into());
+    let needed = bus.latency_ns.saturating_add(bus.jitter_ns) / step_ns + 1;
+    let whole = (needed..=u64::from(LONGEST_ROUND)).find(|round| steps.is_multiple_of(*round));
+    match whole {
+        Some(round) => {
+            let round = format_duration(round.saturating_mul(step_ns));
+            found
+                .advise(
+                    status,
+                    format!("{why}; decide once in a round of {round}, by which every frame has come"),
+                )
+                .set("time.round", round)
+        }
+        None => {
+            let tick = format_duration(needed.saturating_mul(step_ns));
+            found.advise(status, format!("{why}; use a tick of {tick}, by which every frame has come"))
+        }
+    }
+}
+
+/// More damping, which bounds what steep gains make of a lossy bus.
+fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
+    let loss = subject.scenario.bus.loss;
+    let damping = DAMPED.into_iter().find(|(up_to, _)| loss <= *up_to).map_or(4.0, |(_, damping)| damping);
+    if subject.scenario.nodes.iter().all(|node| node.damping >= damping) {
+        let advice = format!(
+            "a narrow funnel is left now and then, whatever the damping; up to {} was seen to be harmless",
+            share(HARMLESS_LOSS)
+        );
+        return found.advise(Status::Warn, advice).set("bus.loss", format!("{HARMLESS_LOSS}"));
+    }
+    let advice = format!(
+        "a narrow funnel is left now and then, and steep gains run away; a damping of {damping} bounds them"
+    );
+    found.advise(Status::Warn, advice).set("coupling.damping", format!("{damping}"))
+}
 
 /// What there is to say about the bus; nothing where it loses and delays nothing.
 pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
@@ -28,28 +72,20 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     let found = Finding::new("bus", "Bus", text, values);
     // What arrives with the next tick is taken after it.
     let ticks_late = |delay: u64| delay / tick_ns;
-    let in_time = format_duration((ticks_late(delay) + 1).saturating_mul(tick_ns));
     if bus.loss >= 1.0 {
         return Some(found.advise(Status::Fail, "every frame is lost: nobody ever hears anybody".to_owned()));
     }
     if ticks_late(bus.latency_ns) > u64::from(WINDOW_BACK) {
-        let advice = format!(
-            "a frame is heard for {WINDOW_BACK} ticks at most, so that nobody ever hears anybody; use a tick of {in_time} or more"
-        );
-        return Some(found.advise(Status::Fail, advice).set("time.tick", in_time));
+        let why =
+            format!("a frame is heard for {WINDOW_BACK} ticks at most, so that nobody ever hears anybody");
+        return Some(decide_less_often(found, Status::Fail, &why, subject));
     }
     if delay >= tick_ns && !subject.keeps() {
-        let advice = format!(
-            "frames come a tick or more late, which a narrow funnel does not survive; keep the delay below the tick, or use one of {in_time}"
-        );
-        return Some(found.advise(Status::Warn, advice).set("time.tick", in_time));
+        let why = "frames come a tick or more late, which a narrow funnel does not survive";
+        return Some(decide_less_often(found, Status::Warn, why, subject));
     }
-    if bus.loss > HARMLESS_LOSS {
-        let advice = format!(
-            "a narrow funnel is left now and then; up to {} was seen to be harmless",
-            share(HARMLESS_LOSS)
-        );
-        return Some(found.advise(Status::Warn, advice).set("bus.loss", format!("{HARMLESS_LOSS}")));
+    if bus.loss > HARMLESS_LOSS && !subject.keeps() {
+        return Some(damp(found, subject));
     }
     if delay >= tick_ns {
         let advice = "frames come a tick or more late; the law, followed with that over the whole run, stays inside its funnels";

@@ -1,0 +1,195 @@
+//! Nodes that come to a network that runs, and nodes whose neighbours all fall silent (LAW.md 9).
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use funnelnet_node::{Action, Event, InputRange, Node, Params, PlantSetup};
+use funnelnet_protocol::config::{EdgeConfig, Field, NodeConfig, Shape, TickSource, Tuning};
+use funnelnet_protocol::message::{Command, Component, JOIN, Message, NodeId, Target, TickStamp};
+
+const MS: u32 = 1_000_000;
+/// Tick at which the newcomer comes.
+const FIRST: u32 = 5_000;
+
+/// Node 1 between two others, far from them.
+fn config() -> NodeConfig {
+    NodeConfig::builder(1, MS)
+        .tick_source(TickSource::Sync)
+        .state([50.0])
+        .field(Field::scalar(0.0, 0.0, []))
+        .funnel(Shape::Constant { width: 1.0 })
+        .edges([EdgeConfig::new(2, 1.0), EdgeConfig::new(3, 3.0)])
+        .extrapolate_ticks(4)
+        .build()
+        .unwrap()
+}
+
+fn node(config: &NodeConfig) -> Node {
+    Node::new(Params::new(config).unwrap(), &config.neighbours)
+}
+
+fn start(arg: u8) -> Message {
+    Message::Ctrl { target: Target::All, command: Command::Start, arg, at_tick: 0 }
+}
+
+fn state(source: u8, tick: u32, x: f32) -> Message {
+    let source = NodeId::new(source).unwrap();
+    Message::State { source, component: Component::FIRST, tick: TickStamp::low(tick, 8), x }
+}
+
+/// Marks `tick`; samples are answered by `x`. Gives all that the node does.
+fn tick(node: &mut Node, tick: u32, x: f32) -> Vec<Action> {
+    let previous_tick = TickStamp::low(tick.wrapping_sub(1), 24);
+    node.on_message(&Message::Sync { source: None, previous_tick, phase_us: 0 }, 0).unwrap();
+    drain(node, x)
+}
+
+fn drain(node: &mut Node, x: f32) -> Vec<Action> {
+    let mut done = Vec::new();
+    while let Some(action) = node.poll(0) {
+        if action == Action::Sample {
+            node.measured(&[x]);
+        }
+        done.push(action);
+    }
+    done
+}
+
+fn states(actions: &[Action]) -> Vec<f32> {
+    let state = |action: &Action| match action {
+        Action::Send(Message::State { x, .. }) => Some(*x),
+        _ => None,
+    };
+    actions.iter().filter_map(state).collect()
+}
+
+/// Before its first SYNC a node does not know the tick, and refuses states.
+fn hear(node: &mut Node, source: u8, k: u32, x: f32) {
+    let _ = node.on_message(&state(source, k, x), 0);
+}
+
+fn hear_both(node: &mut Node, k: u32) {
+    hear(node, 2, k, 2.0);
+    hear(node, 3, k, -2.0);
+}
+
+#[test]
+fn a_node_that_integrates_says_nothing_before_it_has_the_mean_of_its_neighbours() {
+    let mut node = node(&config());
+    node.on_message(&start(JOIN), 0).unwrap();
+    assert_eq!(states(&drain(&mut node, 0.0)), [], "told that it joins, it does not announce its state");
+    let done = tick(&mut node, FIRST, 0.0);
+    assert!(done.contains(&Action::Report(Event::Listens { tick: FIRST })), "{done:?}");
+    assert_eq!((states(&done), node.state().next()), (vec![], Some(50.0)));
+    // One neighbour of two is not enough.
+    node.on_message(&state(2, FIRST + 1, 2.0), 0).unwrap();
+    assert_eq!(states(&tick(&mut node, FIRST + 1, 0.0)), []);
+    hear_both(&mut node, FIRST + 2);
+    let done = tick(&mut node, FIRST + 2, 0.0);
+    assert!(done.contains(&Action::Report(Event::Joins { tick: FIRST + 2 })), "{done:?}");
+    // (1 * 2 + 3 * -2) / 4, with no input.
+    assert_eq!((states(&done), node.observations()[0].u), (vec![-1.0], 0.0));
+    assert_eq!(node.counters().breaches, 0, "far away as it was, it was never outside");
+}
+
+#[test]
+fn a_neighbour_that_is_never_heard_is_not_waited_for() {
+    let mut node = node(&config());
+    node.on_message(&start(JOIN), 0).unwrap();
+    let spoke = (FIRST..FIRST + 20).find(|&k| {
+        hear(&mut node, 2, k, 2.0);
+        !states(&tick(&mut node, k, 0.0)).is_empty()
+    });
+    // The edge to node 3 is given up after four ticks; the mean is then what node 2 has.
+    assert_eq!((spoke, node.state().next()), (Some(FIRST + 4), Some(2.0)));
+}
+
+#[test]
+fn a_node_that_hears_nobody_speaks_in_the_end() {
+    let mut node = node(&config());
+    node.on_message(&start(JOIN), 0).unwrap();
+    let spoke = (FIRST..FIRST + 40).find(|&k| !states(&tick(&mut node, k, 0.0)).is_empty());
+    // Three times the four ticks of extrapolation, and it keeps its state.
+    assert_eq!((spoke, node.state().next()), (Some(FIRST + 12), Some(50.0)));
+}
+
+#[test]
+fn a_plant_far_away_goes_there_in_a_funnel_of_its_own_within_its_limits_and_speaks_once_it_is_there() {
+    let config = config();
+    let plant = PlantSetup::new([InputRange::new(-100.0, 100.0).unwrap()], 2);
+    let params = Params::<f32>::new(&config).unwrap().with_plant(plant).unwrap();
+    let mut node = Node::new(params, &config.neighbours);
+    node.on_message(&start(JOIN), 0).unwrap();
+    let mut x = 50.0_f32;
+    let (mut spoke, mut largest) = (None, 0.0_f32);
+    for k in FIRST..FIRST + 4000 {
+        hear_both(&mut node, k);
+        let done = tick(&mut node, k, x);
+        let u = node.inputs()[0];
+        largest = largest.max(u.abs());
+        x += 1e-3 * u;
+        if !states(&done).is_empty() {
+            spoke = Some(k - FIRST);
+            break;
+        }
+    }
+    // nu = 4 (x + 1) has to be below 1.05 for ten ticks; 51 away at 100 a second it takes half a second at least.
+    let spoke = spoke.unwrap();
+    assert!((500..3000).contains(&spoke), "{spoke}");
+    assert!((4.0 * (x + 1.0)).abs() < 1.05 && largest <= 100.0, "{x} {largest}");
+    assert_eq!(node.counters().breaches, 0);
+}
+
+#[test]
+fn a_node_from_tick_zero_on_is_no_newcomer() {
+    let mut node = node(&config());
+    node.on_message(&start(0), 0).unwrap();
+    assert_eq!(states(&drain(&mut node, 0.0)), [50.0]);
+    let done = tick(&mut node, 0, 0.0);
+    assert_eq!(states(&done).len(), 1, "{done:?}");
+}
+
+/// A node whose neighbours move, which has an input, and then hears nobody.
+#[test]
+fn a_node_whose_edges_are_all_gone_holds_its_input_and_lets_it_decay() {
+    let mut node = node(&NodeConfig { initial_state: [0.0].into_iter().collect(), ..config() });
+    node.on_message(&start(0), 0).unwrap();
+    drain(&mut node, 0.0);
+    let mut k = 0;
+    while k < 100 {
+        let x = 0.05 + 0.01 * k as f32;
+        node.on_message(&state(2, k, x), 0).unwrap();
+        node.on_message(&state(3, k, x), 0).unwrap();
+        tick(&mut node, k, 0.0);
+        k += 1;
+    }
+    let before = node.observations()[0].u;
+    assert!((8.0..12.0).contains(&before), "the neighbours move by 10 a second: {before}");
+    let mut held = Vec::new();
+    for k in 100..100 + 305 {
+        tick(&mut node, k, 0.0);
+        held.push(node.observations()[0].u);
+    }
+    // Four ticks of extrapolation, and then 1/e in 300 ticks.
+    let ratio = held[304] / held[4];
+    assert!((0.36..0.38).contains(&ratio) && held[4] > 0.9 * before, "{ratio} {}", held[4]);
+}
+
+#[test]
+fn an_input_is_bounded_counted_and_fed_back_and_a_slope_is_clipped() {
+    let tuning = Tuning { input_limit: 20.0, slope_limit: 5.0, ..Tuning::default() };
+    let mut node = node(&NodeConfig { tuning, initial_state: [0.0].into_iter().collect(), ..config() });
+    node.on_message(&start(0), 0).unwrap();
+    drain(&mut node, 0.0);
+    hear_both(&mut node, 0);
+    tick(&mut node, 0, 0.0);
+    // 2 - 6 = -4 in a funnel of 1 asks for much more.
+    assert_eq!((node.observations()[0].u, node.counters().limited), (-20.0, 1));
+    // Node 2 jumps by 1 in a tick, which is 1,000 a second, and falls silent: at most 5 a second are believed.
+    node.on_message(&state(2, 1, 3.0), 0).unwrap();
+    node.on_message(&state(3, 1, -2.0), 0).unwrap();
+    tick(&mut node, 1, 0.0);
+    node.on_message(&state(3, 2, -2.0), 0).unwrap();
+    let x = node.state().next().unwrap();
+    tick(&mut node, 2, 0.0);
+    let expected = (3.005 - x) + 3.0 * (-2.0 - x);
+    assert!((node.observations()[0].nu - expected).abs() < 1e-5, "{} {expected}", node.observations()[0].nu);
+}
