@@ -21,17 +21,17 @@ rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 163
 # Images that nodes are made of; their boards, binaries and features; budgets of flash, static RAM and stack, bytes: what ./ci.sh boards
 # and ./ci.sh stack find, and a tenth or so. Storage costs 20 KiB of flash and 3 KiB of RAM.
 readonly BUDGETS="
-mps2_an386           mps2_an386    mps2_an386          -       61440 15360  7680
-mps2_peers           mps2_an386    mps2_peers          -       69632 31744  8704
-heater_emulated      mps2_an386    heater_emulated     -       65536 15360  5120
-nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd 114688 22528 14336
-nucleo_g474re        nucleo_g474re nucleo_g474re       -      112640 21504 13824
-nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -      107520 29696 11776
-nucleo_f446re        nucleo_f446re nucleo_f446re       -      106496 20480  8704
-nrf52840_dk          nrf52840_dk   nrf52840_dk         -       94208 19456  8192
-nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       99328 26624  8704
-rp2040_pico          rp2040_pico   rp2040_pico         -       98304 19456  8704
-rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -      106496 26624  8704
+mps2_an386           mps2_an386    mps2_an386          -       69632 15360  7680
+mps2_peers           mps2_an386    mps2_peers          -       76800 31744  8704
+heater_emulated      mps2_an386    heater_emulated     -       69632 15360  5120
+nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd 119808 22528 14336
+nucleo_g474re        nucleo_g474re nucleo_g474re       -      118784 21504 13824
+nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -      112640 29696 11776
+nucleo_f446re        nucleo_f446re nucleo_f446re       -      113664 20480  8704
+nrf52840_dk          nrf52840_dk   nrf52840_dk         -       99328 19456  8192
+nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       105472 26624  8704
+rp2040_pico          rp2040_pico   rp2040_pico         -       106496 19456  8704
+rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -      112640 26624  8704
 heater               rp2040_pico   heater              -       94208 17408  5120
 "
 # Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.

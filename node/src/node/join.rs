@@ -1,4 +1,4 @@
-//! A newcomer: a node whose first SYNC is not that of tick 0. It hears everybody and sends no states until it is where
+//! A newcomer: a node that is told at its start that it joins a network that runs. It hears everybody and sends no states until it is where
 //! its neighbours are (LAW.md 9): nothing that it was before throws them out.
 
 use super::Node;
@@ -9,7 +9,7 @@ use funnelnet_law::funnel::Widths;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::Law;
 use funnelnet_law::math::{Real, larger};
-use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::message::JOIN;
 
 /// Ticks in a row that a node with a plant is inside its own funnel before it speaks.
 const SETTLED: u8 = 10;
@@ -43,15 +43,14 @@ struct Private<F> {
 }
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// Takes the first tick `k` of this node, of whatever number.
+    /// Whether a node that is started with this argument is a newcomer. It is one from then on.
     #[cold]
-    pub(super) fn begin(&mut self, k: u32) {
-        // A timer counts from the start of its own node, and knows of no network.
-        let joins = k != 0 && self.params.tick_source == TickSource::Sync;
-        if joins && self.params.coupling != Law::None && self.neighbours.count() != 0 {
+    pub(super) fn joins(&mut self, arg: u8) -> bool {
+        let joins = arg == JOIN && self.params.coupling != Law::None && self.neighbours.count() != 0;
+        if joins {
             self.newcomer = Some(Newcomer::default());
-            self.outbox.report(Event::Listens { tick: k });
         }
+        joins
     }
 
     /// Whether a newcomer at tick `k`, whose largest diffusive term is `nu` (state units), has no input yet. A
@@ -59,6 +58,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     #[cold]
     pub(super) fn waits(&mut self, k: u32, nu: &mut F) -> bool {
         let Some(mut newcomer) = self.newcomer else { return false };
+        if newcomer.ticks == 0 {
+            self.outbox.report(Event::Listens { tick: k });
+        }
         newcomer.ticks = newcomer.ticks.saturating_add(1);
         self.newcomer = Some(newcomer);
         if newcomer.private.is_some() {

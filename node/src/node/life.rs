@@ -6,7 +6,7 @@ use crate::observe::{Event, Phase};
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
-use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Severity, TickStamp};
+use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
@@ -20,7 +20,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
                 // A newcomer says nothing before it knows the tick.
-                if arg != JOIN {
+                if !self.joins(arg) {
                     self.announce();
                 }
                 self.clock.start(self.params.tick_source, at_tick, self.params.tick_ns, now);

@@ -27,9 +27,6 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     pub(super) fn run_tick(&mut self) {
         let k = self.clock.tick;
         let (largest, input, mut nu) = self.listen(k);
-        if self.counters.ticks == 0 {
-            self.begin(k);
-        }
         let is_new = self.newcomer.is_some();
         if is_new && self.waits(k, &mut nu) {
             return self.let_pass(k);

@@ -37,17 +37,27 @@ fn decide_less_often(found: Finding, status: Status, why: &str, subject: &Subjec
     }
 }
 
+/// `c` that bounds what steep gains make of the loss.
+fn needed_damping(subject: &Subject<'_>) -> f64 {
+    let loss = subject.scenario.bus.loss;
+    DAMPED.into_iter().find(|(up_to, _)| loss <= *up_to).map_or(4.0, |(_, damping)| damping)
+}
+
+fn is_damped(subject: &Subject<'_>) -> bool {
+    let needed = needed_damping(subject);
+    subject.scenario.nodes.iter().all(|node| node.damping >= needed)
+}
+
 /// More damping, which bounds what steep gains make of a lossy bus.
 fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
-    let loss = subject.scenario.bus.loss;
-    let damping = DAMPED.into_iter().find(|(up_to, _)| loss <= *up_to).map_or(4.0, |(_, damping)| damping);
-    if subject.scenario.nodes.iter().all(|node| node.damping >= damping) {
+    if is_damped(subject) {
         let advice = format!(
             "a narrow funnel is left now and then, whatever the damping; up to {} was seen to be harmless",
             share(HARMLESS_LOSS)
         );
         return found.advise(Status::Warn, advice).set("bus.loss", format!("{HARMLESS_LOSS}"));
     }
+    let damping = needed_damping(subject);
     let advice = format!(
         "a narrow funnel is left now and then, and steep gains run away; a damping of {damping} bounds them"
     );
@@ -84,7 +94,7 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
         let why = "frames come a tick or more late, which a narrow funnel does not survive";
         return Some(decide_less_often(found, Status::Warn, why, subject));
     }
-    if bus.loss > HARMLESS_LOSS && !subject.keeps() {
+    if bus.loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
         return Some(damp(found, subject));
     }
     if delay >= tick_ns {

@@ -13,12 +13,16 @@ use funnelnet_protocol::report::Counters;
 pub(super) const DRIVE: Drive =
     Drive { tick_source: TickSource::Timer, telemetry_every: 1, is_simulated: false };
 
+/// Ticks of silence after which a neighbour is lost to a node that shall stop when it is alone.
+const SOON: u8 = 10;
+
 /// This program may die, and no SYNC tells the nodes so. But with it go all its relays: a node stops once all its neighbours are lost, unless
 /// the scenario says how many of them stop it.
 pub(super) fn stop_when_alone(configs: &mut [NodeConfig]) {
     for config in configs.iter_mut().filter(|config| config.lost_neighbours == 0) {
         // 126 at most.
         config.lost_neighbours = u8::try_from(config.neighbours.len()).unwrap_or(u8::MAX);
+        config.extrapolate_ticks = config.extrapolate_ticks.min(SOON);
     }
 }
 

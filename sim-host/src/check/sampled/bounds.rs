@@ -3,6 +3,7 @@
 use super::{WORK, follow_for};
 use crate::extremes::smaller;
 use crate::scenario::Scenario;
+use funnelnet_node::params;
 
 /// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back from far away.
 const INPUT: f64 = 12.0;
@@ -50,14 +51,21 @@ impl Bounds {
         let end = scenario.time.end_s();
         let narrowest = scenario.nodes.iter().map(|node| node.funnel.width(end)).fold(f64::INFINITY, smaller);
         let ticks = (narrowest / followed.bend).sqrt() / scenario.time.tick_s();
-        let (low, high) = EXTRAPOLATE;
+        // Who shall stop for neighbours that are lost must not be long in the dark about them.
+        let (low, longest) = EXTRAPOLATE;
+        let high = if scenario.safety.lost_neighbours == 0 { longest } else { low };
         Self {
-            input: told.input.or(Some(INPUT * followed.input).filter(|&input| input > 0.0)),
-            slope: Some(SLOPE * followed.slope).filter(|&slope| slope > 0.0),
+            input: told.input.or(Some(INPUT * followed.input).filter(in_range)),
+            slope: Some(SLOPE * followed.slope).filter(in_range),
             // A mean that does not bend allows any time.
             extrapolate: if ticks.is_nan() { high } else { ticks.clamp(low.into(), high.into()) as u8 },
         }
     }
+}
+
+/// Whether a node takes it for a bound; what is larger or smaller bounds nothing.
+fn in_range(value: &f64) -> bool {
+    (params::SMALLEST..=params::LARGEST).contains(value)
 }
 
 /// How much the mean state bends.
