@@ -37,7 +37,7 @@ heater               rp2040_pico   heater              -       94208 17408  5120
 # Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.
 readonly EMULATED=$ROOT/target/emulated
 # Instructions per node-tick in loopback.
-readonly HOST_LIMIT=1500
+readonly HOST_LIMIT=1650
 # The paths above and below are those of cargo's default target folders.
 unset CARGO_TARGET_DIR CARGO_BUILD_TARGET_DIR CARGO_BUILD_TARGET
 

@@ -59,10 +59,14 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             true => self.hold_inputs(),
             false => self.compute_inputs(self.params.guard.of(k, psi)),
         }
-        if !self.parts.iter().all(|part| part.u.is_finite()) {
-            return self.refuse_input(k, left);
+        // Written so that NaN is outside.
+        let limit = self.params.input_limit;
+        if !self.parts.iter().all(|part| part.u.abs() <= limit) {
+            if !self.parts.iter().all(|part| part.u.is_finite()) {
+                return self.refuse_input(k, left);
+            }
+            self.limit_inputs();
         }
-        self.limit_inputs();
         self.saturate();
         self.observe(k, left);
         self.advance(k);
@@ -176,21 +180,18 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     }
 
     /// Bounds the inputs, and has the law go on from the bounded ones: the best way back that was found from far away (LAW.md 9).
+    #[cold]
     fn limit_inputs(&mut self) {
         let limit = self.params.input_limit;
-        let mut limited = false;
         for (component, part) in self.parts.iter_mut().enumerate() {
             if part.u.abs() > limit {
-                limited = true;
                 let bounded = limit.copysign(part.u);
                 self.neighbours.feed_back(component as u8, bounded / part.u);
                 part.memory.feed_back(bounded);
                 part.u = bounded;
             }
         }
-        if limited {
-            count(&mut self.counters.limited);
-        }
+        count(&mut self.counters.limited);
     }
 
     /// Takes note of a tick that does not follow from those before it: `g` is 0 at this tick and the next one (LAW.md 3).
@@ -215,11 +216,21 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     fn advance(&mut self, k: u32) {
         let before: State<F> = collect(self.parts.iter().map(|part| part.x));
         let Params { field, tick, round, .. } = &self.params;
-        let first = u64::from(k) * u64::from(*round);
-        for step in first..first + u64::from(*round) {
-            match self.parts.as_mut_slice() {
-                [part] => midpoint_step(field, *tick, step, &mut part.x, &mut part.carry, part.u),
-                parts => vector_step(field, *tick, step, parts),
+        let steps = u64::from(*round);
+        let mut step = u64::from(k) * steps;
+        let end = step + steps;
+        match self.parts.as_mut_slice() {
+            [part] => {
+                while step < end {
+                    midpoint_step(field, *tick, step, &mut part.x, &mut part.carry, part.u);
+                    step += 1;
+                }
+            }
+            parts => {
+                while step < end {
+                    vector_step(field, *tick, step, parts);
+                    step += 1;
+                }
             }
         }
         // Of `x` as neighbours see it: their `dnu` and this node's then add up to zero.
