@@ -133,7 +133,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Finds the input of every component for edge-wise coupling, and as its diffusive term that of the edge
     /// where it is largest.
     fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>) {
-        let psi = EdgeFunnel { widths: self.params.funnel.widths(k), floor: law.floor };
+        let widths = self.params.guard.of(k, self.params.funnel.widths(k));
+        let psi = EdgeFunnel { widths, floor: law.floor };
         for (component, part) in self.parts.iter_mut().enumerate() {
             let law = (law, &self.params.law.gain);
             let inputs = self.neighbours.edge_inputs(k, component as u8, part.own(), law, psi);
