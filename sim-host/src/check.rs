@@ -4,6 +4,7 @@
 //! dynamics predict, what the sampled law itself does in f64, and whether that is what the scenario expects.
 
 mod assumptions;
+mod bounds;
 mod bus;
 mod capacity;
 mod events;
@@ -161,6 +162,7 @@ pub fn check(scenario: &Scenario) -> Report {
     findings.push(followed::finding(&subject));
     findings.extend(noise::finding(&subject));
     findings.extend(bus::findings(&subject));
+    findings.extend(bounds::finding(&subject));
     findings.extend(expectations::findings(&subject));
     findings.extend(events::finding(scenario));
     events::unsettle(scenario, &mut findings);

@@ -12,6 +12,7 @@ use crate::extremes::{beyond, larger, largest};
 use crate::scenario::{Coupling, FloorSpec, LARGEST_RUN, Scenario};
 use bounds::Bend;
 pub(crate) use bounds::Bounds;
+pub(super) use bounds::undisturbed;
 use bus::Bus;
 use funnelnet_node::params;
 use member::Member;

@@ -200,6 +200,22 @@ fn a_law_that_runs_away_by_loss_fails() {
 }
 
 #[test]
+fn a_bound_that_clips_the_undisturbed_run_is_warned_about() {
+    let bounds = |sets: &[&str]| {
+        load("five-agents.toml", sets).findings.into_iter().find(|finding| finding.name == "bounds")
+    };
+    assert!(bounds(&[]).is_none(), "nothing disturbs it");
+    let told = bounds(&["bus.loss=0.1"]).unwrap();
+    let largest = told.values["u_max"].as_f64().unwrap() / 12.0;
+    assert!(told.status == Status::Note && (10.0..30.0).contains(&largest), "{}", told.text);
+    assert_eq!(bounds(&[&format!("coupling.u_max={}", 1.01 * largest)]).unwrap().status, Status::Note);
+    let clipped = bounds(&[&format!("coupling.u_max={}", 0.5 * largest)]).unwrap();
+    let setting = clipped.advice.unwrap().setting.unwrap();
+    assert_eq!((clipped.status, setting.key.as_str()), (Status::Warn, "coupling.u_max"));
+    assert_eq!(bounds(&[&format!("coupling.u_max={}", setting.value)]).unwrap().status, Status::Note);
+}
+
+#[test]
 fn heavy_loss_is_warned_about() {
     assert_eq!(find(&load("lossy-ring.toml", &[]), "bus").status, Status::Note);
     let heavy = find(&load("lossy-ring.toml", &["bus.loss=0.3"]), "bus").clone();

@@ -1,6 +1,6 @@
 //! What a node is told to stay within while the network is disturbed: found from the run that is not (LAW.md 9).
 
-use super::{WORK, follow_for};
+use super::{Followed, WORK, follow_for};
 use crate::extremes::smaller;
 use crate::scenario::Scenario;
 use funnelnet_node::params;
@@ -40,14 +40,8 @@ impl Bounds {
 
     /// The same for a network that something else may disturb: a real bus, or events.
     pub fn of_disturbed(scenario: &Scenario) -> Self {
-        let mut calm = scenario.clone();
-        (calm.bus.loss, calm.u_max, calm.events) = (0.0, None, Vec::new());
-        let degrees = scenario.graph.degrees();
-        let followed = follow_for(&calm, &degrees, Self::NONE, WORK);
         let told = Self { input: scenario.u_max, ..Self::NONE };
-        let Some(followed) = followed.filter(|followed| followed.whole && followed.lost.is_none()) else {
-            return told;
-        };
+        let Some(followed) = undisturbed(scenario) else { return told };
         let end = scenario.time.end_s();
         let narrowest = scenario.nodes.iter().map(|node| node.funnel.width(end)).fold(f64::INFINITY, smaller);
         let ticks = (narrowest / followed.bend).sqrt() / scenario.time.tick_s();
@@ -61,6 +55,14 @@ impl Bounds {
             extrapolate: if ticks.is_nan() { high } else { ticks.clamp(low.into(), high.into()) as u8 },
         }
     }
+}
+
+/// The whole run without loss, events and bounds, where it can be followed and keeps its states together.
+pub(in crate::check) fn undisturbed(scenario: &Scenario) -> Option<Followed> {
+    let mut calm = scenario.clone();
+    (calm.bus.loss, calm.u_max, calm.events) = (0.0, None, Vec::new());
+    let followed = follow_for(&calm, &scenario.graph.degrees(), Bounds::NONE, WORK)?;
+    (followed.whole && followed.lost.is_none()).then_some(followed)
 }
 
 /// Whether a node takes it for a bound; what is larger or smaller bounds nothing.
