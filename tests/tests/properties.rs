@@ -5,6 +5,8 @@
 use funnelnet_law::emergent::runge_kutta;
 use funnelnet_law::math::exp10;
 use proptest::prelude::*;
+use proptest::strategy::ValueTree;
+use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 use sim_host::check::check;
 use sim_host::record::Row;
 use sim_host::run::{Fidelity, Outcome};
@@ -226,6 +228,35 @@ proptest! {
             prop_assert_eq!(apart(&before.rows, &after.rows, &to, column), 0.0);
         }
     }
+}
+
+/// With a guard of 5 % no network is outside later than a hundred ticks after its start; what happens before is counted. How many are tried
+/// says FUNNEL_NETWORKS.
+#[test]
+#[ignore = "minutes: ./ci.sh extended"]
+fn with_a_guard_no_network_is_outside_after_its_start() {
+    const START: usize = 100;
+    let count = std::env::var("FUNNEL_NETWORKS").map_or(2_000, |text| text.parse().unwrap());
+    let mut runner = TestRunner::new_with_rng(cases(1), TestRng::deterministic_rng(RngAlgorithm::ChaCha));
+    let (mut at_the_start, mut later, mut worst) = (0, Vec::new(), 0.0f64);
+    for number in 0..count {
+        let scenario = network().new_tree(&mut runner).unwrap().current();
+        let scenario = Scenario { guard: 0.05, ..with_the_tick_of_check(&scenario) };
+        let rows = simulate(&scenario).rows;
+        let ratio =
+            |row: &Row| row.nu.iter().zip(&row.psi).map(|(nu, psi)| nu.abs() / psi).fold(0.0, f64::max);
+        let largest = |rows: &[Row]| rows.iter().map(ratio).fold(0.0, f64::max);
+        let (start, rest) = rows.split_at(START.min(rows.len()));
+        worst = worst.max(largest(start));
+        at_the_start += usize::from(largest(start) >= 1.0);
+        if largest(rest) >= 1.0 {
+            later.push((number, largest(rest)));
+        }
+    }
+    println!(
+        "{count} networks: {at_the_start} outside at their start, by {worst:.3} at most; later: {later:?}"
+    );
+    assert!(later.is_empty(), "{later:?}");
 }
 
 /// The same nodes in a row; `closed` joins the ends.
