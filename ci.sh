@@ -235,7 +235,12 @@ cmd_doc() { #: the crates' documentation, with warnings denied
 }
 
 cmd_package() { #: pack and build what can be published: law, protocol, node (dry run)
-    cargo publish --quiet --locked --dry-run --workspace --allow-dirty
+    # In a folder of its own each time: cargo keeps what it has unpacked by the path of the registry, and takes an older law for this one.
+    local folder status=0
+    folder=$(mktemp -d)
+    cargo publish --quiet --locked --dry-run --workspace --allow-dirty --target-dir "$folder" || status=$?
+    rm -rf "$folder"
+    (( status == 0 ))
 }
 
 cmd_fuzz() { #: half a minute of fuzzing for each decoder, the node, the session, storage and the scenario reader

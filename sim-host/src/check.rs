@@ -17,6 +17,7 @@ mod nodes;
 mod noise;
 mod predictions;
 mod sampled;
+mod shorter;
 mod start;
 mod subject;
 mod text;
@@ -240,9 +241,14 @@ fn range(low: f64, high: f64) -> String {
 
 /// The tick of so many seconds as a scenario has it, with two digits and not longer.
 fn tick_of(seconds: f64) -> String {
+    format_duration(tick_ns_of(seconds))
+}
+
+/// The same in ns.
+fn tick_ns_of(seconds: f64) -> u64 {
     let ns = seconds * 1e9;
     let unit = math::exp10((math::log10(ns).floor() - 1.0).max(0.0));
-    format_duration(((ns / unit).floor() * unit).max(1.0) as u64)
+    ((ns / unit).floor() * unit).max(1.0) as u64
 }
 
 fn share(part: f64) -> String {

@@ -8,6 +8,9 @@ use crate::scenario::{BusModel, Scenario};
 /// Load that a bus is planned for.
 const PLANNED_LOAD: f64 = 0.7;
 
+/// Worst-case load at which frames have no room any more, whatever their stuffing: 135 bits at most, 111 at least.
+const FULL: f64 = 135.0 / 111.0;
+
 /// Data bytes of an authenticated state frame of one component.
 const STATE_BYTES: u64 = 8;
 
@@ -76,8 +79,11 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
         "can_fd_1m_2m_highest_hz": fd,
     });
     let found = Finding::new("capacity", "Capacity", text, values);
+    let advice = || format!("lengthen the tick to {} s or more", figure(1.0 / most));
     match over {
-        true => found.advise(Status::Fail, format!("lengthen the tick to {} s or more", figure(1.0 / most))),
+        // More than there are bits, even where none is stuffed.
+        true if PLANNED_LOAD * rate / most > FULL => found.advise(Status::Fail, advice()),
+        true => found.advise(Status::Warn, advice()),
         false => found.stands(Status::Note),
     }
 }

@@ -4,6 +4,7 @@ use funnelnet_law::Real;
 use funnelnet_law::range::SHORTEST_TICK_NS;
 use serde_json::json;
 
+use super::shorter;
 use super::subject::Subject;
 use super::{Finding, Status, figure, tick_of};
 use crate::extremes::larger;
@@ -36,16 +37,16 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     let wider = format!("start in a funnel {} times as wide", figure(kick / GOOD));
     let seconds = scenario.time.tick_s() * GOOD / kick;
     // Not a tick that no node takes.
-    let shorter = (seconds >= f64::from(SHORTEST_TICK_NS) * 1e-9).then(|| tick_of(seconds));
-    let advice = match &shorter {
+    let ticks = (seconds >= f64::from(SHORTEST_TICK_NS) * 1e-9).then(|| tick_of(seconds));
+    let advice = match &ticks {
         Some(tick) => format!("no input can answer before that; use a tick of {tick} or less, or {wider}"),
         None => format!("no input can answer before that; {wider}"),
     };
     let inside = kick < WHOLE || subject.followed.as_ref().is_some_and(|followed| followed.start.ratio < 1.0);
     let status = if inside { Status::Warn } else { Status::Fail };
     let found = found.advise(status, advice);
-    Some(match shorter {
-        Some(tick) => found.set("time.tick", tick),
+    Some(match ticks {
+        Some(_) => shorter::set(found, scenario, seconds),
         None => found,
     })
 }

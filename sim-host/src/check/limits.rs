@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::forecast::Forecast;
+use super::shorter;
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
 use crate::scenario::{Affine, Sine, format_duration};
@@ -63,12 +64,13 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         let advice = "this adds up sizes; the law itself, followed over the whole run, stays inside (below)";
         return found.advise(Status::Note, advice.to_owned());
     }
-    let tick = tick_of(SAFE * longest.unwrap_or(0.0));
+    let seconds = SAFE * longest.unwrap_or(0.0);
+    let tick = tick_of(seconds);
     let advice = format!(
         "|nu| may leave the funnel; use a tick of {tick} or less, or let psi be {} or more there",
         about(floor / SAFE)
     );
-    found.advise(Status::Warn, advice).set("time.tick", tick)
+    shorter::set(found.advise(Status::Warn, advice), subject.scenario, seconds)
 }
 
 /// The tick that leaves room in the funnel, resolves the fields, and does not throw the start out, s; none where any tick does.
@@ -88,7 +90,13 @@ fn fastest(field: &Affine) -> f64 {
 
 /// The fields against the tick: the node advances its state by a midpoint step, so that it sees a sine once per tick.
 pub(super) fn speed(subject: &Subject<'_>) -> Finding {
-    let (nodes, tick) = (&subject.scenario.nodes, subject.scenario.time.tick_s());
+    // In a round the field goes on tick by tick.
+    let (nodes, tick) = (&subject.scenario.nodes, subject.scenario.time.step_s());
+    let set = |found: Finding, needed: f64| match subject.scenario.time.round {
+        1 => shorter::set(found, subject.scenario, needed),
+        // The tick would have to fit into the round as well.
+        _ => found,
+    };
     let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.lipschitz()));
     let (quick, angle) = largest(nodes.iter().map(|node| tick * fastest(&node.dynamics)));
     let text = format!(
@@ -107,15 +115,15 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
     if quickest <= FAST {
         return found;
     }
-    let needed = tick_of(tick * FAST / quickest);
-    let advice = format!("use a tick of {needed} or less");
+    let needed = tick * FAST / quickest;
+    let advice = format!("use a tick of {} or less", tick_of(needed));
     if stiffest >= UNSTABLE {
         let why = format!(
             "T |df/dx| is {} at a node: its own step grows from {} on; {advice}",
             about(stiffest),
             figure(UNSTABLE)
         );
-        return found.advise(Status::Fail, why).set("time.tick", needed);
+        return set(found.advise(Status::Fail, why), needed);
     }
     if angle > ALIASED {
         let why = format!(
@@ -124,11 +132,9 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
             about(angle),
             quick + 1
         );
-        return found.advise(Status::Note, why).set("time.tick", needed);
+        return set(found.advise(Status::Note, why), needed);
     }
-    found
-        .advise(Status::Note, format!("fast for the node's midpoint step; {advice}"))
-        .set("time.tick", needed)
+    set(found.advise(Status::Note, format!("fast for the node's midpoint step; {advice}")), needed)
 }
 
 /// How fast a field decays or turns by itself, 1/s. That of a matrix is its norm: what turns fast makes the node's step grow as well.

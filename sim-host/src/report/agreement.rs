@@ -125,7 +125,7 @@ fn picture<DB: DrawingBackend>(
     for (n, mark) in trace.marks.iter().enumerate() {
         mark.draw(&mut chart, (&trace.span, heights), INK)?;
         if n < NAMED {
-            let words = format!("node {} {}", mark.id, mark.kind.word());
+            let words = mark.label();
             marks::label(&mut chart, &trace.span, (mark.from, heights.start), VPos::Bottom, words)?;
         }
     }

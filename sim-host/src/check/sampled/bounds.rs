@@ -2,7 +2,7 @@
 
 use super::{Followed, WORK, follow_for};
 use crate::extremes::smaller;
-use crate::scenario::Scenario;
+use crate::scenario::{BusModel, Scenario};
 use funnelnet_node::params;
 
 /// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back from far away.
@@ -29,10 +29,11 @@ impl Bounds {
     /// Those of a network of which nothing is known.
     pub const NONE: Self = Self { input: None, slope: None, extrapolate: EXTRAPOLATE.0 };
 
-    /// Those of a scenario. A bus that loses nothing, and no event, need none, and where the whole run cannot be followed there is none: a bound
+    /// Those of a scenario. An ideal bus that loses nothing, and no event, need none, and where the whole run cannot be followed there is none: a bound
     /// must never clip what the law does undisturbed.
     pub fn of(scenario: &Scenario) -> Self {
-        if scenario.bus.loss == 0.0 && scenario.events.is_empty() {
+        let is_ideal = scenario.bus.model == BusModel::Ideal;
+        if is_ideal && scenario.bus.loss == 0.0 && scenario.events.is_empty() {
             return Self { input: scenario.u_max, ..Self::NONE };
         }
         Self::of_disturbed(scenario)
