@@ -13,7 +13,7 @@ use crate::presence::Presence;
 use crate::scenario::Change;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
 use funnelnet_protocol::can::{self, CanFrame};
-use funnelnet_protocol::message::{Command, JOIN, Message, Target, TickStamp};
+use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
 
@@ -231,7 +231,19 @@ impl<M: Medium> Engine<M> {
         while let Some(at) = self.bus.next_arrival().filter(|&at| at < now) {
             let nodes = &mut self.nodes;
             self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
+            for (index, count) in self.bus.take_off() {
+                self.fail(index, count, at);
+            }
         }
+    }
+
+    /// Stops a node that its bus has lost, as its app does.
+    #[cold]
+    fn fail(&mut self, index: usize, count: u16, now: u64) {
+        if let Some(node) = self.nodes.get_mut(index) {
+            node.fail(FaultCode::BUS_OFF, count);
+        }
+        self.poll(index, now);
     }
 
     fn poll(&mut self, index: usize, now: u64) {

@@ -2,9 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_can_bus::{BitErrors, BitRate, Noise, Quiet, Timing};
-use funnelnet_node::{Node, Params};
+use funnelnet_node::{Event, Node, Params};
 use funnelnet_protocol::config::TickSource;
-use funnelnet_protocol::message::NodeId;
+use funnelnet_protocol::message::{FaultCode, NodeId};
 use sim_host::bus::can::CanBus;
 use sim_host::configure::{Drive, listeners, node_configs};
 use sim_host::engine::Engine;
@@ -132,4 +132,23 @@ fn the_same_noise_gives_the_same_run() {
     let runs = [(); 2].map(|()| on_can(&scenario, 500_000, one_percent()));
     assert_eq!(runs[0].states, runs[1].states);
     assert_eq!(runs[0].utilisation.to_bits(), runs[1].utilisation.to_bits());
+}
+
+/// Nearly every frame is spoilt: controllers go off the bus, and their nodes stop, say why, and do not drive on.
+#[test]
+fn a_node_that_its_bus_has_lost_stops_with_a_fault() {
+    let sets = ["bus.model=can", "bus.bit_errors=0.03", "time.duration=2s", "expect.stopped='any'"];
+    let scenario = scenario("five-agents.toml", &sets);
+    let run = run(&scenario, Fidelity::Loopback);
+    let off: Vec<usize> = run
+        .events
+        .iter()
+        .filter(|event| event.event == Event::Fault(FaultCode::BUS_OFF))
+        .map(|event| event.node)
+        .collect();
+    assert!(!off.is_empty(), "{:?}", run.events);
+    for node in off {
+        let last = run.rows.last().unwrap();
+        assert!(last.u[node].is_nan(), "node {} has no input any more", node + 1);
+    }
 }

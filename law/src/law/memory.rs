@@ -58,7 +58,7 @@ impl<F: Real> Memory<F> {
     }
 
     /// Takes note that the diffusive term of this tick does not follow from those before it: an edge was extrapolated, came or went, the
-    /// funnel was left, the node was configured anew. Then `g` is 0 at this tick and at the next one (LAW.md 3).
+    /// node was configured anew. Then `g` is 0 at this tick and at the next one (LAW.md 3).
     #[inline]
     pub fn disturb(&mut self) {
         self.depth = self.depth.min(Depth::Input);

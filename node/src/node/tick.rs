@@ -53,7 +53,6 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 return self.stop_at(k, left, FaultCode::FUNNEL_LEFT, self.id().get().into());
             }
             psi = self.reopen(k, ratio, psi);
-            self.disturb();
         }
         match alone {
             true => self.hold_inputs(),

@@ -1,11 +1,11 @@
 //! A CAN bus, bit for bit, with the port of each node above it: what the firmware runs between its node and its controller.
 //!
-//! What is not here yet: a node is not told that its port went off the bus, and drivers take no time.
+//! A node whose port has gone off the bus is told so, and stops, as the app has it. What is not here yet: drivers take no time.
 
 use super::Medium;
 use super::ideal::Traffic;
 use funnelnet_can_bus::{Bus, Event, Filter, Frame, Id, Mode, Noise, Order, Queue, Timing, What};
-use funnelnet_link::{BusState, CanPort, Classic, Heard, Request};
+use funnelnet_link::{BusState, CanPort, Change, Classic, Heard, Request};
 use funnelnet_protocol::can::CanFrame;
 use funnelnet_protocol::message::NodeId;
 use funnelnet_protocol::{Message, Refusal, can};
@@ -32,6 +32,8 @@ pub struct CanBus<N> {
     /// When the ports look at their controllers next, ns: all at the same time.
     look_at: u64,
     traffic: Traffic,
+    /// Nodes whose ports have gone off the bus, and how often so far, to be told.
+    off: Vec<(usize, u16)>,
 }
 
 impl<N: Noise> CanBus<N> {
@@ -51,7 +53,7 @@ impl<N: Noise> CanBus<N> {
         }
         let station = |_: &NodeId| Station { port: CanPort::new(), queue: Queue::default() };
         let stations = ids.iter().map(station).collect();
-        Self { bus, stations, due: VecDeque::new(), look_at: 0, traffic: Traffic::default() }
+        Self { bus, stations, due: VecDeque::new(), look_at: 0, traffic: Traffic::default(), off: Vec::new() }
     }
 
     /// The bus itself.
@@ -83,7 +85,7 @@ impl<N: Noise> CanBus<N> {
     }
 
     /// All ports look at their controllers.
-    fn look(&mut self, now: u64) {
+    fn look(&mut self, now: u64, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
         for index in 0..self.stations.len() {
             let state = match self.bus.mode(index) {
                 Mode::Active => BusState::Active,
@@ -93,6 +95,7 @@ impl<N: Noise> CanBus<N> {
             let Some(station) = self.stations.get_mut(index) else { return };
             let request = station.port.on_state(state, now);
             self.look_at = station.port.look_at();
+            hear(&mut station.port, index, &mut self.off, receive);
             self.request(index, request);
             self.load(index);
         }
@@ -117,12 +120,12 @@ impl<N: Noise> CanBus<N> {
         while let Some(frame) = self.bus.receive(index) {
             queue.put(frame);
         }
-        hear(port, index, receive);
+        hear(port, index, &mut self.off, receive);
         while let Some(frame) = queue.take() {
             if let Id::Base(id) = frame.id() {
                 port.on_frame(id, frame.bytes());
             }
-            hear(port, index, receive);
+            hear(port, index, &mut self.off, receive);
         }
     }
 }
@@ -130,11 +133,14 @@ impl<N: Noise> CanBus<N> {
 fn hear(
     port: &mut CanPort<Classic>,
     index: usize,
+    off: &mut Vec<(usize, u16)>,
     receive: &mut impl FnMut(usize, Result<Message, Refusal>),
 ) {
     while let Some(heard) = port.hear() {
-        if let Heard::Message(message) = heard {
-            receive(index, message);
+        match heard {
+            Heard::Message(message) => receive(index, message),
+            Heard::Change(Change::Off { count, .. }) => off.push((index, count)),
+            Heard::Change(_) => {}
         }
     }
 }
@@ -162,13 +168,17 @@ impl<N: Noise> Medium for CanBus<N> {
             let next = self.bus.next_at().unwrap_or(u64::MAX).min(self.look_at);
             self.advance(next);
             if self.bus.now() >= self.look_at {
-                self.look(next);
+                self.look(next, &mut receive);
             }
         }
         // One at a time: the next one may be of another time.
         let Some((_, index)) = self.due.pop_front() else { return };
         self.unload(index, &mut receive);
         self.load(index);
+    }
+
+    fn take_off(&mut self) -> Vec<(usize, u16)> {
+        std::mem::take(&mut self.off)
     }
 
     fn traffic(&self) -> Traffic {

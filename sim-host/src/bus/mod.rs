@@ -19,6 +19,11 @@ pub trait Medium {
     /// Lets the next thing happen: `receive(receiver, message)` for each node that hears something then, or the reason for refusing it.
     fn deliver(&mut self, receive: impl FnMut(usize, Result<Message, Refusal>));
 
+    /// Nodes whose controllers have gone off the bus since the last call, and how often so far.
+    fn take_off(&mut self) -> Vec<(usize, u16)> {
+        Vec::new()
+    }
+
     /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus alone: a scenario refuses
     /// them on any other.
     fn set_listeners(&mut self, _listeners: Vec<Vec<usize>>) {}

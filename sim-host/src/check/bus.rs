@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::subject::Subject;
 use super::{Finding, Status, share};
-use crate::scenario::format_duration;
+use crate::scenario::{BusModel, format_duration};
 use funnelnet_node::neighbour::WINDOW_BACK;
 use funnelnet_node::params::LONGEST_ROUND;
 
@@ -64,10 +64,25 @@ fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
     found.advise(Status::Warn, advice).set("coupling.damping", format!("{damping}"))
 }
 
+/// A bus with bits: what is followed is the ideal one.
+fn real(bit_errors: f64) -> Finding {
+    let errors = match bit_errors {
+        0.0 => String::new(),
+        share => format!(", nor what {share} of its bits in error do"),
+    };
+    let text = format!(
+        "the time that frames take on it is not followed{errors}: all that is predicted is of the ideal bus"
+    );
+    Finding::new("bus", "Bus", text, json!({ "bit_errors": bit_errors })).stands(Status::NotChecked)
+}
+
 /// What there is to say about the bus; nothing where it loses and delays nothing.
 pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
     let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
+    if bus.model != BusModel::Ideal {
+        return Some(real(f64::from(bus.bit_errors) * 1e-9));
+    }
     if bus.loss == 0.0 && delay == 0 {
         return None;
     }

@@ -8,7 +8,7 @@ use funnelnet_node::{Node, Phase};
 use funnelnet_protocol::NodeId;
 
 /// Ids of nodes that no neighbour has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes
-/// that have stopped say nothing, as they should, and have a check of their own. Nor does anybody hear over a link that an event keeps cut
+/// that have stopped say nothing any more, as they should, and have a check of their own; but a stop does not make heard what never was. Nor does anybody hear over a link that an event keeps cut
 /// at the end, or a node that it keeps off.
 pub(super) fn unheard_and_silent<M: Medium>(scenario: &Scenario, engine: &Engine<M>) -> (Vec<u16>, Vec<u16>) {
     let (mut unheard, mut silent) = (Vec::new(), Vec::new());
@@ -17,12 +17,15 @@ pub(super) fn unheard_and_silent<M: Medium>(scenario: &Scenario, engine: &Engine
         let neighbours = scenario.graph.neighbours(index);
         let joined = neighbours.iter().filter(|&&(other, _)| engine.are_joined(index, other));
         let listeners: Vec<&Node> = joined.filter_map(|&(other, _)| engine.nodes().get(other)).collect();
-        if listeners.is_empty() || matches!(node.phase(), Phase::Faulted(_)) {
+        if listeners.is_empty() {
             continue;
         }
+        let has_stopped = matches!(node.phase(), Phase::Faulted(_));
         if !listeners.iter().any(|listener| has_heard(listener, id)) {
             unheard.push(id.get().into());
-        } else if !listeners.iter().any(|listener| listener.neighbour_presence(id) == Some(Presence::Known)) {
+        } else if !has_stopped
+            && !listeners.iter().any(|listener| listener.neighbour_presence(id) == Some(Presence::Known))
+        {
             silent.push(id.get().into());
         }
     }

@@ -322,7 +322,7 @@ fn whole_bits(bus: &BusSpec, root: &Item, log: &Log) {
     }
 }
 
-/// Weakly-centralised coupling is simulated without a bus, so that nothing of it can be asked for.
+/// Weakly-centralised coupling is simulated without a bus and without nodes, so that nothing of them can be asked for.
 fn no_bus(coupling: Coupling<f64>, root: &Item, log: &Log) {
     let section = root.get("bus").filter(|_| coupling == Coupling::WeaklyCentralised);
     for key in ["loss", "latency", "jitter", "bitrate", "bit_errors"] {
@@ -331,6 +331,11 @@ fn no_bus(coupling: Coupling<f64>, root: &Item, log: &Log) {
                 "must not be there with weakly-centralised coupling, which is simulated without a bus";
             log.report(item.diagnostic(Problem::Value, allowed));
         }
+    }
+    let bound = root.get("coupling").filter(|_| coupling == Coupling::WeaklyCentralised);
+    if let Some(item) = bound.and_then(|section| section.get("u_max")) {
+        let allowed = "must not be there with weakly-centralised coupling, which no node runs";
+        log.report(item.diagnostic(Problem::Value, allowed));
     }
 }
 

@@ -102,11 +102,6 @@ impl<'s> Member<'s> {
     pub fn advance(&mut self, k: u64, t: f64) -> f64 {
         let width = |t: f64| self.node.funnel.width(t);
         let psi = Widths { now: width(t), ahead: width(t + THETA * self.tick) }.floored(self.kept);
-        let believed = largest(0.0, self.parts.iter().map(|part| part.nu.abs()));
-        let inside = believed < psi.now;
-        if !inside {
-            self.parts.iter_mut().for_each(|part| part.memory.disturb());
-        }
         // As a node, which counts its ticks in 32 bits.
         let psi = self.guard.of(k as u32, psi);
         for part in &mut self.parts {
