@@ -11,7 +11,7 @@ QEMU, DECODER, IMAGE = sys.argv[1:4]
 TIMEOUT = 60.0
 # Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10.
 NODE_CONFIG = bytes.fromhex("03c0843d00010000803f0024744901000080bf01000000000000000000803f0000803f0100002041"
-                            "0001020000803f0103000000")
+                            "0001020000803f0103000000" + 17 * "00")  # the tuning: nothing is said
 MILLISECOND, TEN_MILLISECONDS = bytes.fromhex("c0843d"), bytes.fromhex("80ade204")  # ns, as varints
 CONSTANT, EVERY = bytes.fromhex("0100002041"), bytes.fromhex("0103000000")
 
@@ -351,7 +351,7 @@ UNKNOWN, POWER_ON, WATCHDOG, PANIC, HARD_FAULT = 0, 1, 4, 6, 7
 
 def identity_body(id, reset, starts, checksum=None, has_key=False):
     checksum = (zlib.crc32(NODE_CONFIG) if id else 0) if checksum is None else checksum
-    return bytes([1, 0, 1, 0, id, 0, reset, starts]) + varint(checksum) + bytes([has_key])
+    return bytes([2, 0, 1, 0, id, 0, reset, starts]) + varint(checksum) + bytes([has_key])
 
 
 def restart_after_defect(command, cause, arg, logged):

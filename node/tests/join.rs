@@ -26,8 +26,8 @@ fn node(config: &NodeConfig) -> Node {
     Node::new(Params::new(config).unwrap(), &config.neighbours)
 }
 
-fn start(arg: u8) -> Message {
-    Message::Ctrl { target: Target::All, command: Command::Start, arg, at_tick: 0 }
+fn start(at_tick: u16) -> Message {
+    Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick }
 }
 
 fn state(source: u8, tick: u32, x: f32) -> Message {

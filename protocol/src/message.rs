@@ -110,8 +110,9 @@ impl Target {
     }
 }
 
-/// Argument of a start for a node that comes to a network that runs: it announces nothing, since it does not know the tick yet.
-pub const JOIN: u8 = 1;
+/// `at_tick` of a start for a node that ticks by SYNC and comes to a network that runs: it announces nothing, since it does not know the
+/// tick yet.
+pub const JOIN: u16 = u16::MAX;
 
 /// What a CTRL frame asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

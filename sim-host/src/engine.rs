@@ -206,8 +206,8 @@ impl<M: Medium> Engine<M> {
     fn command(&mut self, index: usize, command: Command, now: u64) {
         let joins =
             command == Command::Start && self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
-        let arg = if joins { JOIN } else { 0 };
-        let message = Message::Ctrl { target: Target::All, command, arg, at_tick: 0 };
+        let at_tick = if joins { JOIN } else { 0 };
+        let message = Message::Ctrl { target: Target::All, command, arg: 0, at_tick };
         receive(&mut self.nodes, index, Ok(message), now);
         self.poll(index, now);
     }

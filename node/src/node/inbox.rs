@@ -26,8 +26,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 self.on_state(source, component, tick, F::from_f32(x))
             }
             Message::Sync { previous_tick, .. } => self.on_sync(previous_tick, now),
-            Message::Ctrl { target, command, arg, at_tick } if target.includes(self.params.id) => {
-                self.on_command((command, arg), at_tick, now)
+            Message::Ctrl { target, command, at_tick, .. } if target.includes(self.params.id) => {
+                self.on_command(command, at_tick, now)
             }
             Message::Ctrl { .. } => Ok(()),
             Message::Fault { source, .. } => self.on_fault(source),

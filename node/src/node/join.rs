@@ -9,6 +9,7 @@ use funnelnet_law::funnel::Widths;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::Law;
 use funnelnet_law::math::{Real, larger};
+use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::JOIN;
 
 /// Ticks in a row that a node with a plant is inside its own funnel before it speaks.
@@ -43,10 +44,12 @@ struct Private<F> {
 }
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// Whether a node that is started with this argument is a newcomer. It is one from then on.
+    /// Whether a node that is started with this `at_tick` is a newcomer. It is one from then on.
     #[cold]
-    pub(super) fn joins(&mut self, arg: u8) -> bool {
-        let joins = arg == JOIN && self.params.coupling != Law::None && self.neighbours.count() != 0;
+    pub(super) fn joins(&mut self, at_tick: u16) -> bool {
+        // To a timer it is a time.
+        let told = at_tick == JOIN && self.params.tick_source == TickSource::Sync;
+        let joins = told && self.params.coupling != Law::None && self.neighbours.count() != 0;
         if joins {
             self.newcomer = Some(Newcomer::default());
         }

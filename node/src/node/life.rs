@@ -10,17 +10,12 @@ use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, TickSta
 use funnelnet_protocol::refusal::Refusal;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    pub(super) fn on_command(
-        &mut self,
-        (command, arg): (Command, u8),
-        at_tick: u16,
-        now: u64,
-    ) -> Result<(), Refusal> {
+    pub(super) fn on_command(&mut self, command: Command, at_tick: u16, now: u64) -> Result<(), Refusal> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
                 // A newcomer says nothing before it knows the tick.
-                if !self.joins(arg) {
+                if !self.joins(at_tick) {
                     self.announce();
                 }
                 self.clock.start(self.params.tick_source, at_tick, self.params.tick_ns, now);
