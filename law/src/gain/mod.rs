@@ -1,6 +1,6 @@
 //! Gains `mu(s) = gamma(|s|) s` on (-1, 1), built around their inverse.
 //!
-//! `mu^-1 : R -> (-1, 1)` is the primitive of the whole system: the implicit law (*) needs it, and so does the emergent
+//! `mu^-1 : R -> (-1, 1)` is the primitive of the whole system: the implicit law (**) needs it, and so does the emergent
 //! vector field `sum_i psi_i mu_i^-1(h - f_i) = 0` (paper, (19), alg). Assumption 3 (funnel): `gamma` is positive,
 //! non-decreasing and unbounded at the boundary, so that `mu` is odd and strictly increasing.
 
@@ -25,7 +25,7 @@ pub use median::Median;
 pub use named::{Gain, Kind, MAX_PARAMETERS, NamedGain};
 pub use reciprocal::Reciprocal;
 
-/// Solution of the implicit law (*): the input, and the ratio at the end of the step that it aims at.
+/// Solution of the implicit law (**): the input, and the ratio at the end of the step that it aims at.
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, Reciprocal, Solution};
@@ -106,7 +106,7 @@ pub trait GainFunction<F: Real> {
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 
-    /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (*)), for `psi > 0` and `b >= 0` (s).
+    /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (**)), for `psi > 0` and `b >= 0` (s).
     ///
     /// The default is a bracketed Newton iteration; a gain with a closed form overrides it.
     #[inline]
