@@ -269,8 +269,8 @@ cmd_firmware() { #: build the firmware images
 
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
-    cargo build --locked --quiet --package sim-host --example defmt_log
-    python3 firmware/selftest.py qemu-system-arm target/debug/examples/defmt_log "$IMAGES/selftest"
+    cargo build --locked --quiet --package sim-host --example defmt_log --example selftest_configs
+    python3 firmware/selftest.py qemu-system-arm target/debug/examples/{defmt_log,selftest_configs} "$IMAGES/selftest"
 }
 
 # The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.

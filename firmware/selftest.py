@@ -1,25 +1,20 @@
 #!/usr/bin/env python3
 """Runs target/.../selftest in QEMU: echo without loss, a ticker that is right, and defects that are reported.
 
-usage: selftest.py QEMU DECODER IMAGE      DECODER IMAGE < LOG prints a defmt log
+usage: selftest.py QEMU DECODER CONFIGS IMAGE
+
+DECODER IMAGE < LOG prints a defmt log; CONFIGS prints a line for each configuration, its name and its bytes.
 """
 import binascii, json, pathlib, random, socket, struct, subprocess, sys, tempfile, time, zlib
 
 import stack
 
-QEMU, DECODER, IMAGE = sys.argv[1:4]
+QEMU, DECODER, CONFIGS, IMAGE = sys.argv[1:5]
 TIMEOUT = 60.0
-# Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10.
-NODE_CONFIG = bytes.fromhex("03c0843d00010000803f0024744901000080bf01000000000000000000803f0000803f0100002041"
-                            "0001020000803f0103000000" + 17 * "00")  # the tuning: nothing is said
-MILLISECOND, TEN_MILLISECONDS = bytes.fromhex("c0843d"), bytes.fromhex("80ade204")  # ns, as varints
-CONSTANT, EVERY = bytes.fromhex("0100002041"), bytes.fromhex("0103000000")
-
-
-def told(width):
-    """The same with telemetry of every tick and another width of the funnel."""
-    funnel = b"\1" + struct.pack("<f", width)
-    return NODE_CONFIG.replace(CONSTANT, funnel).replace(EVERY, b"\1\3\1\0\0")
+# Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10; and what differs from it.
+CONFIG = {name: bytes.fromhex(body) for name, body in
+          (line.split() for line in subprocess.run([CONFIGS], check=True, capture_output=True, text=True).stdout.splitlines())}
+NODE_CONFIG = CONFIG["plain"]
 
 
 class Node:
@@ -199,10 +194,8 @@ def bus_off():
 
 def can_fd():
     """Both components of the state in one frame; those of a neighbour are taken from one."""
-    two = NODE_CONFIG.replace(struct.pack("<Bf", 1, 1.0), struct.pack("<Bff", 2, 1.0, -1.0), 1)
-    two = two.replace(struct.pack("<Bf", 1, 0.0), struct.pack("<Bff", 2, 0.0, 0.0), 1)  # offset of the field
     with Node(*ICOUNT) as node:
-        node.link.sendall(b"d" + frame(0x42, 0, two))
+        node.link.sendall(b"d" + frame(0x42, 0, CONFIG["two-components"]))
         assert node.receive(len(frame(0x43, 3, b"\0"))) == frame(0x43, 3, b"\0"), "the configuration is refused"
         node.link.sendall(frame(0x10, 0, b"\x00\x01\x00\x00\x00"))
         log = wait_for(node, "CAN takes 0x103")  # its FAULT, after the recovery
@@ -250,7 +243,7 @@ def stage(node, id, config):
 
 def staged_commissioning():
     """What is staged counts from its commit on and not before, and its key stays until it is erased."""
-    now, next = told(10.0), told(20.0)
+    now, next = CONFIG["told-10"], CONFIG["told-20"]
     with Node() as node:
         def is_now(id, config, has_key, starts):
             checksum = zlib.crc32(config) if config else 0
@@ -288,8 +281,7 @@ def commit_at_a_tick(tick=60):
     """A running node has the new funnel from the tick on that the commit has named, and after a restart, too.
 
     In real time, as in fed_watchdog. On a busy computer ticks come late; of those that are made up for nobody is told."""
-    slow = lambda width: told(width).replace(MILLISECOND, TEN_MILLISECONDS, 1)
-    now, next = slow(10.0), slow(20.0)
+    now, next = CONFIG["slow-10"], CONFIG["slow-20"]
     with Node() as node:
         node.link.sendall(b"s")
         stage(node, 0, now)
