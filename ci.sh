@@ -186,7 +186,7 @@ setup_socketcan() {
 }
 
 # Emulators of boards, from npm and PyPI, in the versions of the lock files: development tools alone.
-has_emulated() { have node && [[ -x $EMULATED/venv/bin/python && -s $EMULATED/bootrom.bin && -d firmware/emulated/pico/node_modules/rp2040js ]]; }
+has_emulated() { have node && [[ -x $EMULATED/venv/bin/python && -x $EMULATED/venv/bin/ruff && -s $EMULATED/bootrom.bin && -d firmware/emulated/pico/node_modules/rp2040js ]]; }
 
 setup_emulated() {
     has_emulated || (install_emulated) || say "no emulators of boards, so none of their images is run"
@@ -204,7 +204,7 @@ install_emulated() {
         (cd firmware/emulated/pico && timeout 300 npm ci --no-audit --no-fund) \
             && python3 -m venv "$EMULATED/venv" \
             && timeout 300 "$EMULATED/venv/bin/pip" download --no-deps --require-hashes -d "$wheels" -r firmware/emulated/requirements.txt \
-            && "$EMULATED/venv/bin/pip" install --no-deps --no-index --find-links "$wheels" unicorn pyelftools \
+            && "$EMULATED/venv/bin/pip" install --no-deps --no-index --find-links "$wheels" unicorn pyelftools ruff \
             && python3 firmware/emulated/bootrom.py "$wheels" "$EMULATED/bootrom.bin"
     } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "the emulators of boards cannot be installed (the whole output: $log)"; }
 }
@@ -224,6 +224,15 @@ cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its t
         for image in $(images); do image_cargo clippy "$image" -- -D warnings; done
     else
         say "SKIPPED clippy of the firmware: the toolchain for $TARGET has none"
+    fi
+}
+
+cmd_python() { #: lint the Python tools, and try the checks of images on small images with and without a fault
+    (cd firmware/checks && python3 -m unittest)
+    if [[ -x $EMULATED/venv/bin/ruff ]]; then
+        "$EMULATED/venv/bin/ruff" check --quiet --no-cache .
+    else
+        say "SKIPPED the lint of Python: no ruff here; ./ci.sh setup installs it where PyPI can be reached"
     fi
 }
 
@@ -270,7 +279,7 @@ cmd_firmware() { #: build the firmware images
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
     cargo build --locked --quiet --package sim-host --example defmt_log --example selftest_configs
-    python3 firmware/selftest.py qemu-system-arm target/debug/examples/{defmt_log,selftest_configs} "$IMAGES/selftest"
+    python3 firmware/checks/selftest.py qemu-system-arm target/debug/examples/{defmt_log,selftest_configs} "$IMAGES/selftest"
 }
 
 # The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
@@ -431,13 +440,13 @@ image_storage() { # PATH BOARD
 # Calls in sequential-storage that can end in a panic, in an image at most: checks of its own that nothing here is known to fail.
 readonly DEPENDENCY_PANICS=sequential-storage=12
 
-cmd_panics() { #: check that no code of app, law, link, node, plant, protocol and store in the images leads to a panic
+cmd_panics() { #: check that no code of app, law, link, node, plant, protocol, store and firmware in the images leads to a panic
     local image paths=()
     for image in $(images); do
         image_build "$image"
         paths+=("$(image_path "$image")")
     done
-    python3 firmware/panics.py "$ROOT" law,link,node,protocol app,plant,store "$DEPENDENCY_PANICS" "${paths[@]}"
+    python3 firmware/checks/panics.py "$ROOT" law,link,node,protocol app,plant,store,firmware "$DEPENDENCY_PANICS" "${paths[@]}"
 }
 
 cmd_stack() { #: the deepest stack of every image, against a budget and the room that it has
@@ -446,7 +455,7 @@ cmd_stack() { #: the deepest stack of every image, against a budget and the room
         image_build "$image"
         arguments+=("$(image_path "$image")=$(image_field "$image" 7)")
     done
-    python3 firmware/stack.py "${arguments[@]}"
+    python3 firmware/checks/stack.py "${arguments[@]}"
 }
 
 # First address of a section and the one after its end, in decimal.
@@ -524,7 +533,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name
-    for name in setup fmt clippy doc unit package thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
+    for name in setup fmt clippy doc python unit package thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
         say "--- $name"
         "cmd_$name"
     done

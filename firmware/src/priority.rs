@@ -1,4 +1,4 @@
-//! Interrupts take turns: none interrupts another, which is what the bound of the stack counts on (stack.py).
+//! Interrupts take turns: none interrupts another, which is what the bound of the stack counts on (checks/stack.py).
 #![allow(unsafe_code)]
 
 use cortex_m::peripheral::NVIC;

@@ -1,4 +1,4 @@
-//! Decodes a node's defmt log: `defmt_log IMAGE < LOG`. Used by firmware/selftest.py, so that no other decoder has to be
+//! Decodes a node's defmt log: `defmt_log IMAGE < LOG`. Used by firmware/checks/selftest.py, so that no other decoder has to be
 //! installed.
 use sim_host::emulator::log;
 use std::error::Error;

@@ -1,4 +1,4 @@
-//! Configurations that `firmware/selftest.py` sends, by the real encoder: a line each, name and body of CONFIGURE in hexadecimal digits.
+//! Configurations that `firmware/checks/selftest.py` sends, by the real encoder: a line each, name and body of CONFIGURE in hexadecimal digits.
 #![allow(clippy::expect_used, clippy::panic)]
 
 use funnelnet_protocol::NodeConfig;

@@ -98,5 +98,6 @@ extern "C" fn unexpected() {
     // SAFETY: reading ICSR has no side effect.
     let active = unsafe { (*SCB::PTR).icsr.read() } & 0x1FF;
     // As a number, since the formatting of its name would take a kilobyte.
+    // May panic: on purpose.
     panic!("unexpected interrupt: exception {active}");
 }

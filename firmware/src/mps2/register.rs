@@ -68,12 +68,12 @@ pub fn timer<const N: usize>() -> &'static Timer {
 /// Number of UARTs of the AN386.
 pub const UARTS: usize = 5;
 
-/// UART `number` of the AN386.
+/// UART `number` of the AN386, the last one if there are not so many.
 #[inline(always)]
 pub fn uart(number: usize) -> &'static Uart {
     const BASES: [usize; UARTS] = [0x4000_4000, 0x4000_5000, 0x4000_6000, 0x4000_7000, 0x4000_9000];
     // SAFETY: AN386 has CMSDK UARTs at these addresses, word aligned, always powered.
-    unsafe { &*(BASES[number] as *const Uart) }
+    unsafe { &*(BASES[number.min(UARTS - 1)] as *const Uart) }
 }
 
 /// The watchdog of the AN386.

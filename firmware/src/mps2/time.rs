@@ -78,6 +78,7 @@ struct Mps2Time {
 
 impl Mps2Time {
     fn with<R>(&self, f: impl FnOnce(&mut State) -> R) -> R {
+        // May panic: not so, since nothing that is called from here comes back to it.
         self.state.lock(|state| f(&mut state.borrow_mut()))
     }
 }

@@ -106,7 +106,7 @@ impl Port {
 
 /// The port in use behind an interrupt.
 fn in_use(number: usize) -> Option<Port> {
-    critical_section::with(|token| IN_USE.borrow(token)[number].get())
+    critical_section::with(|token| IN_USE.borrow(token).get(number)?.get())
 }
 
 /// A UART. Reading never fails: what is lost is counted ([`Port::lost`]), and the frame it belonged to fails its
@@ -125,8 +125,8 @@ pub struct Transmitter(Port);
 impl Uart {
     /// The one UART of `port`, set to `bit_rate` in bit/s (at most [`CLOCK_HZ`] / 16), or `None` if it is taken.
     pub fn take(port: Port, bit_rate: u32) -> Option<Self> {
-        let before = critical_section::with(|token| IN_USE.borrow(token)[port.number].replace(Some(port)));
-        if before.is_some() {
+        let before = critical_section::with(|token| Some(IN_USE.borrow(token).get(port.number)?.replace(Some(port))));
+        if !matches!(before, Some(None)) {
             return None;
         }
         let registers = port.registers();
@@ -201,8 +201,8 @@ impl Write for Transmitter {
         poll_fn(|context| self.poll_room(context)).await;
         let Self(port) = self;
         let mut count = 0;
-        while count < bytes.len() && port.has_room() {
-            port.registers().data.write(bytes[count].into());
+        for &byte in bytes.iter().take_while(|_| port.has_room()) {
+            port.registers().data.write(byte.into());
             count += 1;
         }
         Ok(count)

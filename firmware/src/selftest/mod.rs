@@ -99,7 +99,7 @@ fn restart_with_safe_output() {
     panic::restart_after_defects();
 }
 
-/// A function to call again: recursion that is plain to see is refused by stack.py.
+/// A function to call again: recursion that is plain to see is refused by checks/stack.py.
 #[derive(Clone, Copy)]
 struct Again(fn(Again) -> u32);
 

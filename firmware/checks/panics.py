@@ -17,8 +17,12 @@ core::panicking from one of them, directly or by the language's library. Every `
 after its end, which nobody does who awaits it: these calls are no findings, and may leave the name of its file in the image. Where such an
 `async fn` ends, the debug information may still name the line of another crate that was inlined before.
 In the same way the panics of the dependency's own lines are counted; more than LIMIT are too many.
+
+A line of a driving crate that says `// May panic: reason` may do so, in it or in the line before. So may `main` before its tasks run: a board that
+cannot begin has nothing else to do.
 """
 
+import functools
 import re
 import sys
 
@@ -34,6 +38,11 @@ RESUMED = re.compile(r"panic_const_(async|coroutine|gen)\w*_resumed")
 
 # Of the language's own library: whoever calls it is responsible.
 LIBRARY = re.compile(r"^/rustc/|/library/(core|alloc)/|/compiler[_-]builtins")
+
+
+# What allows a line of a driving crate to panic.
+ALLOWED = re.compile(r"// May panic: \w")
+MAIN = "__cortex_m_rt_main"
 
 
 class Owners:
@@ -54,6 +63,9 @@ class Owners:
         if file.startswith(self.driving):
             return "driving"
         return "dependency" if self.dependency in file else "others"
+
+    def is_driving(self, file):
+        return file.startswith(self.driving)
 
     def is_own(self, file):
         return file.startswith((*self.strict, *self.driving))
@@ -80,8 +92,22 @@ def findings(image, owners):
     by_library = reaching(panics - resumed, [site for site in image.sites if of[site] == {"library"} and site.function not in resumed])
     strict, driving, foreign = ([site for site in image.sites if who in of[site]] for who in ("strict", "driving", "dependency"))
     bad = [site for site in strict if site.target is None or site.target in by_anyone - resumed]
-    bad += [site for site in driving if site.target in by_library]
+    bad += [site for site in driving if site.target in by_library and not is_allowed(image, site, owners)]
     return bad, len(strict) + len(driving), [site for site in foreign if site.target in by_library]
+
+
+def is_allowed(image, site, owners):
+    """Whether each place of a call is in a line that may panic."""
+    own = [next((frame for frame in chain if owners.is_driving(frame[1])), None) for chain in image.places(site)]
+    return all(frame is None or MAIN in frame[0] or is_marked(frame[1], frame[2]) for frame in own)
+
+
+@functools.cache
+def is_marked(path, line):
+    number = int(line) if line.isdecimal() else 0
+    with open(path, encoding="utf-8") as file:
+        lines = file.read().splitlines()
+    return any(ALLOWED.search(line) for line in lines[max(number - 2, 0):number])
 
 
 def describe(image, site, is_own):

@@ -4,8 +4,9 @@ usage: stack.py IMAGE=BYTES...      BYTES: budget of the board
 
 Every function's frame is read off its disassembly: all that it ever pushes or subtracts from the stack pointer, added up. The deepest path is
 that through the call graph. A call through a pointer may be of any function whose address is somewhere in the image, which
-makes groups of functions that could call each other in a circle. A circle of direct calls is refused, so each function of such a group counts once on
-a path; those of core::fmt, which formats arguments while it formats, and those of a panic, which may happen in its own report, count twice.
+makes groups of functions that could call each other in a circle. A circle of direct calls is refused, and so is one in which a function of
+anyone but core::fmt is called by a pointer: it could be called anew on each turn. So each function of such a group counts once on a path; those
+of core::fmt, which formats arguments while it formats, and those of a panic, which may happen in its own report, count twice.
 
 On top comes the deepest interrupt handler with the frame that the processor stacks: all interrupts have the same priority
 (firmware/src/priority.rs), so no handler interrupts another. An NMI interrupts it all the same, and a fault that, whose handler begins
@@ -75,7 +76,7 @@ class Stacks(Image):
         """Every aligned word of the image, by address."""
         words = {}
         table = tool("objdump", "-h", self.path, text=True)
-        for name, size, address in re.findall(r"^ +\d+ (\.\S+) +([0-9a-f]{8}) +([0-9a-f]{8})", table, re.M):
+        for name, address in re.findall(r"^ +\d+ (\.\S+) +[0-9a-f]{8} +([0-9a-f]{8})", table, re.M):
             if name not in (".vector_table", ".text", ".rodata", ".data"):
                 continue
             data = tool("objcopy", "-O", "binary", "-j", name, self.path, "/dev/stdout")
@@ -225,11 +226,12 @@ def depths(image):
     """Deepest stack of each function with all that it calls."""
     calls, depth = image.callees(), {}
     refuse_recursion(image)
+    refuse_recursion_by_pointers(image, calls)
     for group in groups(calls):
         circle = len(group) > 1 or any(each in calls[each] for each in group)
         panics = any(UNWIND in image.names[each] for each in group)
-        times = lambda name: 2 if circle and (panics or TWICE.search(name)) else 1
-        own = sum(image.frame[each] * times(image.names[each]) for each in group)
+        twice = {each for each in group if circle and (panics or TWICE.search(image.names[each]))}
+        own = sum(image.frame[each] * (2 if each in twice else 1) for each in group)
         below = max((depth[callee] for each in group for callee in calls[each] if callee not in group), default=0)
         depth.update(dict.fromkeys(group, own + below))
     return depth
@@ -247,6 +249,15 @@ def refuse_recursion(image):
         # The panic handler may panic, once: then it stops without a word (firmware/src/panic.rs).
         if circle and not any(UNWIND in name for name in names) and not all(TWICE.search(name) for name in names):
             sys.exit(f"{image.path}: these functions call each other in a circle: {', '.join(names)}")
+
+
+def refuse_recursion_by_pointers(image, calls):
+    """Functions that are called by a pointer and lead to such a call could call themselves for ever; formatting does so as deep as its arguments are nested."""
+    for group in groups(calls):
+        names = sorted(image.names[each] for each in group & image.taken if not TWICE.search(image.names[each]))
+        circle = len(group) > 1 or group & calls[min(group)]
+        if circle and names:
+            sys.exit(f"{image.path}: these functions may call each other in a circle, by pointers: {', '.join(names)}")
 
 
 def symbol(path, name):
