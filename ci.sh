@@ -278,7 +278,8 @@ cmd_firmware() { #: build the firmware images
 
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
-    cargo build --locked --quiet --package sim-host --example defmt_log --example selftest_configs
+    cargo build --locked --quiet --package sim-host --example defmt_log
+    cargo build --locked --quiet --package funnelnet-protocol --example selftest_configs
     python3 firmware/checks/selftest.py qemu-system-arm target/debug/examples/{defmt_log,selftest_configs} "$IMAGES/selftest"
 }
 

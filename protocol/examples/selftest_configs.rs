@@ -20,7 +20,8 @@ fn main() {
 
 /// Node 3 at 1 with the timer as tick source, `f(x) = -x`, one edge of weight 1 to node 2, and a constant funnel.
 fn node(tick_ns: u32, width: f32) -> NodeConfig {
-    let builder = NodeConfig::builder(3, tick_ns).state([1.0]).state_limit(1e6).field(scalar(-1.0, 0.0, []));
+    let field = Field { slope: [-1.0].into_iter().collect(), offset: scalar(0.0), sines: Default::default() };
+    let builder = NodeConfig::builder(3, tick_ns).state([1.0]).state_limit(1e6).field(field);
     builder.funnel(Shape::Constant { width }).edge(2, 1.0).extrapolate_ticks(3).build().expect("a sound node")
 }
 
