@@ -26,7 +26,10 @@ from image import FUNCTION, INSTRUCTION, Image, function_ends, tool
 EXCEPTION = {"v6": 36, "v7e": 108}
 # For the functions in the boot ROM of the RP2040 that write flash. Not documented; RAM that they need is not ours to read.
 ROM_BYTES = 256
-TWICE = re.compile(r"4core3fmt|core\[[0-9a-f]+\]::fmt|core::fmt")
+# Of core::fmt, or what is formatted by it; as names are read, not as they are mangled.
+FORMATS = re.compile(r"\bcore(\[[0-9a-f]+\])?::fmt::")
+# Called by a pointer, and calls by pointers itself: a channel wakes a task, or runs a closure of its own, and neither comes back to it.
+WAKES = re.compile(r"\bembassy_sync::channel::")
 # The task's function, whose address is in its header, and who reads that.
 POLL = re.compile(r"TaskStorage.*4poll")
 EXECUTOR = re.compile(r"8executor8Executor3run")
@@ -52,6 +55,8 @@ class Stacks(Image):
         super().__init__(path)
         self.add_code_in_ram()
         self.words = self.all_words()
+        names = tool("c++filt", input="\n".join(self.names.values()), text=True).splitlines()
+        self.plain = dict(zip(self.names, names, strict=True))
         self.frame = {start: self.frame_of(start) for start in self.starts}
         self.taken = self.addresses_taken()
 
@@ -158,6 +163,11 @@ class Stacks(Image):
         # A number may be that of the first function in flash by chance. A reset empties the stack.
         return {start for start in found & set(self.starts) if self.names[start] != "Reset"}
 
+    def handlers(self):
+        """What the vector table names: called by the processor, whatever number of the image is the same as its address."""
+        table = min(address for address in self.words if self.is_vector(address))
+        return {self.words.get(table + 4 * number, 0) - 1 for number in range(HANDLERS)}
+
     def is_vector(self, address):
         return any(self.names[start] == "Reset" and self.words.get(address + 4) == start | 1 for start in self.starts)
 
@@ -230,7 +240,7 @@ def depths(image):
     for group in groups(calls):
         circle = len(group) > 1 or any(each in calls[each] for each in group)
         panics = any(UNWIND in image.names[each] for each in group)
-        twice = {each for each in group if circle and (panics or TWICE.search(image.names[each]))}
+        twice = {each for each in group if circle and (panics or FORMATS.search(image.plain[each]))}
         own = sum(image.frame[each] * (2 if each in twice else 1) for each in group)
         below = max((depth[callee] for each in group for callee in calls[each] if callee not in group), default=0)
         depth.update(dict.fromkeys(group, own + below))
@@ -247,14 +257,15 @@ def refuse_recursion(image):
         names = sorted(image.names[each] for each in group)
         circle = len(group) > 1 or group & calls[min(group)]
         # The panic handler may panic, once: then it stops without a word (firmware/src/panic.rs).
-        if circle and not any(UNWIND in name for name in names) and not all(TWICE.search(name) for name in names):
+        if circle and not any(UNWIND in name for name in names) and not all(FORMATS.search(image.plain[each]) for each in group):
             sys.exit(f"{image.path}: these functions call each other in a circle: {', '.join(names)}")
 
 
 def refuse_recursion_by_pointers(image, calls):
     """Functions that are called by a pointer and lead to such a call could call themselves for ever; formatting does so as deep as its arguments are nested."""
     for group in groups(calls):
-        names = sorted(image.names[each] for each in group & image.taken if not TWICE.search(image.names[each]))
+        suspects = (group & image.taken) - image.handlers()
+        names = sorted(name for each in suspects if not (FORMATS.search(name := image.plain[each]) or WAKES.search(name)))
         circle = len(group) > 1 or group & calls[min(group)]
         if circle and names:
             sys.exit(f"{image.path}: these functions may call each other in a circle, by pointers: {', '.join(names)}")
