@@ -130,9 +130,20 @@ impl Record {
         Self { at, id: ERROR | class | COUNTERS, fd: None, length: ERROR_BYTES, data }
     }
 
+    /// The same at another time, ns.
+    #[must_use]
+    pub fn at(self, at: u64) -> Self {
+        Self { at, ..self }
+    }
+
     /// Data; none of a remote frame.
     pub fn bytes(&self) -> &[u8] {
-        if self.id & (REMOTE | ERROR) == REMOTE { &[] } else { &self.data[..usize::from(self.length)] }
+        if self.is_remote() { &[] } else { &self.data[..usize::from(self.length)] }
+    }
+
+    /// Whether it is a remote frame.
+    pub fn is_remote(&self) -> bool {
+        self.id & (REMOTE | ERROR) == REMOTE
     }
 
     /// Whether it is an error, or a change of how a controller takes part.

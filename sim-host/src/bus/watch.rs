@@ -38,11 +38,12 @@ impl Watch {
 
     /// Takes an event of the bus.
     pub(super) fn take(&mut self, event: Event) {
-        self.table.add(&self.since_given(event));
+        let since_given = self.since_given(event);
+        self.table.add(&since_given);
         if let Some(records) = &mut self.records
             && let Some(record) = Record::of_event(&event)
         {
-            records.push(Record { at: record.at.saturating_sub(self.zero_ns), ..record });
+            records.push(record.at(record.at.saturating_sub(self.zero_ns)));
         }
     }
 

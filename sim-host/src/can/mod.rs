@@ -7,6 +7,8 @@ mod socket;
 
 pub use format::{AnyFormat, PortFrame};
 pub use socket::CanPort;
+#[cfg(target_os = "linux")]
+pub(crate) use socket::record;
 
 use funnelnet_can_bus::Record;
 use funnelnet_protocol::message::Message;
@@ -76,7 +78,7 @@ impl Heard {
             Traffic::Frame { id, data, fd } => {
                 Record::new(at, u32::from(*id), fd.map(|flags| flags & 0xF), data.len() as u8, data)
             }
-            Traffic::Other(record) | Traffic::Error { record, .. } => Record { at, ..*record },
+            Traffic::Other(record) | Traffic::Error { record, .. } => record.at(at),
         }
     }
 }

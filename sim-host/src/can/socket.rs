@@ -5,7 +5,7 @@ use funnelnet_can_bus::Record;
 use funnelnet_link::Frame;
 use socketcan::id::FdFlags;
 use socketcan::{
-    CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanSocket, EmbeddedFrame, Frame as _, Id,
+    CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanSocket, EmbeddedFrame, Id,
     ShouldRetry, Socket, SocketOptions, StandardId,
 };
 use std::io::{self, ErrorKind};

@@ -1,10 +1,17 @@
-//! Loss and delay of the bus against the tick.
+//! The bus against the tick: loss and delay, and what CAN takes for the states.
 
 use serde_json::json;
 
 use super::subject::Subject;
-use super::{Finding, Status, share};
+use super::{Finding, Status, figure, share};
+use crate::bus::can::SAMPLE_PER_MILLE;
+use crate::record::{BusTable, IdentifierRow, LatencyRow, node_of};
+use crate::run::SIMULATED;
 use crate::scenario::{BusModel, format_duration};
+use funnelnet_can_bus::length::INTERMISSION;
+use funnelnet_can_bus::response::{self, Stream};
+use funnelnet_can_bus::{BitRate, Id, Timing};
+use funnelnet_protocol::can::function;
 use funnelnet_node::neighbour::WINDOW_BACK;
 use funnelnet_node::params::LONGEST_ROUND;
 
@@ -64,7 +71,122 @@ fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
     found.advise(Status::Warn, advice).set("coupling.damping", format!("{damping}"))
 }
 
-/// A bus with bits: what is followed is the ideal one.
+/// Data bytes of a plain frame of one component, or of an announced edge (protocol/README.md).
+const BYTES: u32 = 5;
+
+/// CAN, by the response times of fixed priorities: all nodes say their states at the begin of a tick, each in a frame for each component, and each
+/// may announce an edge beside them.
+fn can(subject: &Subject<'_>) -> Option<Finding> {
+    let (scenario, bus) = (subject.scenario, &subject.scenario.bus);
+    let timing = Timing::classic(BitRate::new(bus.bitrate, SAMPLE_PER_MILLE).ok()?);
+    let tick_ns = scenario.time.tick_ns;
+    let components = u8::try_from(scenario.components()).ok()?;
+    let nodes = u16::try_from(scenario.nodes.len()).ok()?;
+    let of = |function: u8| (1..=nodes).map(move |node| u16::from(function) << 7 | node);
+    let states: Vec<u16> = (0..components).flat_map(|component| of(function::STATE + component)).collect();
+    let bit = timing.nominal().bit_ns();
+    let longest = u64::from(response::longest_classic(Id::Base(0), BYTES)) * bit;
+    let shortest = u64::from(response::shortest_classic(Id::Base(0), BYTES)) * bit;
+    let stream = Stream { time: longest, period: tick_ns };
+    // An edge is announced now and then: none of them comes in every tick, but one may be on its way.
+    let rare = Stream { time: longest, period: u64::MAX };
+    let streams: Vec<Stream> = states.iter().map(|_| stream).chain([rare]).collect();
+    let worst: Vec<Option<u64>> = response::longest(&streams, timing).into_iter().take(states.len()).collect();
+    // To the last bit, where the table of a run has it.
+    let to_last_bit = |ns: u64| (ns - u64::from(INTERMISSION) * bit) as f64 / 1e9;
+    let rows = states.iter().zip(&worst).map(|(&id, worst)| IdentifierRow {
+        id: Id::Base(id).to_string(),
+        node: node_of(Id::Base(id)),
+        frames: scenario.time.ticks,
+        latency_s: worst.map(|ns| LatencyRow { max: to_last_bit(ns), ..LatencyRow::default() }),
+        ..IdentifierRow::default()
+    });
+    let load = |time: u64| states.len() as f64 * time as f64 / tick_ns as f64;
+    let (low, high) = (load(shortest), load(longest));
+    let table = BusTable {
+        interface: SIMULATED.to_owned(),
+        bitrate: Some(bus.bitrate),
+        utilisation: Some(high.min(1.0)),
+        latency_from: Some("tick"),
+        identifiers: rows.collect(),
+        ..BusTable::default()
+    };
+    let latest = worst.iter().copied().max_by_key(|worst| worst.unwrap_or(u64::MAX)).flatten();
+    let errors = f64::from(bus.bit_errors) * 1e-9;
+    let values = json!({
+        "bit_errors": errors,
+        "utilisation_low": low,
+        "utilisation_high": high,
+        "tick_s": scenario.time.tick_s(),
+        "worst_latency_s": latest.map(to_last_bit),
+        "table": table,
+    });
+    let (part, all) = (share(low), share(high));
+    let latency = latest.map_or("ever longer".to_owned(), |ns| format_duration(ns - u64::from(INTERMISSION) * bit));
+    let text = format!(
+        "CAN at {} bit/s is busy for {part} to {all} of a tick of {}, by stuff bits; the least urgent state has come after {latency} at the latest",
+        bus.bitrate,
+        format_duration(tick_ns)
+    );
+    Some(judge_can(Finding::new("bus", "Bus", text, values), subject, (low, latest), longest))
+}
+
+/// How a CAN bus stands with a load of `low` or more and the latest state after `latest` (ns).
+fn judge_can(
+    found: Finding,
+    subject: &Subject<'_>,
+    (low, latest): (f64, Option<u64>),
+    frame_ns: u64,
+) -> Finding {
+    let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
+    let states = subject.scenario.nodes.len() * subject.scenario.components();
+    // All of them, and an announced edge before them.
+    let needed = (states as u64 + 1) * frame_ns;
+    if low > 1.0 {
+        let why = "the bus cannot carry a state of every node in a tick: the least urgent nodes are not heard";
+        return more_time(found, Status::Fail, why, subject, needed);
+    }
+    if latest.is_none_or(|latest| latest > tick_ns) {
+        let why = "states may come a tick late, which is not followed: all that is predicted is of the ideal bus";
+        return more_time(found, Status::Warn, why, subject, needed);
+    }
+    if bus.bit_errors > 0 {
+        // A frame that is disturbed in its last bit, its error frame, and the frame again.
+        let error = frame_ns + u64::from(ERROR_BITS) * (1_000_000_000 / u64::from(bus.bitrate));
+        let spare = (tick_ns - latest.unwrap_or(tick_ns)) / error;
+        let advice = format!(
+            "what {} of its bits in error do is not followed; a tick has room for {spare} errors before a state comes late",
+            figure(f64::from(bus.bit_errors) * 1e-9)
+        );
+        return found.advise(if spare > 0 { Status::Note } else { Status::Warn }, advice);
+    }
+    // Every state is there before it is asked for: nothing else than on the ideal bus happens.
+    found
+}
+
+/// Bits of an error frame at most, and of the intermission after it.
+const ERROR_BITS: u32 = 23;
+
+/// A tick that is long enough for so much on the bus (ns), or a faster bus.
+fn more_time(found: Finding, status: Status, why: &str, subject: &Subject<'_>, needed: u64) -> Finding {
+    let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
+    let fits = |rate: &&u32| needed / u64::from(**rate) * u64::from(bus.bitrate) <= tick_ns;
+    match RATES.iter().filter(|rate| **rate > bus.bitrate).find(fits) {
+        Some(rate) => found
+            .advise(status, format!("{why}; {rate} bit/s would do"))
+            .set("bus.bitrate", rate.to_string()),
+        None => {
+            let us = needed.div_ceil(1000);
+            let tick = format_duration(us.saturating_mul(1000));
+            found.advise(status, format!("{why}; a tick of {tick} or more would do, or fewer nodes on a bus"))
+        }
+    }
+}
+
+/// The usual bit rates, bit/s.
+const RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
+
+/// A bus with bits that is not computed: what is followed is the ideal one.
 fn real(bit_errors: f64) -> Finding {
     let errors = match bit_errors {
         0.0 => String::new(),
@@ -80,6 +202,9 @@ fn real(bit_errors: f64) -> Finding {
 pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
     let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
+    if let Some(found) = (bus.model == BusModel::Can).then(|| can(subject)).flatten() {
+        return Some(found);
+    }
     if bus.model != BusModel::Ideal {
         return Some(real(f64::from(bus.bit_errors) * 1e-9));
     }

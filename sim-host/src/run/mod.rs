@@ -1,6 +1,7 @@
 //! Runs a scenario at a fidelity, and judges it.
 
 mod bench;
+mod bench_buses;
 mod claim;
 mod collect;
 mod commission;
@@ -30,7 +31,9 @@ pub use error::RunError;
 pub use event_log::MoreEvents;
 #[cfg(test)]
 pub(crate) use fidelity::engine as engine_of;
-pub use options::{Fidelity, RunOptions, Verbosity};
+pub(crate) use fidelity::{LOCKSTEP, LOOPBACK};
+pub(crate) use own_clock::DRIVE as OWN_CLOCK;
+pub use options::{Fidelity, SIMULATED, RunOptions, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
 pub use places::Wanted;
