@@ -74,10 +74,9 @@ pub fn survey(path: &Path, scenario: &Scenario, id: u8) -> Result<Survey, RunErr
 
 impl Seen {
     fn take(&mut self, entry: &Entry) {
-        let Some((frame, _)) = entry.record.frame() else { return };
-        let Id::Base(raw) = frame.id() else { return };
+        let Some((raw, bytes)) = entry.real_time() else { return };
         self.fd |= entry.record.fd.is_some();
-        for message in says(&mut AnyFormat::new(self.fd), raw, frame.bytes()).into_iter().flatten() {
+        for message in says(&mut AnyFormat::new(self.fd), raw, bytes).into_iter().flatten() {
             match message {
                 Message::Ctrl { command: Command::Start, .. } => self.start = true,
                 Message::Sync { .. } => self.sync = true,
@@ -87,7 +86,7 @@ impl Seen {
                 _ => {}
             }
         }
-        if let Some(node) = node_of(frame.id()).filter(|_| raw >> 7 > 0) {
+        if let Some(node) = node_of(Id::Base(raw)).filter(|_| raw >> 7 > 0) {
             self.nodes.entry(node).or_insert(entry.line);
         }
     }
