@@ -103,7 +103,8 @@ mod tests {
         let streams = [2_500_000, 3_500_000, 3_500_000].map(stream);
         // One bit of the paper's example is nothing here.
         let fast = Timing::classic(BitRate::new(1_000_000, 875).unwrap());
-        let times: Vec<_> = longest(&streams, fast).into_iter().map(|time| time.map(|ns| ns / 10_000)).collect();
+        let times: Vec<_> =
+            longest(&streams, fast).into_iter().map(|time| time.map(|ns| ns / 10_000)).collect();
         assert_eq!(times, [Some(200), Some(300), Some(350)]);
     }
 

@@ -2,7 +2,9 @@
 //! schedulability analysis, Real-Time Systems 35, 2007), and the times of single frames.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnelnet_can_bus::{BitRate, Bus, Filter, Frame, Id, Length, Noise, Order, Quiet, Timing, What, response};
+use funnelnet_can_bus::{
+    BitRate, Bus, Filter, Frame, Id, Length, Noise, Order, Quiet, Timing, What, response,
+};
 
 const BIT: u64 = 2000;
 

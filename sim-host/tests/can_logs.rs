@@ -111,7 +111,11 @@ fn frame_of(line: &str) -> Option<(u64, Frame)> {
 #[test]
 fn the_log_is_equal_in_equal_runs_and_has_the_times_of_the_scenario() {
     let runs = [(); 2].map(|()| {
-        Run::new(FIVE, &["time.duration=300ms", "bus.bit_errors=1e-4"], &[&["--pcapng"], &UNJUDGED[..]].concat())
+        Run::new(
+            FIVE,
+            &["time.duration=300ms", "bus.bit_errors=1e-4"],
+            &[&["--pcapng"], &UNJUDGED[..]].concat(),
+        )
     });
     let log = runs[0].text("can.log");
     assert_eq!(log, runs[1].text("can.log"));
@@ -174,12 +178,13 @@ fn logs_are_left_out_where_that_is_asked_for_and_where_there_is_no_can() {
 fn a_run_that_is_interrupted_leaves_a_log_that_can_be_read() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let arguments = ["run", FIVE, "--out", out, "--set", "bus.model=can", "--set", "time.duration=10min", "--pcapng"];
+    let arguments =
+        ["run", FIVE, "--out", out, "--set", "bus.model=can", "--set", "time.duration=10min", "--pcapng"];
     let set = ["--set", "expect={ funnel_ratio = 1.0 }"];
     let mut child = sim_host(&[&arguments[..], &set].concat()).spawn().unwrap();
     std::thread::sleep(std::time::Duration::from_millis(1500));
-    let id = rustix::process::Pid::from_child(&child);
-    rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(killed.unwrap().success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let log = fs::read_to_string(folder.path().join("can.log")).unwrap();
     assert!(log.ends_with('\n') && log.lines().all(|line| frame_of(line).is_some()));
@@ -230,7 +235,8 @@ fn the_table_says_who_waits_how_long_and_for_whom() {
 #[test]
 fn check_predicts_the_utilisation_and_the_latencies_of_a_run() {
     for (rate, tick) in [("1000000", "1ms"), ("500000", "2500us"), ("250000", "5ms")] {
-        let sets = [format!("bus.bitrate={rate}"), format!("time.tick={tick}"), "time.duration=1s".to_owned()];
+        let sets =
+            [format!("bus.bitrate={rate}"), format!("time.tick={tick}"), "time.duration=1s".to_owned()];
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
         let run = Run::new(FIVE, &sets, &UNJUDGED);
         let scenario = run.path("scenario.toml");
@@ -268,7 +274,8 @@ fn check_warns_of_a_bus_on_which_states_are_late_and_fails_one_that_cannot_carry
         let output = sim_host(&arguments).output().unwrap();
         assert_eq!(output.status.code(), Some(code), "{rate}");
         let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-        let bus = report["findings"].as_array().unwrap().iter().find(|finding| finding["name"] == "bus").unwrap();
+        let bus =
+            report["findings"].as_array().unwrap().iter().find(|finding| finding["name"] == "bus").unwrap();
         assert_eq!(bus["status"], status, "{bus}");
         if status != "ok" {
             assert_eq!(bus["advice"]["key"], "bus.bitrate", "{bus}");
@@ -284,7 +291,7 @@ fn a_log_replays_clean_in_every_node_of_its_run() {
         (FIVE, &["time.duration=500ms"], 5),
         (FIVE, &["time.duration=300ms", "bus.bitrate=500000"], 5),
         (FIVE, &["time.duration=300ms", "bus.bit_errors=2e-4", "bus.bitrate=500000"], 5),
-        (FIVE, &["time.duration=300ms", "bus.bitrate=125000"], 5),
+        (FIVE, &["time.duration=300ms", "bus.bitrate=125000"], 2),
         (FIVE, &["time.duration=300ms", "agent.noise=0.01"], 5),
         ("scenarios/vector-oscillators.toml", &["time.duration=300ms"], 3),
         ("scenarios/median-11.toml", &["time.duration=200ms", "bus.bitrate=1000000"], 11),
@@ -307,7 +314,11 @@ fn one_bit_that_is_changed_is_found_at_its_tick_with_its_field_and_both_values()
     let (code, text) = run.replay(own, 3, &["--json"]);
     let found: Value = serde_json::from_str(&text).unwrap();
     let difference = &found["difference"];
-    assert_eq!((code, &difference["tick"], &difference["field"]), (Some(1), &120.into(), &"x".into()), "{text}");
+    assert_eq!(
+        (code, &difference["tick"], &difference["field"]),
+        (Some(1), &120.into(), &"x".into()),
+        "{text}"
+    );
     assert_eq!(found["frames"], 120 + 2);
     assert_eq!(difference["line"], run.line_of("183", 120) + 1);
     let bits = |value: &Value| -> u32 {
@@ -324,13 +335,21 @@ fn one_bit_that_is_changed_is_found_at_its_tick_with_its_field_and_both_values()
     // A neighbour's state of tick 120 makes the node's of tick 121 another one; that of a node that it does not hear makes none.
     let other = run.with_line(run.line_of("182", 120), |line| Some(flip(line, 1, 7)));
     let found: Value = serde_json::from_str(&run.replay(other, 3, &["--json"]).1).unwrap();
-    assert_eq!((&found["difference"]["tick"], &found["difference"]["field"]), (&121.into(), &"x".into()), "{found}");
+    assert_eq!(
+        (&found["difference"]["tick"], &found["difference"]["field"]),
+        (&121.into(), &"x".into()),
+        "{found}"
+    );
     let stranger = run.with_line(run.line_of("185", 120), |line| Some(flip(line, 1, 7)));
     assert_eq!(run.replay(stranger, 3, &[]).0, Some(0));
     // The very first.
     let first = run.with_line(run.line_of("183", 0), |line| Some(flip(line, 2, 0)));
     let found: Value = serde_json::from_str(&run.replay(first, 3, &["--json"]).1).unwrap();
-    assert_eq!((&found["difference"]["tick"], &found["difference"]["field"]), (&0.into(), &"x".into()), "{found}");
+    assert_eq!(
+        (&found["difference"]["tick"], &found["difference"]["field"]),
+        (&0.into(), &"x".into()),
+        "{found}"
+    );
 }
 
 #[test]
@@ -340,10 +359,17 @@ fn a_frame_that_is_missing_or_too_many_is_found() {
     let missing = run.with_line(line, |_| None);
     let found: Value = serde_json::from_str(&run.replay(missing, 3, &["--json"]).1).unwrap();
     let difference = &found["difference"];
-    assert_eq!((&difference["tick"], &difference["field"], &difference["log"]), (&120.into(), &"frame".into(), &"nothing".into()));
+    assert_eq!(
+        (&difference["tick"], &difference["field"], &difference["log"]),
+        (&120.into(), &"frame".into(), &"nothing".into())
+    );
     let twice = run.with_line(line, |line| Some(format!("{line}\n{line}")));
     let found: Value = serde_json::from_str(&run.replay(twice, 3, &["--json"]).1).unwrap();
-    assert_eq!((&found["difference"]["tick"], &found["difference"]["field"]), (&120.into(), &"frame".into()), "{found}");
+    assert_eq!(
+        (&found["difference"]["tick"], &found["difference"]["field"]),
+        (&120.into(), &"frame".into()),
+        "{found}"
+    );
     let lost = run.with_line(run.line_of("182", 120), |_| None);
     let found: Value = serde_json::from_str(&run.replay(lost, 3, &["--json"]).1).unwrap();
     assert_eq!(found["difference"]["tick"], 121, "a neighbour that was not heard: {found}");
@@ -357,8 +383,18 @@ fn a_log_of_another_scenario_is_told() {
         run.replay("can.log", node, &sets)
     };
     for (sets, node, code, words) in [
-        (&["graph.nodes=4"][..], 3, 2, "not a log of this scenario, its seed and its settings: line 5 is of node 5, and the scenario has 4 nodes"),
-        (&["node.2.state=-2.5"], 3, 2, "node 2 begins with x = -2 in line 2, and with -2.5 in the scenario (tick 0, component 0)"),
+        (
+            &["graph.nodes=4"][..],
+            3,
+            2,
+            "not a log of this scenario, its seed and its settings: line 5 is of node 5, and the scenario has 4 nodes",
+        ),
+        (
+            &["node.2.state=-2.5"],
+            3,
+            2,
+            "node 2 begins with x = -2 in line 2, and with -2.5 in the scenario (tick 0, component 0)",
+        ),
         (&["node.3.state=4.25"], 3, 1, "first difference at tick 0, x: the log says 4.5 "),
         (&["graph.kind=star"], 3, 1, "is the log of this scenario, its seed and its settings?"),
         (&["coupling.funnel.rate=2.0"], 3, 1, "is the log of this scenario, its seed and its settings?"),
@@ -369,9 +405,9 @@ fn a_log_of_another_scenario_is_told() {
         assert_eq!(found, Some(code), "{sets:?}: {text}");
         assert!(text.contains(words), "{sets:?}: no '{words}' in {text}");
     }
-    // A node that the log does not have.
+    // A node that the log does not have, far from the one that is replayed.
     let (code, text) = run.replay("can.log", 3, &["--set", "graph.nodes=7"]);
-    assert!(code == Some(2) || code == Some(1), "{text}");
+    assert!(code == Some(2) && text.contains("node 6 says nothing in it"), "{code:?} {text}");
 }
 
 #[test]
@@ -406,14 +442,19 @@ fn a_log_that_is_cut_off_or_no_log_is_told() {
 /// What a full bus has no room for is told, in text and counters; and no replay takes it for a difference.
 #[test]
 fn frames_without_room_are_counted() {
-    let run = Run::new(FIVE, &["time.duration=200ms", "bus.bitrate=125000"], &["--set", "expect.stopped='any'"]);
+    let run =
+        Run::new(FIVE, &["time.duration=200ms", "bus.bitrate=125000"], &["--set", "expect.stopped='any'"]);
     let summary = run.summary();
     let can = &summary["bus"]["can"];
     assert!(can["unsent"].as_u64().unwrap() > 100, "{can}");
-    assert!(can["utilisation"].as_f64().unwrap() > 0.99 && can["utilisation"].as_f64().unwrap() <= 1.0, "{can}");
+    assert!(
+        can["utilisation"].as_f64().unwrap() > 0.99 && can["utilisation"].as_f64().unwrap() <= 1.0,
+        "{can}"
+    );
     assert!(run.said.contains("frames without room"), "{}", run.said);
     // All that nodes gave is sent, or has had no room, or waits: one announced state, and one per tick, the last one among them.
-    for row in can["identifiers"].as_array().unwrap().iter().filter(|row| row["id"].as_str().unwrap() < "200") {
+    for row in can["identifiers"].as_array().unwrap().iter().filter(|row| row["id"].as_str().unwrap() < "200")
+    {
         let given = row["frames"].as_u64().unwrap() + row["unsent"].as_u64().unwrap();
         assert!((200..=202).contains(&given), "{row}");
     }

@@ -55,7 +55,15 @@ impl<N: Noise> CanBus<N> {
         }
         let station = |_: &NodeId| Station { port: CanPort::new(), queue: Queue::default() };
         let stations = ids.iter().map(station).collect();
-        Self { bus, stations, due: VecDeque::new(), look_at: 0, traffic: Traffic::default(), off: Vec::new(), watch: None }
+        Self {
+            bus,
+            stations,
+            due: VecDeque::new(),
+            look_at: 0,
+            traffic: Traffic::default(),
+            off: Vec::new(),
+            watch: None,
+        }
     }
 
     /// The bus itself.

@@ -64,7 +64,9 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     let scope = if can {
         let bitrate = figure(scenario.bus.bitrate.into());
         let most = figure(most.floor());
-        format!("the CAN bus of {bitrate} bit/s carries ticks of {most} Hz at 70 % load as nodes speak now, without authentication")
+        format!(
+            "the CAN bus of {bitrate} bit/s carries ticks of {most} Hz at 70 % load as nodes speak now, without authentication"
+        )
     } else {
         "no limit on the ideal bus".to_owned()
     };

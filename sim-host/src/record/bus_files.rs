@@ -44,8 +44,7 @@ impl BusFiles {
     /// # Errors
     /// [`RecordError`], naming the file and the reason.
     pub fn create(folder: &Path, wanted: BusLogs, interfaces: Vec<String>) -> Result<Self, RecordError> {
-        let wanted =
-            if interfaces.is_empty() { BusLogs { log: false, capture: false } } else { wanted };
+        let wanted = if interfaces.is_empty() { BusLogs { log: false, capture: false } } else { wanted };
         let create = |name: &str| AtomicFile::create(folder.join(name));
         let log = wanted.log.then(|| create("can.log")).transpose()?;
         let capture = wanted.capture.then(|| {
@@ -66,9 +65,9 @@ impl BusFiles {
         if let Some(log) = log {
             log.write(|out| {
                 let named = heard.iter().filter_map(|(bus, record)| Some((interfaces.get(*bus)?, record)));
-                named.into_iter().try_for_each(|(interface, record)| {
-                    writeln!(out, "{}", Line { interface, record })
-                })
+                named
+                    .into_iter()
+                    .try_for_each(|(interface, record)| writeln!(out, "{}", Line { interface, record }))
             })?;
         }
         if let Some(capture) = capture {

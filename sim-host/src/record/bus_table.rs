@@ -100,8 +100,11 @@ impl BusTable {
         // What was never sent at all has no row.
         let none = Row::default();
         let rows: BTreeMap<Id, &Row> = table.rows().collect();
-        let ids: std::collections::BTreeSet<Id> =
-            rows.keys().copied().chain(unsent.iter().filter(|(_, count)| **count > 0).map(|(&id, _)| id)).collect();
+        let ids: std::collections::BTreeSet<Id> = rows
+            .keys()
+            .copied()
+            .chain(unsent.iter().filter(|(_, count)| **count > 0).map(|(&id, _)| id))
+            .collect();
         let mut winners: BTreeMap<Id, Vec<(u64, Id)>> = BTreeMap::new();
         for (loser, winner, count) in table.losses() {
             winners.entry(loser).or_default().push((count, winner));
@@ -161,7 +164,16 @@ impl BusTable {
         shown.sort_by_key(|row| self.identifiers.iter().position(|other| other.id == row.id));
         lines.push(format!(
             "{:<9}{:>5}{:>9}{:>8}{:>8}{:>11}{:>11}{:>13}{:>9}  {}",
-            "id", "node", "frames", "unsent", "errors", "half, us", "99 %, us", "longest, us", "lost", "most to"
+            "id",
+            "node",
+            "frames",
+            "unsent",
+            "errors",
+            "half, us",
+            "99 %, us",
+            "longest, us",
+            "lost",
+            "most to"
         ));
         lines.extend(shown.into_iter().map(IdentifierRow::told));
         let more = self.identifiers.len().saturating_sub(SHOWN);
@@ -174,7 +186,9 @@ impl BusTable {
     fn headline(&self) -> String {
         let mut parts = Vec::new();
         match (self.utilisation, self.bitrate) {
-            (Some(busy), Some(rate)) => parts.push(format!("busy for {} % at {rate} bit/s", figure(100.0 * busy, 3))),
+            (Some(busy), Some(rate)) => {
+                parts.push(format!("busy for {} % at {rate} bit/s", figure(100.0 * busy, 3)))
+            }
             (Some(busy), None) => parts.push(format!("busy for {} %", figure(100.0 * busy, 3))),
             _ => {}
         }
@@ -202,8 +216,7 @@ impl IdentifierRow {
         let optional = |count: Option<u64>| count.map_or("-".to_owned(), |count| count.to_string());
         let time = |time: Option<f64>| time.map_or("-".to_owned(), |time| figure(1e6 * time, 4));
         let latency = self.latency_s;
-        let winners: Vec<_> =
-            self.lost_to.iter().map(|(id, count)| format!("{id} ({count})")).collect();
+        let winners: Vec<_> = self.lost_to.iter().map(|(id, count)| format!("{id} ({count})")).collect();
         format!(
             "{:<9}{:>5}{:>9}{:>8}{:>8}{:>11}{:>11}{:>13}{:>9}  {}",
             self.id,

@@ -24,7 +24,10 @@ pub struct Difference {
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { tick, field, log, node, line } = self;
-        write!(f, "first difference at tick {tick}, {field}: the log says {log} (line {line}), the node {node}")
+        write!(
+            f,
+            "first difference at tick {tick}, {field}: the log says {log} (line {line}), the node {node}"
+        )
     }
 }
 

@@ -305,7 +305,8 @@ impl Replay {
         let (found, ticks) = (&self.found, self.found.ticks);
         // The last state is sent as the run ends, so that a simulated bus does not carry it any more.
         let end = (ticks + 1).saturating_mul(self.zero_ns);
-        let is_state = |(id, _): &(&u16, _)| (function::STATE..=function::STATE_FD).contains(&function_of(**id));
+        let is_state =
+            |(id, _): &(&u16, _)| (function::STATE..=function::STATE_FD).contains(&function_of(**id));
         let states = self.twin.sent.iter().filter(is_state);
         let excused = states.flat_map(|(_, waiting)| {
             let until = waiting.iter().skip(1).map(|sent| sent.at).chain([end]);

@@ -6,10 +6,13 @@ use crate::can::AnyFormat;
 use crate::record::node_of;
 use crate::run::RunError;
 use crate::scenario::Scenario;
-use funnelnet_can_bus::Id;
+use funnelnet_can_bus::{Id, response};
 use funnelnet_protocol::message::{Command, Message};
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Data bytes of a plain state of one component (protocol/README.md).
+const BYTES: u32 = 5;
 
 /// What drives the ticks of the nodes of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,12 +107,8 @@ fn fits(path: &Path, seen: &Seen, scenario: &Scenario, id: u8) -> Result<(), Run
     if let Some((other, line)) = seen.nodes.iter().find(|(other, _)| usize::from(**other) > nodes) {
         return Err(not(format!("line {line} is of node {other}, and the scenario has {nodes} nodes")));
     }
-    let index = usize::from(id) - 1;
-    for (neighbour, _) in scenario.graph.neighbours(index) {
-        let other = u8::try_from(neighbour + 1).unwrap_or(u8::MAX);
-        if !seen.nodes.contains_key(&other) {
-            return Err(not(format!("node {other}, a neighbour of node {id}, says nothing in it")));
-        }
+    if let Some(other) = silent(seen, scenario, id) {
+        return Err(not(format!("node {other} says nothing in it")));
     }
     let components = scenario.components();
     if let Some(((node, component), (_, line))) =
@@ -132,4 +131,20 @@ fn fits(path: &Path, seen: &Seen, scenario: &Scenario, id: u8) -> Result<(), Run
         }
     }
     Ok(())
+}
+
+/// A node that should be in the log, and is not: a neighbour; in a simulation any node, unless the bus has no room for all.
+fn silent(seen: &Seen, scenario: &Scenario, id: u8) -> Option<u8> {
+    let is_silent = |other: &u8| !seen.nodes.contains_key(other);
+    let neighbours = scenario.graph.neighbours(usize::from(id) - 1);
+    let mut neighbours = neighbours.into_iter().filter_map(|(index, _)| u8::try_from(index + 1).ok());
+    if seen.start || seen.sync {
+        return neighbours.find(is_silent);
+    }
+    let bits = u64::from(response::longest_classic(Id::Base(0), BYTES));
+    let states = (scenario.nodes.len() * scenario.components()) as u64;
+    let needed_ns =
+        states.saturating_mul(bits).saturating_mul(1_000_000_000) / u64::from(scenario.bus.bitrate.max(1));
+    let nodes = u8::try_from(scenario.nodes.len()).unwrap_or(u8::MAX);
+    (1..=nodes).find(is_silent).filter(|_| needed_ns < scenario.time.tick_ns)
 }

@@ -34,6 +34,8 @@ pub struct Twin {
     /// What is added to its states as they are sent, where a scenario has noise and no sensor.
     noise: Noise,
     by_timer: bool,
+    /// When its timer wakes it next, ns: what it hears until then does not.
+    wake: Option<u64>,
     fd: bool,
     /// By identifier, in the order in which they were sent.
     pub sent: BTreeMap<u16, VecDeque<Sent>>,
@@ -56,13 +58,12 @@ impl Twin {
             let nodes = scenario.nodes.len();
             return Err(RunError::bad_input(format!("--node {id}: the scenario has nodes 1 to {nodes}")));
         };
-        let params = Params::new(config).map_err(|error| {
-            RunError::bad_input(format!("node {id} refused its configuration: {error}"))
-        })?;
+        let params = Params::new(config)
+            .map_err(|error| RunError::bad_input(format!("node {id} refused its configuration: {error}")))?;
         let noise = if survey.drive == Drive::Simulated { Noise::of(scenario) } else { Noise::default() };
         let node = Node::new(params, &config.neighbours);
         let by_timer = survey.drive != Drive::Host;
-        Ok(Self { index, node, noise, by_timer, fd: survey.fd, sent: BTreeMap::new() })
+        Ok(Self { index, node, noise, by_timer, wake: None, fd: survey.fd, sent: BTreeMap::new() })
     }
 
     /// Tells it to start, as the simulator does.
@@ -74,22 +75,25 @@ impl Twin {
 
     /// Runs the ticks that are due up to `until`, ns.
     pub fn run(&mut self, until: u64) {
-        while let Some(at) = self.node.poll_at().filter(|&at| at <= until) {
-            let before = self.node.tick();
+        while let Some(at) = self.wake.filter(|&at| at <= until) {
             self.poll(at);
-            if self.node.tick() == before {
+            if self.wake == Some(at) {
                 return;
             }
         }
     }
 
-    /// Runs its next tick, if it waits for one; whether it did.
-    pub fn step(&mut self) -> bool {
-        let before = self.node.tick();
-        if let Some(at) = self.node.poll_at() {
+    /// Runs its next tick, or what else makes it send something.
+    pub fn step(&mut self) {
+        let state = |twin: &Self| (twin.node.tick(), twin.sent.values().map(VecDeque::len).sum::<usize>());
+        let before = state(self);
+        while let Some(at) = self.node.poll_at() {
             self.poll(at);
+            // What it only had to report is no step.
+            if state(self) != before || self.wake == Some(at) {
+                return;
+            }
         }
-        self.node.tick() != before
     }
 
     /// Gives it a frame of the log.
@@ -128,6 +132,7 @@ impl Twin {
             format.pack(&message).into_iter().for_each(|frame| self.put(frame, now));
         }
         format.flush().into_iter().for_each(|frame| self.put(frame, now));
+        self.wake = self.node.poll_at();
     }
 
     fn put(&mut self, frame: PortFrame, at: u64) {
@@ -138,9 +143,10 @@ impl Twin {
 
 /// The whole tick that a frame says, near `own`; `own`, where it says none.
 pub fn tick_of(id: u16, bytes: &[u8], fd: bool, own: u32) -> u32 {
-    let stamp = says(&mut AnyFormat::new(fd), id, bytes).into_iter().flatten().find_map(|message| match message {
-        Message::State { tick, .. } | Message::Fault { tick, .. } => Some(tick),
-        _ => None,
-    });
+    let stamp =
+        says(&mut AnyFormat::new(fd), id, bytes).into_iter().flatten().find_map(|message| match message {
+            Message::State { tick, .. } | Message::Fault { tick, .. } => Some(tick),
+            _ => None,
+        });
     stamp.and_then(|stamp| stamp.rebuild(own, NEAR, NEAR)).unwrap_or(own)
 }

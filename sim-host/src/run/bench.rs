@@ -8,14 +8,15 @@ use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
 use super::rows::Rows;
-use crate::bench::{
-    BenchFile, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
-};
+use crate::bench::{BenchFile, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides};
 use crate::conductor::Conductor;
 use crate::configure::node_configs;
 use crate::hub::{Absence, CanCounts, Contact, Hub};
 use crate::noise::Noise;
-use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, BusTables, CanSummary, PerInterface, WiresSummary};
+use crate::record::{
+    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, BusTables, CanSummary, PerInterface,
+    WiresSummary,
+};
 use crate::scenario::{BusModel, Scenario};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::Identity;

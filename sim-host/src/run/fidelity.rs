@@ -29,7 +29,8 @@ use rand_pcg::rand_core::Rng as _;
 use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
-pub(crate) const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
+pub(crate) const LOOPBACK: Drive =
+    Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes in this program that come during a run: only SYNC tells them the tick.
 const JOINING: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes behind streams of bytes: they tick when the hub says so, and tell all they see.

@@ -32,10 +32,10 @@ pub use event_log::MoreEvents;
 #[cfg(test)]
 pub(crate) use fidelity::engine as engine_of;
 pub(crate) use fidelity::{LOCKSTEP, LOOPBACK};
-pub(crate) use own_clock::DRIVE as OWN_CLOCK;
-pub use options::{Fidelity, SIMULATED, RunOptions, Verbosity};
+pub use options::{Fidelity, RunOptions, SIMULATED, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
+pub(crate) use own_clock::DRIVE as OWN_CLOCK;
 pub use places::Wanted;
 pub use rows::Rows;
 

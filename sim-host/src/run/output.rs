@@ -9,7 +9,9 @@ use super::outcome::Outcome;
 use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{AtomicFile, BusFiles, OnBus, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter};
+use crate::record::{
+    AtomicFile, BusFiles, OnBus, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter,
+};
 use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, inputs_svg, states_svg};
 use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario};
 use std::fmt::Write as _;

@@ -10,8 +10,11 @@ const TICKS: usize = 1000;
 
 /// What sim-host says with these arguments, and its exit code.
 fn sim_host(arguments: &[&str]) -> (Option<i32>, String) {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_sim-host")).current_dir(repository()).args(arguments).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_sim-host"))
+        .current_dir(repository())
+        .args(arguments)
+        .output()
+        .unwrap();
     let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
     (output.status.code(), said.concat())
 }
@@ -66,7 +69,9 @@ pub fn loopback_and_the_guest_kernel_have_the_same_frames(work: &Path) {
 fn the_tables_agree(bench: &serde_json::Value, loopback: &serde_json::Value) {
     let rows = |summary: &serde_json::Value| -> Vec<(String, u64)> {
         let rows = summary["bus"]["can"]["identifiers"].as_array().unwrap();
-        rows.iter().map(|row| (row["id"].as_str().unwrap().to_owned(), row["frames"].as_u64().unwrap())).collect()
+        rows.iter()
+            .map(|row| (row["id"].as_str().unwrap().to_owned(), row["frames"].as_u64().unwrap()))
+            .collect()
     };
     let simulated = rows(loopback);
     let mut of_nodes = rows(bench);
@@ -78,7 +83,9 @@ fn the_tables_agree(bench: &serde_json::Value, loopback: &serde_json::Value) {
     }
     let can = &bench["bus"]["can"];
     assert_eq!((&can["latency_from"], &can["bitrate"]), (&"sync".into(), &1_000_000.into()));
-    assert!(can["identifiers"].as_array().unwrap().iter().any(|row| row["latency_s"]["max"].as_f64() > Some(0.0)));
+    assert!(
+        can["identifiers"].as_array().unwrap().iter().any(|row| row["latency_s"]["max"].as_f64() > Some(0.0))
+    );
     // SYNC comes on top of what a simulation has.
     let busy = |summary: &serde_json::Value| summary["bus"]["utilisation"].as_f64().unwrap();
     let sync = 105.0 / 1000.0;
@@ -110,7 +117,8 @@ pub fn logs_replay_clean(work: &Path) {
         let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
         for node in 1..=nodes {
             let (log, node) = (at(log), node.to_string());
-            let (code, said) = sim_host(&[&["replay", &log, "--scenario", scenario, "--node", &node][..], &sets].concat());
+            let (code, said) =
+                sim_host(&[&["replay", &log, "--scenario", scenario, "--node", &node][..], &sets].concat());
             assert_eq!(code, Some(0), "{log}: {said}");
         }
     }
@@ -129,7 +137,8 @@ fn one_bit_is_found(work: &Path) {
     let path = work.join("changed.log");
     fs::write(&path, lines.join("\n") + "\n").unwrap();
     let scenario = work.join("five.toml");
-    let arguments = ["replay", path.to_str().unwrap(), "--scenario", scenario.to_str().unwrap(), "--node", "3"];
+    let arguments =
+        ["replay", path.to_str().unwrap(), "--scenario", scenario.to_str().unwrap(), "--node", "3"];
     let (code, said) = sim_host(&[&arguments[..], &["--set", "time.duration=2s"]].concat());
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("first difference at tick 700, x: the log says"), "{said}");
