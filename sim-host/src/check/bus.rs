@@ -127,7 +127,7 @@ fn on_can(scenario: &Scenario) -> Option<OnCan> {
     let load = |time: u64| states as f64 * time as f64 / tick_ns as f64;
     let load = (load(shortest), load(frame_ns));
     let table = BusTable {
-        interface: format!("computed for {SIMULATED}"),
+        interface: format!("{SIMULATED}, computed, at most"),
         bitrate: Some(bus.bitrate),
         utilisation: Some(load.1.min(1.0)),
         latency_from: Some("tick"),
