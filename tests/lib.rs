@@ -43,6 +43,7 @@ pub fn options(on: Fidelity) -> RunOptions {
             Fidelity::Loopback | Fidelity::Reference | Fidelity::Bench => PathBuf::new(),
         },
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -150,6 +150,14 @@ impl<N: Noise> Bus<N> {
         self.busy_ns
     }
 
+    /// The same up to `at` (ns, not before [now](Self::now), and before anything else happens): what is on the way counts as far as it has come.
+    pub fn busy_before(&self, at: u64) -> u64 {
+        match self.phase {
+            Phase::Clean(Clean { free, .. }) => self.busy_ns - free.saturating_sub(at),
+            _ => self.busy_ns,
+        }
+    }
+
     /// Bit rates.
     pub fn timing(&self) -> Timing {
         self.timing

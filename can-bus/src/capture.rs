@@ -18,38 +18,41 @@ const NANOSECONDS: u8 = 9;
 /// Identifier, length, flags and two reserved bytes.
 const HEADER: usize = 8;
 
-/// A capture that is being written, of one interface.
+/// A capture that is being written.
 pub struct Capture<W: Write> {
     writer: PcapNgWriter<W>,
 }
 
 impl<W: Write> Capture<W> {
-    /// Begins a capture of an interface of that name.
+    /// Begins a capture of interfaces of these names.
     ///
     /// # Errors
     ///
     /// The writer's.
-    pub fn new(writer: W, interface: &str) -> io::Result<Self> {
+    pub fn new(writer: W, interfaces: &[&str]) -> io::Result<Self> {
         // The same bytes on every machine.
         let mut writer = PcapNgWriter::with_endianness(writer, Endianness::Little).map_err(plain)?;
-        let options = vec![
-            InterfaceDescriptionOption::IfName(Cow::Borrowed(interface)),
-            InterfaceDescriptionOption::IfTsResol(NANOSECONDS),
-        ];
-        let description = InterfaceDescriptionBlock { linktype: DataLink::from(CAN), snaplen: 0, options };
-        writer.write_block(&description.into_block()).map_err(plain)?;
+        for &interface in interfaces {
+            let options = vec![
+                InterfaceDescriptionOption::IfName(Cow::Borrowed(interface)),
+                InterfaceDescriptionOption::IfTsResol(NANOSECONDS),
+            ];
+            let description =
+                InterfaceDescriptionBlock { linktype: DataLink::from(CAN), snaplen: 0, options };
+            writer.write_block(&description.into_block()).map_err(plain)?;
+        }
         Ok(Self { writer })
     }
 
-    /// Adds a frame or an error.
+    /// Adds a frame or an error of an interface, by its index.
     ///
     /// # Errors
     ///
     /// The writer's.
-    pub fn write(&mut self, record: &Record) -> io::Result<()> {
+    pub fn write(&mut self, interface: u32, record: &Record) -> io::Result<()> {
         let packet = packet(record);
         let block = EnhancedPacketBlock {
-            interface_id: 0,
+            interface_id: interface,
             timestamp: Duration::from_nanos(record.at),
             original_len: packet.len() as u32,
             data: Cow::Owned(packet),
@@ -88,14 +91,14 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_with_its_nanoseconds() {
-        let mut capture = Capture::new(Vec::new(), "can0").unwrap();
+        let mut capture = Capture::new(Vec::new(), &["can0"]).unwrap();
         let frames = [
             Frame::data(Id::Extended(0x1234), &[1, 2, 3]).unwrap(),
             Frame::remote(Id::Base(5), 8).unwrap(),
             Frame::fd(Id::Base(6), &[0xAB; 12], true).unwrap(),
         ];
         for (at, frame) in frames.iter().enumerate() {
-            capture.write(&Record::of_frame(1_000_000_007 + at as u64, frame, false)).unwrap();
+            capture.write(0, &Record::of_frame(1_000_000_007 + at as u64, frame, false)).unwrap();
         }
         let bytes = capture.into_inner();
         let mut reader = PcapNgReader::new(bytes.as_slice()).unwrap();

@@ -43,6 +43,30 @@ pub struct Record {
 }
 
 impl Record {
+    /// What SocketCAN has of a frame or an error: identifier with its flags, flags of CAN FD, length, data. A remote frame has no data; what is
+    /// longer than a frame is cut.
+    pub fn new(at: u64, id: u32, fd: Option<u8>, length: u8, bytes: &[u8]) -> Self {
+        let mut data = [0; LONGEST_FD];
+        data.iter_mut().zip(bytes).for_each(|(place, &byte)| *place = byte);
+        Self { at, id, fd, length: length.min(LONGEST_FD as u8), data }
+    }
+
+    /// The frame, and whether its sender is error-passive; none of an error, or of what no controller can send.
+    pub fn frame(&self) -> Option<(Frame, bool)> {
+        let raw = self.id & !(EXTENDED | REMOTE | ERROR);
+        let id = match self.id & EXTENDED {
+            0 => Id::Base(u16::try_from(raw).ok()?),
+            _ => Id::Extended(raw),
+        };
+        let frame = match self.fd {
+            _ if self.id & ERROR != 0 => return None,
+            Some(flags) => Frame::fd(id, self.bytes(), flags & SWITCH != 0),
+            None if self.id & REMOTE != 0 => Frame::remote(id, self.length.into()),
+            None => Frame::data(id, self.bytes()),
+        };
+        Some((frame.ok()?, self.fd.is_some_and(|flags| flags & PASSIVE != 0)))
+    }
+
     /// A frame; `passive` says whether its sender is error-passive, which a CAN FD frame tells.
     pub fn of_frame(at: u64, frame: &Frame, passive: bool) -> Self {
         let id = match frame.id() {
@@ -106,9 +130,25 @@ impl Record {
         Self { at, id: ERROR | class | COUNTERS, fd: None, length: ERROR_BYTES, data }
     }
 
+    /// The same at another time, ns.
+    #[must_use]
+    pub fn at(self, at: u64) -> Self {
+        Self { at, ..self }
+    }
+
     /// Data; none of a remote frame.
     pub fn bytes(&self) -> &[u8] {
-        if self.id & (REMOTE | ERROR) == REMOTE { &[] } else { &self.data[..usize::from(self.length)] }
+        if self.is_remote() { &[] } else { &self.data[..usize::from(self.length)] }
+    }
+
+    /// Whether it is a remote frame.
+    pub fn is_remote(&self) -> bool {
+        self.id & (REMOTE | ERROR) == REMOTE
+    }
+
+    /// Whether it is an error, or a change of how a controller takes part.
+    pub fn is_error(&self) -> bool {
+        self.id & ERROR != 0
     }
 }
 
@@ -124,5 +164,36 @@ fn location(field: Field) -> u8 {
         Field::Acknowledgement => 0x19,
         Field::AcknowledgementDelimiter => 0x1B,
         Field::End => 0x1A,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_comes_back_from_its_record() {
+        for (frame, passive) in [
+            (Frame::data(Id::Base(0x185), &[1, 2, 3]), false),
+            (Frame::data(Id::Extended(0x185), &[]), false),
+            (Frame::remote(Id::Base(0x7FF), 4), false),
+            (Frame::fd(Id::Extended(0x1FFF_FFFF), &[7; 12], true), true),
+            (Frame::fd(Id::Base(1), &[7; 64], false), false),
+        ] {
+            let frame = frame.unwrap();
+            let record = Record::of_frame(5, &frame, passive);
+            assert_eq!(record.frame(), Some((frame, passive)));
+            assert_eq!(Record::new(5, record.id, record.fd, record.length, record.bytes()), record);
+        }
+    }
+
+    #[test]
+    fn an_error_is_no_frame_and_neither_is_what_cannot_be_sent() {
+        let counters = Counters::default();
+        let what = What::Mode { mode: Mode::Off, counters };
+        let record = Record::of_event(&Event { at: 0, node: 0, what }).unwrap();
+        assert!(record.is_error() && record.frame().is_none());
+        assert!(Record::new(0, 0x800, None, 0, &[]).frame().is_none());
+        assert!(Record::new(0, 1, None, 9, &[0; 9]).frame().is_none());
     }
 }

@@ -1,7 +1,9 @@
 //! What a bus has carried, by identifier: frames, errors, waits, latencies, and who lost the arbitration to whom.
 
+use crate::counters::Mode;
 use crate::event::{Event, What};
-use crate::frame::Id;
+use crate::frame::{Id, LARGEST_BASE};
+use crate::wire::Field;
 use std::collections::BTreeMap;
 
 /// Latencies, counted in classes of a sixteenth of their size.
@@ -66,52 +68,114 @@ pub struct Row {
     pub errors: u64,
     /// Lost arbitrations.
     pub losses: u64,
-    /// Longest time from the transmit buffer to the start of the attempt that succeeded, ns.
+    /// Longest time from when it was ready to the start of the attempt that succeeded, ns.
     pub longest_wait: u64,
-    /// Times from the transmit buffer to the last bit of the frame, ns.
+    /// Times from when it was ready to the last bit of the frame, ns.
     pub latencies: Latencies,
 }
 
 /// What a bus has carried. It grows with the number of identifiers, not with time.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
-    rows: BTreeMap<Id, Row>,
-    losses: BTreeMap<(Id, Id), u64>,
+    /// By place.
+    rows: Vec<Row>,
+    /// How often the identifier at the first place lost to the one at the second.
+    losses: Vec<Vec<u64>>,
+    places: BTreeMap<Id, usize>,
+    /// The same for base identifiers, which are most: looked up for each lost arbitration.
+    base: Vec<usize>,
     errors: u64,
+    failed: u64,
     overflows: u64,
+    passive: u64,
+    off: u64,
 }
+
+/// No place.
+const NONE: usize = usize::MAX;
 
 impl Table {
     /// Takes an event of the bus.
     pub fn add(&mut self, event: &Event) {
         match event.what {
             What::Sent { frame, ready, started, errors, .. } => {
-                let row = self.rows.entry(frame.id()).or_default();
+                let row = self.row(frame.id());
                 row.frames += 1;
                 row.errors += u64::from(errors);
                 row.longest_wait = row.longest_wait.max(started - ready.min(started));
                 row.latencies.add(event.at - ready);
             }
-            What::LostArbitration { id, to } => {
-                self.rows.entry(id).or_default().losses += 1;
-                if let Some(to) = to {
-                    *self.losses.entry((id, to)).or_default() += 1;
-                }
+            What::LostArbitration { id, to } => self.lose(id, to),
+            What::Error { sender, field, .. } => {
+                self.errors += 1;
+                self.failed += u64::from(sender && field != Field::Between);
             }
-            What::Error { .. } => self.errors += 1,
             What::Received { lost, .. } => self.overflows += u64::from(lost),
-            What::Overload | What::Mode { .. } => {}
+            What::Mode { mode, .. } => {
+                self.passive += u64::from(mode == Mode::Passive);
+                self.off += u64::from(mode == Mode::Off);
+            }
+            What::Overload => {}
         }
+    }
+
+    /// Takes a frame of a log, with the time since it was ready (ns) where that is known.
+    pub fn add_logged(&mut self, id: Id, latency: Option<u64>) {
+        let row = self.row(id);
+        row.frames += 1;
+        latency.into_iter().for_each(|latency| row.latencies.add(latency));
+    }
+
+    fn lose(&mut self, id: Id, to: Option<Id>) {
+        self.row(id).losses += 1;
+        let Some(to) = to else { return };
+        let (loser, winner) = (self.place(id), self.place(to));
+        let of_loser = &mut self.losses[loser];
+        if of_loser.len() <= winner {
+            of_loser.resize(winner + 1, 0);
+        }
+        of_loser[winner] += 1;
+    }
+
+    fn row(&mut self, id: Id) -> &mut Row {
+        let place = self.place(id);
+        &mut self.rows[place]
+    }
+
+    fn place(&mut self, id: Id) -> usize {
+        if let Id::Base(base) = id {
+            match self.base.get(usize::from(base)) {
+                None => self.base.resize(usize::from(LARGEST_BASE) + 1, NONE),
+                Some(&NONE) => {}
+                Some(&place) => return place,
+            }
+        }
+        let next = self.rows.len();
+        let place = *self.places.entry(id).or_insert(next);
+        if place == next {
+            self.rows.push(Row::default());
+            self.losses.push(Vec::new());
+        }
+        if let Id::Base(base) = id {
+            self.base[usize::from(base)] = place;
+        }
+        place
     }
 
     /// Identifiers with what was carried of them, in order.
     pub fn rows(&self) -> impl Iterator<Item = (Id, &Row)> {
-        self.rows.iter().map(|(&id, row)| (id, row))
+        self.places.iter().map(|(&id, &place)| (id, &self.rows[place]))
     }
 
     /// How often an identifier (first) lost the arbitration to another (second), in order.
     pub fn losses(&self) -> impl Iterator<Item = (Id, Id, u64)> {
-        self.losses.iter().map(|(&(loser, winner), &count)| (loser, winner, count))
+        let winners = move |(&loser, &place): (&Id, &usize)| {
+            self.places.iter().filter_map(move |(&winner, &at)| {
+                let count = self.losses[place].get(at).copied().filter(|&count| count > 0)?;
+                Some((loser, winner, count))
+            })
+        };
+        self.places.iter().flat_map(winners)
     }
 
     /// Errors that controllers have seen; one disturbed bit is one for each.
@@ -119,9 +183,24 @@ impl Table {
         self.errors
     }
 
+    /// Attempts to send that ended in an error.
+    pub fn failed(&self) -> u64 {
+        self.failed
+    }
+
     /// Frames for which the receive FIFO of a controller had no room.
     pub fn overflows(&self) -> u64 {
         self.overflows
+    }
+
+    /// How often a controller became error-passive.
+    pub fn passive(&self) -> u64 {
+        self.passive
+    }
+
+    /// How often a controller went off the bus.
+    pub fn off(&self) -> u64 {
+        self.off
     }
 }
 
@@ -148,5 +227,20 @@ mod tests {
             assert!(last >= ns && last - ns <= ns / 16, "{ns}: {last}");
             assert_eq!(class(last), class(ns));
         }
+    }
+
+    #[test]
+    fn who_lost_to_whom_is_counted_by_identifier_and_told_in_order() {
+        let mut table = Table::default();
+        let ids = [Id::Extended(7), Id::Base(0x200), Id::Base(0x180)];
+        let lost = |id, to| Event { at: 0, node: 0, what: What::LostArbitration { id, to } };
+        for (loser, winner) in [(0, 1), (0, 2), (0, 1), (1, 2)] {
+            table.add(&lost(ids[loser], Some(ids[winner])));
+        }
+        table.add(&lost(ids[0], None));
+        let losses: Vec<_> = table.losses().collect();
+        assert_eq!(losses, [(ids[1], ids[2], 1), (ids[0], ids[2], 1), (ids[0], ids[1], 2)]);
+        let rows: Vec<_> = table.rows().map(|(id, row)| (id, row.losses)).collect();
+        assert_eq!(rows, [(ids[2], 0), (ids[1], 1), (ids[0], 4)]);
     }
 }

@@ -2,7 +2,9 @@
 //! schedulability analysis, Real-Time Systems 35, 2007), and the times of single frames.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnelnet_can_bus::{BitRate, Bus, Filter, Frame, Id, Length, Noise, Order, Quiet, Timing, What};
+use funnelnet_can_bus::{
+    BitRate, Bus, Filter, Frame, Id, Length, Noise, Order, Quiet, Timing, What, response,
+};
 
 const BIT: u64 = 2000;
 
@@ -121,6 +123,10 @@ fn worst_latencies_of_a_saturated_bus_are_those_of_the_analysis() {
         let streams = saturating(nodes, timing);
         let longest_frame = streams.iter().map(|stream| stream.time).max().unwrap();
         let bound = analytic(&streams);
+        let of_crate: Vec<response::Stream> =
+            streams.iter().map(|&Stream { period, time, .. }| response::Stream { time, period }).collect();
+        let of_crate: Option<Vec<u64>> = response::longest(&of_crate, timing).into_iter().collect();
+        assert_eq!(of_crate.as_ref(), Some(&bound), "{nodes}");
         let worst: Vec<u64> = (0..nodes).map(|node| worst(&streams, node, timing)).collect();
         let apart = |node: usize| bound[node].abs_diff(worst[node]);
         let most = (0..nodes).map(apart).max().unwrap();

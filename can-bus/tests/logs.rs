@@ -61,8 +61,8 @@ fn can_utils_reads_every_line() {
 #[ignore = "needs tshark"]
 fn wireshark_reads_every_packet_with_its_nanoseconds() {
     let records = records();
-    let mut capture = Capture::new(Vec::new(), "can0").unwrap();
-    records.iter().for_each(|record| capture.write(record).unwrap());
+    let mut capture = Capture::new(Vec::new(), &["can0"]).unwrap();
+    records.iter().for_each(|record| capture.write(0, record).unwrap());
     let fields = [
         "frame.time_epoch",
         "can.id",

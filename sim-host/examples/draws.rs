@@ -20,6 +20,7 @@ fn options() -> RunOptions {
         junit: None,
         image: "".into(),
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -63,6 +63,7 @@ fn options(scenario: &Scenario) -> RunOptions {
         junit: None,
         image: PathBuf::new(),
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -61,6 +61,7 @@ fn rows(file: &str, sets: &[&str]) -> Vec<Row> {
         junit: None,
         image: "".into(),
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -27,6 +27,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::extremes::{beyond, larger, smaller};
+use crate::record::BusTable;
 use crate::scenario::{LARGEST_RUN, Scenario, format_duration};
 use forecast::Forecast;
 use funnelnet_law::math;
@@ -132,6 +133,9 @@ pub struct Report {
     pub per_node: Vec<NodeRow>,
     /// No finding failed; warnings do not count.
     pub pass: bool,
+    /// The bus as it is computed, for the text; the finding `bus` has it, too.
+    #[serde(skip)]
+    pub bus: Option<BusTable>,
 }
 
 impl Report {
@@ -180,6 +184,7 @@ pub fn check(scenario: &Scenario) -> Report {
         pass: findings.iter().all(|finding| finding.status != Status::Fail),
         findings,
         per_node: nodes::rows(&subject),
+        bus: bus::table(scenario),
     }
 }
 

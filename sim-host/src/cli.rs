@@ -20,12 +20,15 @@ use crate::host_node::{self, End};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
-use crate::record::{Summary, failures, is_standard_output, write_atomic};
+use crate::record::{BusLogs, Summary, failures, is_standard_output, write_atomic};
+use crate::replay::replay;
 use crate::run::{self, Claim, Fidelity, RunError, RunOptions, Verbosity, Wanted};
 use crate::scenario::{Override, Scenario, format_duration};
 
 pub use arguments::Cli;
-use arguments::{BenchArgs, CheckArgs, Command, DiffArgs, NodeArgs, OutputArgs, RunArgs, Settings, Source};
+use arguments::{
+    BenchArgs, CheckArgs, Command, DiffArgs, NodeArgs, OutputArgs, ReplayArgs, RunArgs, Settings, Source,
+};
 use words::{command, repeat};
 
 /// A message for standard error, and how the program ends.
@@ -99,6 +102,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Node(args) => node_command(&args),
         Command::Check(args) => check_command(&args),
         Command::Diff(args) => diff_command(&args),
+        Command::Replay(args) => replay_command(&args),
         Command::Completions { shell } => completions(shell),
     };
     result.unwrap_or_else(|failure| {
@@ -236,6 +240,7 @@ fn options(
         every_ticks,
         json: args.json.clone(),
         junit: args.junit.clone(),
+        bus_logs: BusLogs { log: !args.no_can_log, capture: args.pcapng },
         verbosity: match (args.quiet, args.verbose) {
             (true, _) => Verbosity::Quiet,
             (_, true) => Verbosity::Verbose,
@@ -309,6 +314,19 @@ fn diff_command(args: &DiffArgs) -> Result<Exit, Failure> {
         print(&printable_lines(&found.to_string()))?;
     }
     Ok(if found.equal { Exit::Success } else { Exit::ExpectationFailed })
+}
+
+fn replay_command(args: &ReplayArgs) -> Result<Exit, Failure> {
+    let scenario = args.settings.load(&args.scenario)?;
+    let found = replay(&args.log, &scenario, args.node)?;
+    if args.json {
+        let text = serde_json::to_string_pretty(&found)
+            .map_err(|error| Failure { message: error.to_string(), exit: Exit::Defect })?;
+        print(&text)?;
+    } else {
+        print(&printable_lines(&found.to_string()))?;
+    }
+    Ok(found.exit())
 }
 
 fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {

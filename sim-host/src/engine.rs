@@ -162,6 +162,16 @@ impl<M: Medium> Engine<M> {
         self.bus.traffic()
     }
 
+    /// The bus.
+    pub fn bus(&self) -> &M {
+        &self.bus
+    }
+
+    /// The bus, to have it watched.
+    pub fn bus_mut(&mut self) -> &mut M {
+        &mut self.bus
+    }
+
     /// Does what events do up to `now`, each at its time.
     fn happen(&mut self, now: u64) {
         while let Some(at) = self.world.as_ref().and_then(World::next_change).filter(|&at| at <= now) {

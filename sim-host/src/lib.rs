@@ -31,6 +31,7 @@ pub mod progress;
 pub mod random;
 pub mod record;
 pub mod reference;
+pub mod replay;
 pub mod report;
 pub mod run;
 pub mod scenario;

@@ -54,6 +54,7 @@ fn options(on: Fidelity) -> RunOptions {
         junit: None,
         image: PathBuf::new(),
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -51,6 +51,7 @@ fn options(on: Fidelity, every_ticks: Option<u64>) -> RunOptions {
         junit: None,
         image: PathBuf::new(),
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -31,6 +31,23 @@ bench whole "$scenarios/five-agents.toml" --set time.duration=2s --every 1ms
 sleep 0.2
 kill $listener
 
+# The same with the scenario's bus, beside that bus in loopback.
+bench bus five.toml --set bus.model=can --set time.duration=1s
+
+# Frames that are none of the nodes.
+candump -L vcan0 >candump-foreign.log &
+listener=$!
+sleep 0.5
+bench foreign five.toml --set time.duration=1s &
+run=$!
+sleep 0.7
+cansend vcan0 12345678#DEADBEEF
+cansend vcan0 123#R4
+cansend vcan0 00000123#R
+wait $run
+sleep 0.2
+kill $listener
+
 # States of two components in frames of CAN FD, and the same on a bus that cannot.
 unjudged vector-oscillators.toml >vector.toml
 candump -L vcan0 >candump-fd.log &

@@ -1,5 +1,6 @@
 //! A run on a bench beside the same run in loopback, tick by tick.
 
+use crate::bus::Medium;
 use crate::engine::{Engine, NodeEvent};
 use crate::extremes::larger;
 use crate::presence::Presence;
@@ -18,9 +19,36 @@ pub struct Difference {
     pub unrecorded: u64,
 }
 
+/// Loopback, whatever its bus.
+trait Beside {
+    fn advance(&mut self);
+    fn take_events(&mut self) -> Vec<NodeEvent>;
+    fn observations(&self) -> &[Observation<f32>];
+    fn presence(&self, k: u64) -> Vec<Presence>;
+}
+
+impl<M: Medium> Beside for Engine<M> {
+    fn advance(&mut self) {
+        // Once all nodes have stopped by themselves, what they saw last stays.
+        let _ = Self::advance(self);
+    }
+
+    fn take_events(&mut self) -> Vec<NodeEvent> {
+        self.take_events()
+    }
+
+    fn observations(&self) -> &[Observation<f32>] {
+        self.observations()
+    }
+
+    fn presence(&self, k: u64) -> Vec<Presence> {
+        self.presence(k)
+    }
+}
+
 /// Runs loopback along, so that nothing has to be kept.
 pub struct Comparison {
-    engine: Engine,
+    engine: Box<dyn Beside>,
     differences: Vec<Difference>,
     /// Of loopback.
     faults: Vec<NodeEvent>,
@@ -30,16 +58,15 @@ pub struct Comparison {
 
 impl Comparison {
     /// Beside `engine`, which is not started yet.
-    pub fn new(mut engine: Engine) -> Self {
+    pub fn new<M: Medium + 'static>(mut engine: Engine<M>) -> Self {
         engine.start();
         let differences = vec![Difference::default(); engine.nodes().len()];
-        Self { engine, differences, faults: Vec::new(), last: 0 }
+        Self { engine: Box::new(engine), differences, faults: Vec::new(), last: 0 }
     }
 
     /// Takes what the bench's nodes saw at tick `k`, by index and then by component, and what is known of them, by index.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
-        // Once all nodes have stopped by themselves, what they saw last stays.
-        let _ = self.engine.advance();
+        self.engine.advance();
         let faults =
             self.engine.take_events().into_iter().filter(|event| matches!(event.event, Event::Fault(_)));
         self.faults.extend(faults);

@@ -15,7 +15,7 @@ pub use compare::{Comparison, Difference};
 pub use file::{BenchFile, BenchNode, DEFAULT_BAUD, Where};
 pub use list::{Listed, list};
 pub use port::open as open_port;
-pub use record::{CanLog, Stampings};
+pub use record::Stampings;
 pub use skew::Skew;
 pub use wires::Wire;
 

@@ -1,6 +1,5 @@
-//! `can.log`: every frame that was on a bus, as `candump -L` writes it. `bench.csv`: when the host sent and read what belongs to each tick of each node.
+//! `bench.csv`: when the host sent and read what belongs to each tick of each node.
 
-use crate::can::Heard;
 use crate::hub::Stamps;
 use crate::record::{AtomicFile, RecordError};
 use std::io::{self, Write};
@@ -53,37 +52,4 @@ fn line(out: &mut dyn Write, tick: u64, node: u8, stamps: &Stamps) -> io::Result
 
 fn seconds(stamp: Option<Duration>) -> String {
     stamp.map_or(String::new(), |stamp| format!("{:.6}", stamp.as_secs_f64()))
-}
-
-/// Writes the buses' frames line by line; it gets its name on [`finish`](Self::finish).
-pub struct CanLog(AtomicFile);
-
-impl CanLog {
-    /// Opens the file.
-    ///
-    /// # Errors
-    /// [`RecordError`], naming `path` and the reason.
-    pub fn create(path: impl Into<PathBuf>) -> Result<Self, RecordError> {
-        AtomicFile::create(path).map(Self)
-    }
-
-    /// Appends what was heard, each with its interface.
-    ///
-    /// # Errors
-    /// [`RecordError`].
-    pub fn heard<'a>(
-        &mut self,
-        heard: impl IntoIterator<Item = (&'a str, &'a Heard)>,
-    ) -> Result<(), RecordError> {
-        let mut lines = heard.into_iter().filter_map(|(interface, heard)| heard.log_line(interface));
-        self.0.write(|out| lines.try_for_each(|line| writeln!(out, "{line}")))
-    }
-
-    /// Gives the file its name.
-    ///
-    /// # Errors
-    /// [`RecordError`]; no half file is left.
-    pub fn finish(self) -> Result<(), RecordError> {
-        self.0.commit()
-    }
 }

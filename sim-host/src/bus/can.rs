@@ -4,6 +4,7 @@
 
 use super::Medium;
 use super::ideal::Traffic;
+use super::watch::Watch;
 use funnelnet_can_bus::{Bus, Event, Filter, Frame, Id, Mode, Noise, Order, Queue, Timing, What};
 use funnelnet_link::{BusState, CanPort, Change, Classic, Heard, Request};
 use funnelnet_protocol::can::CanFrame;
@@ -34,6 +35,7 @@ pub struct CanBus<N> {
     traffic: Traffic,
     /// Nodes whose ports have gone off the bus, and how often so far, to be told.
     off: Vec<(usize, u16)>,
+    watch: Option<Watch>,
 }
 
 impl<N: Noise> CanBus<N> {
@@ -53,7 +55,15 @@ impl<N: Noise> CanBus<N> {
         }
         let station = |_: &NodeId| Station { port: CanPort::new(), queue: Queue::default() };
         let stations = ids.iter().map(station).collect();
-        Self { bus, stations, due: VecDeque::new(), look_at: 0, traffic: Traffic::default(), off: Vec::new() }
+        Self {
+            bus,
+            stations,
+            due: VecDeque::new(),
+            look_at: 0,
+            traffic: Traffic::default(),
+            off: Vec::new(),
+            watch: None,
+        }
     }
 
     /// The bus itself.
@@ -62,17 +72,22 @@ impl<N: Noise> CanBus<N> {
     }
 
     fn advance(&mut self, to: u64) {
-        let (due, traffic) = (&mut self.due, &mut self.traffic);
-        self.bus.advance(to, &mut |event: Event| match event.what {
-            What::Sent { .. } => {
-                traffic.sent += 1;
-                due.push_back((event.at, event.node));
+        let (due, traffic, watch) = (&mut self.due, &mut self.traffic, &mut self.watch);
+        self.bus.advance(to, &mut |event: Event| {
+            if let Some(watch) = watch {
+                watch.take(event);
             }
-            What::Received { lost, .. } => {
-                traffic.lost += u64::from(lost);
-                due.push_back((event.at, event.node));
+            match event.what {
+                What::Sent { .. } => {
+                    traffic.sent += 1;
+                    due.push_back((event.at, event.node));
+                }
+                What::Received { lost, .. } => {
+                    traffic.lost += u64::from(lost);
+                    due.push_back((event.at, event.node));
+                }
+                What::LostArbitration { .. } | What::Error { .. } | What::Overload | What::Mode { .. } => {}
             }
-            What::LostArbitration { .. } | What::Error { .. } | What::Overload | What::Mode { .. } => {}
         });
     }
 
@@ -153,6 +168,9 @@ impl<N: Noise> Medium for CanBus<N> {
         else {
             return;
         };
+        if let Some(watch) = &mut self.watch {
+            watch.give(Id::Base(frame.id()), now);
+        }
         let request = station.port.send(&message);
         self.request(sender, request);
         self.load(sender);
@@ -183,6 +201,23 @@ impl<N: Noise> Medium for CanBus<N> {
 
     fn traffic(&self) -> Traffic {
         self.traffic
+    }
+
+    fn watch(&mut self, zero_ns: u64, log: bool) {
+        self.bus.report_losses(true);
+        self.watch = Some(Watch::new(zero_ns, log));
+    }
+
+    fn watched(&mut self) -> Option<&mut Watch> {
+        self.watch.as_mut()
+    }
+
+    fn queue_overflows(&self) -> u64 {
+        self.stations.iter().map(|station| station.queue.lost()).sum()
+    }
+
+    fn busy_ns(&self, now: u64) -> u64 {
+        self.bus.busy_before(now)
     }
 
     fn utilisation(&self) -> f64 {

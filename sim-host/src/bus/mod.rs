@@ -2,11 +2,13 @@
 
 pub mod can;
 pub mod ideal;
+pub mod watch;
 
 use funnelnet_protocol::can::CanFrame;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 use ideal::Traffic;
+use watch::Watch;
 
 /// A medium that carries the frames of nodes to their neighbours.
 pub trait Medium {
@@ -30,6 +32,24 @@ pub trait Medium {
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;
+
+    /// Has a table, and with `log` what a log holds, kept from now on; the scenario's t = 0 comes at `zero_ns`.
+    fn watch(&mut self, _zero_ns: u64, _log: bool) {}
+
+    /// What is kept, if anything is.
+    fn watched(&mut self) -> Option<&mut Watch> {
+        None
+    }
+
+    /// Frames that the queues of drivers had no room for.
+    fn queue_overflows(&self) -> u64 {
+        0
+    }
+
+    /// Time for which it was busy before `now`, ns; 0 without a bit rate.
+    fn busy_ns(&self, _now: u64) -> u64 {
+        0
+    }
 
     /// Part of the time so far for which it was busy; 0 without a bit rate.
     fn utilisation(&self) -> f64 {

@@ -7,7 +7,10 @@ mod socket;
 
 pub use format::{AnyFormat, PortFrame};
 pub use socket::CanPort;
+#[cfg(target_os = "linux")]
+pub(crate) use socket::record;
 
+use funnelnet_can_bus::Record;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 use std::fmt;
@@ -43,14 +46,16 @@ pub enum Traffic {
         /// Flags of a frame of CAN FD, as the kernel has them: 1 bit rate switch, 2 error state indicator, 4 CAN FD.
         fd: Option<u8>,
     },
-    /// A frame that is not of the real-time plane: 29-bit identifier, or a remote frame. As the kernel names it.
-    Other(String),
+    /// A frame that is not of the real-time plane, as a log has it, but for its time: 29-bit identifier, or a remote frame.
+    Other(Record),
     /// The controller reports an error.
     Error {
         /// It went off the bus.
         off: bool,
         /// In words.
         text: String,
+        /// As a log has it, but for its time.
+        record: Record,
     },
 }
 
@@ -65,14 +70,16 @@ impl Heard {
         }
     }
 
-    /// Its line in a log that `candump -L` could have written; `None` for what such a log does not hold.
-    pub fn log_line(&self, interface: &str) -> Option<String> {
-        let Traffic::Frame { id, data, fd } = &self.what else { return None };
+    /// As a log has it: with the time since 1970, ns.
+    pub fn record(&self) -> Record {
         let since = self.at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        let bytes: String = data.iter().map(|byte| format!("{byte:02X}")).collect();
-        let separator = fd.map_or_else(|| "#".to_owned(), |flags| format!("##{:X}", flags & 0xF));
-        let time = format!("({}.{:06})", since.as_secs(), since.subsec_micros());
-        Some(format!("{time} {interface} {id:03X}{separator}{bytes}"))
+        let at = u64::try_from(since.as_nanos()).unwrap_or(u64::MAX);
+        match &self.what {
+            Traffic::Frame { id, data, fd } => {
+                Record::new(at, u32::from(*id), fd.map(|flags| flags & 0xF), data.len() as u8, data)
+            }
+            Traffic::Other(record) | Traffic::Error { record, .. } => record.at(at),
+        }
     }
 }
 
@@ -117,13 +124,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_that_of_candump() {
+    fn a_line_is_that_of_candump_for_all_that_is_on_a_bus() {
         let at = SystemTime::UNIX_EPOCH + Duration::from_micros(1_700_000_000_000_123);
-        let line =
-            |id, data, fd| Heard { at, what: Traffic::Frame { id, data, fd } }.log_line("vcan0").unwrap();
-        let classic = line(0x185, vec![0, 0, 0xC0, 0x3F, 0xE8], None);
+        let line = |what| {
+            let record = Heard { at, what }.record();
+            funnelnet_can_bus::Line { interface: "vcan0", record: &record }.to_string()
+        };
+        let frame = |id, data, fd| line(Traffic::Frame { id, data, fd });
+        let classic = frame(0x185, vec![0, 0, 0xC0, 0x3F, 0xE8], None);
         assert_eq!(classic, "(1700000000.000123) vcan0 185#0000C03FE8");
-        let fd = line(0x585, vec![0, 0, 0xE8, 3, 0, 0, 0xC0, 0x3F], Some(5));
+        let fd = frame(0x585, vec![0, 0, 0xE8, 3, 0, 0, 0xC0, 0x3F], Some(5));
         assert_eq!(fd, "(1700000000.000123) vcan0 585##50000E8030000C03F");
+        let other = line(Traffic::Other(Record::new(0, 0x8000_1234, None, 1, &[7])));
+        assert_eq!(other, "(1700000000.000123) vcan0 00001234#07");
+        let record = Record::new(0, 0x2000_0040, None, 8, &[0; 8]);
+        let off = line(Traffic::Error { off: true, text: "bus-off".to_owned(), record });
+        assert_eq!(off, "(1700000000.000123) vcan0 20000040#0000000000000000");
     }
 }

@@ -1,6 +1,7 @@
 //! SocketCAN (Linux).
 
 use super::{CanError, Heard, Own, Traffic};
+use funnelnet_can_bus::Record;
 use funnelnet_link::Frame;
 use socketcan::id::FdFlags;
 use socketcan::{
@@ -139,29 +140,42 @@ fn classic_traffic(frame: &socketcan::CanFrame) -> Traffic {
     match frame {
         socketcan::CanFrame::Data(frame) => data_traffic(frame),
         socketcan::CanFrame::Error(error) => error_traffic(*error),
-        other => Traffic::Other(format!("{other:?}")),
+        socketcan::CanFrame::Remote(frame) => Traffic::Other(record(frame, None)),
     }
 }
 
 fn any_traffic(frame: &CanAnyFrame) -> Traffic {
-    match (frame, frame.id()) {
-        (CanAnyFrame::Fd(frame), Id::Standard(id)) => {
-            Traffic::Frame { id: id.as_raw(), data: frame.data().to_vec(), fd: Some(frame.flags().bits()) }
-        }
-        (CanAnyFrame::Normal(frame), _) => data_traffic(frame),
-        (CanAnyFrame::Error(error), _) => error_traffic(*error),
-        (other, _) => Traffic::Other(format!("{other:?}")),
+    match frame {
+        CanAnyFrame::Fd(frame) => match frame.id() {
+            Id::Standard(id) => Traffic::Frame {
+                id: id.as_raw(),
+                data: frame.data().to_vec(),
+                fd: Some(frame.flags().bits()),
+            },
+            Id::Extended(_) => Traffic::Other(record(frame, Some(frame.flags().bits()))),
+        },
+        CanAnyFrame::Normal(frame) => data_traffic(frame),
+        CanAnyFrame::Error(error) => error_traffic(*error),
+        CanAnyFrame::Remote(frame) => Traffic::Other(record(frame, None)),
     }
 }
 
 fn data_traffic(frame: &CanDataFrame) -> Traffic {
     match frame.id() {
         Id::Standard(id) => Traffic::Frame { id: id.as_raw(), data: frame.data().to_vec(), fd: None },
-        Id::Extended(_) => Traffic::Other(format!("{frame:?}")),
+        Id::Extended(_) => Traffic::Other(record(frame, None)),
     }
 }
 
 fn error_traffic(error: CanErrorFrame) -> Traffic {
+    let record = record(&error, None);
     let error = error.into_error();
-    Traffic::Error { off: error.is_bus_off(), text: error.to_string() }
+    Traffic::Error { off: error.is_bus_off(), text: error.to_string(), record }
+}
+
+/// A frame as a log has it, but for its time.
+pub(crate) fn record(frame: &impl socketcan::Frame, fd: Option<u8>) -> Record {
+    // A remote frame has a length and no data.
+    let length = if frame.is_remote_frame() { frame.dlc() } else { frame.data().len() };
+    Record::new(0, frame.id_word(), fd, length as u8, frame.data())
 }

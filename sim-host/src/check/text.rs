@@ -29,6 +29,10 @@ impl fmt::Display for Report {
         if self.per_node.len() <= MOST_ROWS {
             table(f, &self.per_node)?;
         }
+        if let Some(bus) = &self.bus {
+            writeln!(f)?;
+            bus.told().iter().try_for_each(|line| writeln!(f, "{line}"))?;
+        }
         let (warnings, failures) = (self.count(Status::Warn), self.count(Status::Fail));
         let (held, notes, unknown) =
             (self.count(Status::Ok), self.count(Status::Note), self.count(Status::NotChecked));

@@ -73,6 +73,19 @@ Examples:
   sim-host diff out/loopback out/bench --plot both.svg
   sim-host diff a/trajectory.csv b/trajectory.csv --json";
 
+const REPLAY_HELP: &str = "\
+The node is made of the scenario. It gets every frame that the others have sent, as it would have come on the bus, and \
+is compared frame by frame up to the first difference, which is told with its tick, its field and both values.
+
+Exit codes: 0 equal to the scenario's last tick, 1 different, or the log ends before, 2 not to be read, or a log of \
+another scenario.
+
+Examples:
+  sim-host run scenarios/five-agents.toml --set bus.model=can --out out/can
+  sim-host replay out/can/can.log --scenario out/can/scenario.toml --node 3
+  candump -L can0 > bench.log
+  sim-host replay bench.log --scenario scenarios/five-agents.toml --node 3";
+
 const COMPLETIONS_HELP: &str = "\
 Examples:
   source <(sim-host completions bash)
@@ -103,6 +116,9 @@ pub(super) enum Command {
     /// Compare two recorded runs: where they differ first, and how far apart they come
     #[command(after_help = DIFF_HELP)]
     Diff(DiffArgs),
+    /// Feed a log of CAN to one node's real code, and compare what it sends with what the log says it sent
+    #[command(after_help = REPLAY_HELP)]
+    Replay(ReplayArgs),
     /// Print a completion script for a shell
     #[command(after_help = COMPLETIONS_HELP)]
     Completions {
@@ -178,13 +194,13 @@ pub(super) struct BenchArgs {
     #[arg(long, value_name = "bench.toml", required_unless_present = "list")]
     pub(super) bench: Option<PathBuf>,
     /// Run nothing; ask every serial port, and those of the bench file, who is there
-    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "out", "every", "json", "junit"])]
+    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
     pub(super) list: bool,
     /// Run nothing; store the scenario's configurations in all nodes, or in none, for every start to come
-    #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit"])]
+    #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
     pub(super) commission: bool,
     /// Run nothing; make all nodes of the bench file blank at their next start
-    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "list", "commission", "out", "every", "json", "junit"])]
+    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "list", "commission", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
     pub(super) erase: bool,
     #[command(flatten)]
     pub(super) output: OutputArgs,
@@ -205,6 +221,12 @@ pub(super) struct OutputArgs {
     /// File for the verdicts as JUnit XML, or for why there are none; - is standard output, without the text
     #[arg(long, value_name = "FILE")]
     pub(super) junit: Option<PathBuf>,
+    /// Leave can.log, the frames and errors of a run on CAN, out of the folder
+    #[arg(long, requires = "out")]
+    pub(super) no_can_log: bool,
+    /// Write can.pcapng into the folder, too: the same for Wireshark, with nanoseconds
+    #[arg(long, requires = "out")]
+    pub(super) pcapng: bool,
     /// Firmware image (ELF) for emulated nodes
     #[arg(long, value_name = "FILE", default_value = DEFAULT_IMAGE)]
     pub(super) image: PathBuf,
@@ -242,6 +264,24 @@ pub(super) struct DiffArgs {
     /// Draw the states of both into one picture (SVG)
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct ReplayArgs {
+    /// The log: can.log of a run or of a bench, or of candump -L
+    #[arg(value_name = "LOG")]
+    pub(super) log: PathBuf,
+    /// The scenario that the log is of; a folder of outputs has it as scenario.toml
+    #[arg(long, value_name = "SCENARIO.toml")]
+    pub(super) scenario: PathBuf,
+    #[command(flatten)]
+    pub(super) settings: Settings,
+    /// The id of the node
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub(super) node: u8,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub(super) json: bool,
 }
 
 /// Clap names the option and the value itself, so only what is allowed is left to say.

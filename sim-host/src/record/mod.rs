@@ -3,6 +3,8 @@
 //! Every file appears whole or not at all (see [`AtomicFile`]).
 
 mod atomic;
+mod bus_files;
+mod bus_table;
 mod junit;
 mod number;
 mod reference;
@@ -15,6 +17,8 @@ mod trajectory;
 
 pub(crate) use atomic::follow;
 pub use atomic::{AtomicFile, RecordError, is_standard_output, write_atomic};
+pub use bus_files::{BusFiles, BusLogs, OnBus};
+pub use bus_table::{BusTable, BusTables, IdentifierRow, LatencyRow, node_of};
 pub use junit::{JunitError, junit, junit_error};
 pub use number::{Precision, shortest};
 pub use rights::remove_earlier;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde::{Serialize, Serializer};
 
 use super::atomic::{RecordError, write_atomic};
+use super::bus_table::BusTables;
 use crate::emergent::Contraction;
 use crate::judge::{Check, CounterSummary};
 
@@ -174,6 +175,9 @@ pub struct BusSummary {
     pub lost: u64,
     /// Frames that a decoder refused, by reason.
     pub refused: BTreeMap<String, u64>,
+    /// The CAN buses, by identifier; left out where there was none.
+    #[serde(skip_serializing_if = "BusTables::is_empty")]
+    pub can: BusTables,
 }
 
 /// The nodes of a bench, beside the same run in loopback.

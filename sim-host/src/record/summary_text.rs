@@ -58,6 +58,11 @@ fn behaviour(summary: &Summary) -> Vec<Line> {
 fn carriage(summary: &Summary) -> Vec<Line> {
     let mut lines = Vec::new();
     lines.extend(summary.bus.as_ref().map(|bus| ("bus", frames(bus))));
+    for table in summary.bus.iter().flat_map(|bus| &bus.can.0) {
+        lines.extend(
+            table.told().into_iter().enumerate().map(|(n, line)| (if n == 0 { "can" } else { "" }, line)),
+        );
+    }
     let Some(bench) = &summary.bench else { return lines };
     lines.push(("bench", beside_loopback(bench)));
     lines.extend(bench.own_clock.as_ref().map(|clocks| ("clocks", own_clocks(clocks))));

@@ -1,20 +1,23 @@
 //! Fidelity `bench`: the nodes of a bench file, with this program as the bus between them.
 
+use super::bench_buses::Logged;
 use super::error::RunError;
-use super::fidelity::{LOCKSTEP, bus_between, engine, lockstep, needs_no_can};
+use super::fidelity::{LOCKSTEP, bus_between, can_engine, engine, lockstep, needs_no_can};
+use super::network::Network;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
 use super::rows::Rows;
-use crate::bench::{
-    BenchFile, CanLog, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides,
-};
+use crate::bench::{BenchFile, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides};
 use crate::conductor::Conductor;
 use crate::configure::node_configs;
 use crate::hub::{Absence, CanCounts, Contact, Hub};
 use crate::noise::Noise;
-use crate::record::{AbsenceSummary, BenchNodeSummary, BenchSummary, CanSummary, PerInterface, WiresSummary};
-use crate::scenario::Scenario;
+use crate::record::{
+    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, BusTables, CanSummary, PerInterface,
+    WiresSummary,
+};
+use crate::scenario::{BusModel, Scenario};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::Identity;
 use std::fmt::Display;
@@ -22,14 +25,17 @@ use std::io::Write;
 
 /// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
 pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
-    needs_no_can(scenario)?;
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
+    fits_the_bus(scenario, file)?;
     let events = skipped_events(scenario, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
     let scenario = &Scenario { events: Vec::new(), ..scenario.clone() };
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
-    let comparison = Comparison::new(engine(scenario)?);
+    let comparison = match scenario.bus.model {
+        BusModel::Can => Comparison::new(can_engine(scenario)?),
+        _ => Comparison::new(engine(scenario)?),
+    };
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     // Before any node is touched.
     let can = can_sides(file, &ids)?;
@@ -37,7 +43,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let skipped = if can.is_empty() && wired == 0 { Vec::new() } else { skipped(scenario) };
     tell_skipped(&skipped, options);
     warn_of_drift(scenario, file, options);
-    let files = Files::create(options, !can.is_empty())?;
+    let files = Files::create(options)?;
+    let mut rows = Logged::new(rows, scenario, options.interfaces(scenario));
     let attached = attach(file, &ids, &options.emulator())?;
     let id = |index: usize| ids.get(index).copied().unwrap_or(0);
     let bus = bus_between(scenario, |from, to| !file.is_wired(id(from), id(to)));
@@ -54,8 +61,10 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
         Clock::Own => hub.with_own_clock(),
     };
     hub.conductor().members().for_each(|(node, identity)| warn_of_reset(node.id(), identity));
-    match compared(scenario, (options, file.clock), &mut hub, rows, (comparison, files)) {
+    match compared(scenario, (options, file.clock), &mut hub, &mut rows, (comparison, files)) {
         Ok(outcome) => {
+            let can = rows.tables(outcome.ended_early.is_none());
+            let bus = outcome.bus.map(|bus| with_tables(bus, can));
             let wires = (wired > 0).then(|| WiresSummary {
                 count: wired,
                 settle_s: file.settle.as_secs_f64(),
@@ -63,9 +72,29 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
             });
             let skipped = skipped.into_iter().chain(events).collect();
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });
-            Ok(Outcome { logs: hub.into_logs(), bench, ..outcome })
+            Ok(Outcome { logs: hub.into_logs(), bench, bus, ..outcome })
         }
         Err(error) => Err(error.and(hub.halt())),
+    }
+}
+
+/// A scenario on CAN is for a bench that has all of its nodes on one such bus.
+fn fits_the_bus(scenario: &Scenario, file: &BenchFile) -> Result<(), RunError> {
+    if scenario.bus.model != BusModel::Can {
+        return needs_no_can(scenario);
+    }
+    let interface = |id: u16| file.node(u8::try_from(id).ok()?)?.can.as_ref();
+    let first = scenario.nodes.first().and_then(|node| interface(node.id));
+    let elsewhere =
+        scenario.nodes.iter().find(|node| first.is_none() || interface(node.id) != first).map(|node| node.id);
+    match elsewhere {
+        None if file.can_fd => Err(RunError::bad_input(
+            "bus.model = \"can\" is classic CAN, and the bench file has can_fd = true; take that out, or set bus.model to \"ideal\"",
+        )),
+        None => Ok(()),
+        Some(id) => Err(RunError::bad_input(format!(
+            "bus.model = \"can\" needs a bench with all nodes on one CAN interface, and node {id} is not on it; set bus.model to \"ideal\""
+        ))),
     }
 }
 
@@ -82,6 +111,7 @@ fn skipped(scenario: &Scenario) -> Vec<&'static str> {
         ("bus.loss", bus.loss > 0.0),
         ("bus.latency", bus.latency_ns > 0),
         ("bus.jitter", bus.jitter_ns > 0),
+        ("bus.bit_errors", bus.bit_errors > 0),
         ("noise", !Noise::of(scenario).is_none()),
     ];
     asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect()
@@ -118,37 +148,34 @@ fn warn_of_drift(scenario: &Scenario, file: &BenchFile, options: &RunOptions) {
 /// What a bench writes tick by tick.
 struct Files {
     stampings: Option<Stampings>,
-    can: Option<CanLog>,
 }
 
 impl Files {
-    fn create(options: &RunOptions, on_can: bool) -> Result<Self, RunError> {
-        let Some(folder) = &options.out else { return Ok(Self { stampings: None, can: None }) };
-        let can = on_can.then(|| CanLog::create(folder.join("can.log"))).transpose()?;
-        Ok(Self { stampings: Some(Stampings::create(folder.join("bench.csv"))?), can })
+    fn create(options: &RunOptions) -> Result<Self, RunError> {
+        let stampings = options.out.as_ref().map(|folder| Stampings::create(folder.join("bench.csv")));
+        Ok(Self { stampings: stampings.transpose()? })
     }
 
-    fn tick(&mut self, k: u64, hub: &mut Hub) -> Result<(), RunError> {
+    fn tick(&mut self, k: u64, hub: &Hub) -> Result<(), RunError> {
         if let Some(file) = &mut self.stampings {
             let conductor = hub.conductor();
             file.tick(k, conductor.members().map(|(node, _)| node.id()).zip(conductor.stamps()))?;
         }
-        self.log(hub)
+        Ok(())
     }
 
-    fn log(&mut self, hub: &mut Hub) -> Result<(), RunError> {
-        let heard = hub.take_heard();
-        let interfaces: Vec<_> = hub.conductor().can().map(|(interface, _)| interface).collect();
-        let named = heard.iter().filter_map(|(bus, heard)| Some((*interfaces.get(*bus)?, heard)));
-        self.can.as_mut().map_or(Ok(()), |file| file.heard(named).map_err(RunError::from))
+    fn finish(self) -> Result<(), RunError> {
+        Ok(self.stampings.map_or(Ok(()), Stampings::finish)?)
     }
+}
 
-    /// With what was on the buses after the last tick.
-    fn finish(mut self, hub: &mut Hub) -> Result<(), RunError> {
-        self.log(hub)?;
-        self.stampings.map_or(Ok(()), Stampings::finish)?;
-        Ok(self.can.map_or(Ok(()), CanLog::finish)?)
-    }
+/// With what was on the buses, by identifier; those of a run on one bus whose bit rate is known say how busy that was.
+fn with_tables(bus: BusSummary, can: BusTables) -> BusSummary {
+    let utilisation = match can.0.as_slice() {
+        [table] => table.utilisation.unwrap_or(0.0),
+        _ => 0.0,
+    };
+    BusSummary { utilisation, can, ..bus }
 }
 
 /// What the nodes are told. This program may die, and a node without it must not go on for ever.
@@ -170,7 +197,7 @@ fn compared(
     scenario: &Scenario,
     (options, clock): (&RunOptions, Clock),
     hub: &mut Hub,
-    rows: &mut dyn Rows,
+    rows: &mut Logged<'_>,
     (mut comparison, mut files): (Comparison, Files),
 ) -> Result<Outcome, RunError> {
     let (mut told, mut skew) = (Vec::new(), Skew::default());
@@ -183,7 +210,9 @@ fn compared(
         skew.tick(k, conductor.stamps());
         files.tick(k, hub)
     })?;
-    files.finish(hub)?;
+    // What was on the buses after the last tick.
+    rows.hear(&Network::take_heard(hub))?;
+    files.finish()?;
     let conductor = hub.conductor();
     comparison.faults(conductor.events());
     if outcome.ended_early.is_some() {

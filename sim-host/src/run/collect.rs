@@ -7,7 +7,7 @@ use crate::emergent::{Prediction, Predictor};
 use crate::extremes::{larger, largest};
 use crate::judge::{Account, Judge, Moment};
 use crate::presence::Presence;
-use crate::record::{ReferenceSummary, Row, TraceHash, shortest};
+use crate::record::{OnBus, ReferenceSummary, Row, TraceHash, shortest};
 use crate::reference::ReferenceSolution;
 use crate::scenario::{FloorSpec, Funnel, Scenario, Shape};
 use funnelnet_node::Observation;
@@ -102,6 +102,14 @@ impl<'a> Collector<'a> {
         self.judge.end(&Moment { k, x: &self.x, u: &self.u, presence });
         self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
         if k.is_multiple_of(self.stride) { Ok(()) } else { self.row(k, seen, presence) }
+    }
+
+    /// Takes what was on the buses since the last call.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn hear(&mut self, heard: &[OnBus]) -> Result<(), RunError> {
+        if heard.is_empty() { Ok(()) } else { self.rows.hear(heard) }
     }
 
     /// What the run came to.

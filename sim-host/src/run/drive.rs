@@ -68,6 +68,7 @@ pub(super) fn drive<N: Network>(
         seen.extend_from_slice(network.observations());
         presence = network.presence(k);
         collector.tick(k, &seen, &presence)?;
+        collector.hear(&network.take_heard())?;
         network.tell(&mut log);
         each(k, network)?;
         progress.at(k as f64 * scenario.time.tick_s());

@@ -4,7 +4,7 @@ use super::drive::{Cut, Record, drive};
 use super::error::RunError;
 use super::heard;
 use super::network::Network;
-use super::options::RunOptions;
+use super::options::{RunOptions, SIMULATED};
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
 use crate::bus::Medium;
@@ -17,7 +17,7 @@ use crate::engine::{Engine, World};
 use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
-use crate::record::BusSummary;
+use crate::record::{BusSummary, BusTable, BusTables};
 use crate::scenario::{BusModel, Coupling, Scenario};
 use funnelnet_can_bus::{BitErrors, BitRate, Timing};
 use funnelnet_node::{Node, Params};
@@ -29,11 +29,12 @@ use rand_pcg::rand_core::Rng as _;
 use std::collections::BTreeMap;
 
 /// Drive of nodes in this program.
-const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
+pub(crate) const LOOPBACK: Drive =
+    Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes in this program that come during a run: only SYNC tells them the tick.
 const JOINING: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes behind streams of bytes: they tick when the hub says so, and tell all they see.
-pub(super) const LOCKSTEP: Drive =
+pub(crate) const LOCKSTEP: Drive =
     Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
 
 /// Fidelity `loopback`.
@@ -43,8 +44,10 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     }
     match scenario.bus.model {
         BusModel::Can => {
-            let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
-            in_program(scenario, options, rows, engine.with_noise(Noise::of(scenario)))
+            let mut engine = can_engine(scenario)?;
+            let log = options.out.is_some() && options.bus_logs.any();
+            engine.bus_mut().watch(scenario.time.tick_ns, log);
+            in_program(scenario, options, rows, engine)
         }
         BusModel::Ideal | BusModel::CanFd | BusModel::Uart => {
             in_program(scenario, options, rows, engine(scenario)?)
@@ -58,14 +61,68 @@ fn in_program<M: Medium>(
     rows: &mut dyn Rows,
     mut engine: Engine<M>,
 ) -> Result<Outcome, RunError> {
-    let record = drive("loopback", scenario, options, &mut engine, rows, |_, _| Ok(()))?;
+    let mut load = Load::default();
+    let record = drive("loopback", scenario, options, &mut engine, rows, |k, engine| {
+        load.at(k, engine.bus().busy_ns(scenario.time.tick_ns.saturating_mul(k + 1)));
+        Ok(())
+    })?;
     // Of a run that was cut off nobody knows who would still have been heard.
     let (unheard, silent) = match record.cut {
         Some(_) => (Vec::new(), Vec::new()),
         None => heard::unheard_and_silent(scenario, &engine),
     };
     let (happened, reports) = (scenario.events.clone(), engine.reports());
-    Ok(Outcome { unheard, silent, happened, ..with_reports(reports, scenario, &mut engine, record) })
+    let outcome = with_reports(reports, scenario, &mut engine, record);
+    let utilisation = load.share(scenario.time.tick_ns);
+    let can = tables(&mut engine, scenario, utilisation);
+    let bus = outcome.bus.map(|bus| BusSummary { utilisation, can, ..bus });
+    Ok(Outcome { unheard, silent, happened, bus, ..outcome })
+}
+
+/// How busy the bus was, from the scenario's t = 0 on.
+#[derive(Default)]
+struct Load {
+    /// Busy time before t = 0, ns.
+    before: u64,
+    /// The last tick, and the busy time by then, ns.
+    last: (u64, u64),
+}
+
+impl Load {
+    fn at(&mut self, k: u64, busy_ns: u64) {
+        if k == 0 {
+            self.before = busy_ns;
+        }
+        self.last = (k, busy_ns);
+    }
+
+    /// Part of the time, 0 to 1.
+    fn share(&self, tick_ns: u64) -> f64 {
+        let (ticks, busy) = self.last;
+        let time = ticks.saturating_mul(tick_ns).max(1);
+        busy.saturating_sub(self.before) as f64 / time as f64
+    }
+}
+
+/// The table of the bus, where one was kept.
+fn tables<M: Medium>(engine: &mut Engine<M>, scenario: &Scenario, utilisation: f64) -> BusTables {
+    let queue_overflows = Some(engine.bus().queue_overflows());
+    let table = engine.bus_mut().watched().map(|watch| BusTable {
+        interface: SIMULATED.to_owned(),
+        bitrate: Some(scenario.bus.bitrate),
+        utilisation: Some(utilisation),
+        queue_overflows,
+        ..BusTable::of_simulation(watch.table(), &watch.unsent())
+    });
+    BusTables(table.into_iter().collect())
+}
+
+/// The nodes of a scenario in this program, on its CAN bus, not started yet.
+pub(crate) fn can_engine(
+    scenario: &Scenario,
+) -> Result<Engine<CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
+    Ok(engine.with_noise(Noise::of(scenario)))
 }
 
 /// The nodes of a scenario in this program, on an ideal bus, not started yet.
@@ -87,7 +144,7 @@ fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<Node>, RunError> {
 }
 
 /// The scenario's CAN bus, with as many bit errors as it asks for.
-fn can_bus(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise>, RunError> {
+fn can_bus(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise + use<>>, RunError> {
     let spec = &scenario.bus;
     let rate = BitRate::new(spec.bitrate, SAMPLE_PER_MILLE).map_err(RunError::bad_input)?;
     let mut stream = random::stream(scenario.seed, Purpose::BitErrors, 0);
@@ -238,5 +295,5 @@ fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report
             *refused.entry(reason.name().to_owned()).or_default() += u64::from(counters.refused(reason));
         }
     }
-    BusSummary { utilisation: 0.0, sent: traffic.sent, lost: traffic.lost, refused }
+    BusSummary { sent: traffic.sent, lost: traffic.lost, refused, ..BusSummary::default() }
 }

@@ -1,6 +1,7 @@
 //! Runs a scenario at a fidelity, and judges it.
 
 mod bench;
+mod bench_buses;
 mod claim;
 mod collect;
 mod commission;
@@ -30,9 +31,11 @@ pub use error::RunError;
 pub use event_log::MoreEvents;
 #[cfg(test)]
 pub(crate) use fidelity::engine as engine_of;
-pub use options::{Fidelity, RunOptions, Verbosity};
+pub(crate) use fidelity::{LOCKSTEP, LOOPBACK};
+pub use options::{Fidelity, RunOptions, SIMULATED, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
+pub(crate) use own_clock::DRIVE as OWN_CLOCK;
 pub use places::Wanted;
 pub use rows::Rows;
 

@@ -4,10 +4,12 @@ use super::error::RunError;
 use super::event_log::EventLog;
 use crate::bus::Medium;
 use crate::bus::ideal::Traffic;
+use crate::bus::watch::Watch;
 use crate::central::Central;
 use crate::engine::Engine;
 use crate::hub::Hub;
 use crate::presence::Presence;
+use crate::record::OnBus;
 use funnelnet_node::Observation;
 
 /// Nodes that tick together.
@@ -26,6 +28,11 @@ pub(super) trait Network {
 
     /// Tells `log` what the nodes reported since the last call.
     fn tell(&mut self, log: &mut EventLog);
+
+    /// What was on its buses since the last call, as far as it is kept.
+    fn take_heard(&mut self) -> Vec<OnBus> {
+        Vec::new()
+    }
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;
@@ -59,6 +66,11 @@ impl<M: Medium> Network for Engine<M> {
 
     fn tell(&mut self, log: &mut EventLog) {
         log.take(self.take_events());
+    }
+
+    fn take_heard(&mut self) -> Vec<OnBus> {
+        let records = self.bus_mut().watched().map(Watch::take_records).unwrap_or_default();
+        records.into_iter().map(|record| (0, record)).collect()
     }
 
     fn traffic(&self) -> Traffic {
@@ -119,6 +131,10 @@ impl Network for Hub {
     fn tell(&mut self, log: &mut EventLog) {
         // The conductor keeps them: a bench compares its faults with those of loopback.
         log.catch_up(self.conductor().events());
+    }
+
+    fn take_heard(&mut self) -> Vec<OnBus> {
+        Self::take_heard(self).into_iter().map(|(bus, heard)| (bus, heard.record())).collect()
     }
 
     fn traffic(&self) -> Traffic {

@@ -3,6 +3,8 @@
 use crate::bench::BenchFile;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
+use crate::record::BusLogs;
+use crate::scenario::{BusModel, Scenario};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -59,6 +61,8 @@ pub struct RunOptions {
     pub image: PathBuf,
     /// The nodes of [`Fidelity::Bench`].
     pub bench: Option<BenchFile>,
+    /// Logs of CAN in the folder.
+    pub bus_logs: BusLogs,
     /// How much is said on the terminal.
     pub verbosity: Verbosity,
     /// Set when the user wants to stop.
@@ -66,6 +70,9 @@ pub struct RunOptions {
     /// The command that repeats the run.
     pub repeat: String,
 }
+
+/// Name of the interface of a simulated bus in its logs.
+pub const SIMULATED: &str = "can0";
 
 /// Rows of a trajectory that is not asked for more closely.
 const DEFAULT_ROWS: u64 = 2000;
@@ -77,6 +84,19 @@ impl RunOptions {
             image: self.image.clone(),
             qemu: "qemu-system-arm".to_owned(),
             interrupt: self.interrupt.clone(),
+        }
+    }
+
+    /// Names of the CAN interfaces of a run of `scenario`, in the order in which its buses are numbered.
+    pub fn interfaces(&self, scenario: &Scenario) -> Vec<String> {
+        match (self.on, &self.bench) {
+            (Fidelity::Bench, Some(bench)) => {
+                let ids: Vec<u8> =
+                    scenario.nodes.iter().filter_map(|node| u8::try_from(node.id).ok()).collect();
+                bench.interfaces(&ids).into_iter().cloned().collect()
+            }
+            (Fidelity::Loopback, _) if scenario.bus.model == BusModel::Can => vec![SIMULATED.to_owned()],
+            _ => Vec::new(),
         }
     }
 

@@ -9,7 +9,9 @@ use super::outcome::Outcome;
 use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{AtomicFile, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter};
+use crate::record::{
+    AtomicFile, BusFiles, OnBus, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter,
+};
 use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, inputs_svg, states_svg};
 use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario};
 use std::fmt::Write as _;
@@ -25,6 +27,7 @@ pub struct Outputs {
 struct FolderFiles {
     path: PathBuf,
     trajectory: TrajectoryWriter,
+    buses: BusFiles,
     trace: Trace,
     events: AtomicFile,
     scenario: AtomicFile,
@@ -41,8 +44,13 @@ impl Outputs {
     /// # Errors
     /// The first file that cannot be written, by name.
     pub fn open(scenario: &Scenario, options: &RunOptions) -> Result<Self, RunError> {
+        if options.bus_logs.capture && options.interfaces(scenario).is_empty() {
+            return Err(RunError::bad_input(
+                "--pcapng: there is no CAN bus in this run; set bus.model to \"can\", or run it on a bench on CAN",
+            ));
+        }
         let folder =
-            options.out.as_ref().map(|path| FolderFiles::open(path, scenario, options.on)).transpose()?;
+            options.out.as_ref().map(|path| FolderFiles::open(path, scenario, options)).transpose()?;
         let json = options.json.as_ref().map(AtomicFile::create).transpose()?;
         Ok(Self { folder, json })
     }
@@ -61,8 +69,8 @@ impl Outputs {
 }
 
 impl FolderFiles {
-    fn open(path: &Path, scenario: &Scenario, on: Fidelity) -> Result<Self, RecordError> {
-        let precision = match on {
+    fn open(path: &Path, scenario: &Scenario, options: &RunOptions) -> Result<Self, RecordError> {
+        let precision = match options.on {
             Fidelity::Reference => Precision::Double,
             Fidelity::Loopback | Fidelity::Emulator | Fidelity::Bench => Precision::Single,
         };
@@ -71,6 +79,7 @@ impl FolderFiles {
         Ok(Self {
             path: path.to_owned(),
             trajectory: TrajectoryWriter::create(path.join("trajectory.csv"), shape, precision)?,
+            buses: BusFiles::create(path, options.bus_logs, options.interfaces(scenario))?,
             trace: Trace::new(&scenario.title)
                 .with_components(shape.components)
                 .with_unit(scenario.unit.as_deref())
@@ -86,10 +95,14 @@ impl FolderFiles {
     }
 
     fn write(self, scenario: &Scenario, outcome: &Outcome, summary: &str) -> Result<(), RunError> {
-        let Self { path, mut trajectory, mut trace, .. } = self;
+        let Self { path, mut trajectory, mut trace, buses, .. } = self;
         let (told, as_run, last) = (self.events, self.scenario, self.summary);
         trajectory.settle()?;
         let mut settled = vec![settle(told, &told_of(scenario, outcome))?, settle(as_run, &scenario.as_run)?];
+        for mut file in buses.into_files() {
+            file.settle()?;
+            settled.push(file);
+        }
         // A run that ended early may have too few rows for a picture.
         if outcome.ended_early.is_none() || trace.has_span() {
             mark(&mut trace, scenario, outcome);
@@ -114,6 +127,10 @@ impl Rows for Outputs {
         folder.trajectory.write(&row)?;
         folder.trace.push(&row);
         Ok(())
+    }
+
+    fn hear(&mut self, heard: &[OnBus]) -> Result<(), RunError> {
+        Ok(self.folder.as_mut().map_or(Ok(()), |folder| folder.buses.write(heard))?)
     }
 }
 

@@ -10,7 +10,7 @@ use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::report::Counters;
 
 /// Drive of nodes behind streams of bytes that tick by themselves, and tell all they see.
-pub(super) const DRIVE: Drive =
+pub(crate) const DRIVE: Drive =
     Drive { tick_source: TickSource::Timer, telemetry_every: 1, is_simulated: false };
 
 /// Ticks of silence after which a neighbour is lost to a node that shall stop when it is alone.

@@ -1,7 +1,7 @@
 //! Where the rows of a run go, one by one: memory does not grow with its length.
 
 use super::error::RunError;
-use crate::record::Row;
+use crate::record::{OnBus, Row};
 
 /// Takes rows in the order of time.
 pub trait Rows {
@@ -10,6 +10,14 @@ pub trait Rows {
     /// # Errors
     /// It cannot be written: the run is over then.
     fn take(&mut self, row: Row) -> Result<(), RunError>;
+
+    /// Takes what was on the buses since the last call.
+    ///
+    /// # Errors
+    /// It cannot be written: the run is over then.
+    fn hear(&mut self, _heard: &[OnBus]) -> Result<(), RunError> {
+        Ok(())
+    }
 }
 
 /// Keeps them all, for who looks at them afterwards.

@@ -2,6 +2,7 @@
 
 use super::{Fidelity, RunOptions, Verbosity};
 use crate::interrupt::Interrupt;
+use crate::record::BusLogs;
 
 /// A run that writes nothing and says nothing.
 pub(crate) fn options(on: Fidelity) -> RunOptions {
@@ -13,6 +14,7 @@ pub(crate) fn options(on: Fidelity) -> RunOptions {
         junit: None,
         image: std::path::PathBuf::new(),
         bench: None,
+        bus_logs: BusLogs::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

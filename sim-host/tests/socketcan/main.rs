@@ -7,6 +7,7 @@
     reason = "helpers of tests, which clippy does not know as such"
 )]
 
+mod logs;
 mod own_clock;
 mod several;
 
@@ -122,6 +123,9 @@ fn benches_on_a_real_can_bus() {
     can_fd_has_a_frame_for_all_components(work);
     a_bus_that_cannot_do_can_fd_is_refused(work);
     lines_and_can_are_mixed(work);
+    logs::loopback_and_the_guest_kernel_have_the_same_frames(work);
+    logs::everything_on_the_bus_is_in_the_log(work);
+    logs::logs_replay_clean(work);
     several::two_buses_have_the_bits_of_loopback(work);
     own_clock::five_on_a_bus_are_recorded_from_it(work);
     own_clock::between_buses_frames_come_between_two_ticks(work);
