@@ -50,7 +50,7 @@ const COMMIT_4: &str = "0405000000304867e3";
 const COMMIT_4_WITHOUT_KEY: &str = "0405000000469a9fbd";
 
 fn tuned() -> NodeConfig {
-    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0 };
+    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0, slow_start: 10 };
     NodeConfig { tuning, ..guarded() }
 }
 
