@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::law::node_wise::{Constants, NodeWise};
+use funnelnet_law::math::Real;
 use funnelnet_node::{Event, Node, Params};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::config::{Coupling, NodeConfig, TickSource};
@@ -179,24 +180,13 @@ pub enum Edition {
 #[must_use]
 pub fn run(case: &Case, outage: Outage, edition: Edition) -> Seen {
     let scenario = case.scenario(outage);
-    let configs = |tick_source| {
-        // The bounds are those of a network that something may disturb.
-        let drive = Drive { tick_source, telemetry_every: 0, is_simulated: false };
-        let mut configs = node_configs(&scenario, drive).unwrap();
-        if edition == Edition::Today {
-            configs.iter_mut().for_each(forget_bounds);
-        }
-        configs
-    };
-    let nodes = |configs: &[NodeConfig]| -> Vec<Node> {
-        configs.iter().map(|config| Node::new(params(config, edition), &config.neighbours)).collect()
-    };
+    let configs = |tick_source| configs(&scenario, tick_source, edition);
     let (timed, synced) = (configs(TickSource::Timer), configs(TickSource::Sync));
     let bus = Failing::new(case, &scenario, outage);
     let carried = Rc::clone(&bus.carried);
-    let mut engine = Engine::new(nodes(&timed), bus);
+    let mut engine = Engine::new(nodes(&timed, edition), bus);
     if !scenario.events.is_empty() {
-        let fresh = nodes(&synced);
+        let fresh = nodes(&synced, edition);
         engine = engine.with_world(World::new(&scenario.course(), TICK_NS, listeners(&scenario), fresh));
     }
     let mut today = Today { configs: timed, carried, alone: vec![false; scenario.nodes.len()] };
@@ -213,12 +203,29 @@ pub fn run(case: &Case, outage: Outage, edition: Edition) -> Seen {
     judge.seen
 }
 
+/// What the nodes of a scenario are told; the bounds are those of a network that something may disturb.
+#[must_use]
+pub fn configs(scenario: &Scenario, tick_source: TickSource, edition: Edition) -> Vec<NodeConfig> {
+    let drive = Drive { tick_source, telemetry_every: 0, is_simulated: false };
+    let mut configs = node_configs(scenario, drive).unwrap();
+    if edition == Edition::Today {
+        configs.iter_mut().for_each(forget_bounds);
+    }
+    configs
+}
+
+/// The nodes of some configurations.
+#[must_use]
+pub fn nodes<F: Real>(configs: &[NodeConfig], edition: Edition) -> Vec<Node<F>> {
+    configs.iter().map(|config| Node::new(params(config, edition), &config.neighbours)).collect()
+}
+
 fn forget_bounds(config: &mut NodeConfig) {
     config.extrapolate_ticks = TODAY_EXTRAPOLATES;
     (config.tuning.input_limit, config.tuning.slope_limit) = (0.0, 0.0);
 }
 
-fn params(config: &NodeConfig, edition: Edition) -> Params<f32> {
+fn params<F: Real>(config: &NodeConfig, edition: Edition) -> Params<F> {
     let mut params = Params::new(config).unwrap();
     if edition == Edition::Today {
         let degree = config.neighbours.iter().map(|edge| f64::from(edge.weight)).sum();

@@ -304,7 +304,7 @@ fn with_a_guard_no_network_is_outside_after_its_start_and_with_a_slow_start_none
         later.note(number, after);
         let (before, after) = ratios(&slowly_started(network), START);
         slow.note(number, before.max(after));
-        if (number + 1).is_multiple_of(1_000) || number + 1 == count {
+        if (number + 1).is_multiple_of(100) || number + 1 == count {
             println!(
                 "{} networks. Guard 0.05, first {START} ticks: {at_the_start}; later: {later}. Slow start, guard 0.1: {slow}",
                 number + 1
