@@ -14,6 +14,8 @@ const TICK_NS: u64 = 1_000_000;
 /// When the newcomer comes, and how long it is watched, ticks.
 const COMES: u64 = 3_000;
 const WATCHED: u64 = 3_000;
+/// Ticks after it has spoken for which the others are judged without its edges.
+const AFTER: u64 = 100;
 /// By index; on the ring its neighbours are 1 and 3.
 const NEWCOMER: usize = 2;
 /// What the actuator of its plant can do, state units / s.
@@ -35,8 +37,10 @@ struct World {
 struct Joined {
     /// Ticks from when it came to when it spoke.
     spoke: u64,
-    /// The largest true ratio of the others since it came, its edges left out until it speaks.
+    /// The largest true ratio of the others from when it came to a tenth of a second after it has spoken, without its edges.
     others: f64,
+    /// The same with its edges from when it speaks on, for as long as it is watched: a node at the mean of its neighbours pulls them together.
+    with_edges: f64,
     /// Its largest input, state units / s.
     input: f64,
     /// Its bound as a node, state units / s.
@@ -95,15 +99,15 @@ impl World {
         }
     }
 
-    /// The largest true ratio of the others, and of all that have edges.
-    fn ratios(&self, k: u64) -> (f64, f64) {
+    /// The largest true ratios of the others, and of all, with the newcomer's edges or without.
+    fn ratios(&self, k: u64, with_edges: bool) -> (f64, f64) {
         let x = |index: usize| match (index, self.plant) {
             (NEWCOMER, Some(x)) => x,
             _ => f64::from(self.nodes[index].observations()[0].x),
         };
         let mut terms = [0.0; 5];
         for edge in &self.scenario.graph.edges {
-            if self.speaks || (edge.a != NEWCOMER && edge.b != NEWCOMER) {
+            if with_edges || (edge.a != NEWCOMER && edge.b != NEWCOMER) {
                 let term = edge.weight * (x(edge.b) - x(edge.a));
                 terms[edge.a] += term;
                 terms[edge.b] -= term;
@@ -129,7 +133,8 @@ impl World {
         };
         let bound = bound(&self);
         (0..5).filter(|&index| index != NEWCOMER).for_each(|index| self.start(index, 0, 0));
-        let mut joined = Joined { spoke: u64::MAX, others: 0.0, input: 0.0, bound, inside: 0 };
+        let mut joined =
+            Joined { spoke: u64::MAX, others: 0.0, with_edges: 0.0, input: 0.0, bound, inside: 0 };
         for k in 0..COMES + WATCHED {
             let now = (k + 1) * TICK_NS;
             self.deliver(now, k >= COMES);
@@ -152,8 +157,11 @@ impl World {
             if self.speaks && joined.spoke == u64::MAX {
                 joined.spoke = k - COMES;
             }
-            let (others, all) = self.ratios(k);
-            joined.others = joined.others.max(others);
+            if k - COMES < joined.spoke.saturating_add(AFTER) {
+                joined.others = joined.others.max(self.ratios(k, false).0);
+            }
+            let (others, all) = self.ratios(k, self.speaks);
+            joined.with_edges = joined.with_edges.max(others);
             let outside = all >= 1.0 || !self.speaks;
             joined.inside = if outside { k - COMES + 1 } else { joined.inside };
             self.input = f64::from(self.nodes[NEWCOMER].observations()[0].u);
@@ -182,12 +190,13 @@ fn a_plant_fifty_away_joins_within_what_its_actuator_can_do() {
     }
 }
 
+/// It pulls two ends of what was a path together, so that they agree elsewhere than without it: by their old edges alone they are a little outside.
 #[test]
 fn a_virtual_node_joins_at_the_mean_of_its_neighbours() {
     for end in [0.02, 0.2] {
         let joined = World::new(end, false).run();
         println!("virtual, psi {end}: {joined:?}");
-        assert!(joined.others < 1.1, "{joined:?}");
-        assert!(joined.input <= joined.bound && joined.inside < 3_000, "{joined:?}");
+        assert!(joined.others < 1.25 && joined.inside < 20, "{joined:?}");
+        assert!(joined.input <= joined.bound, "{joined:?}");
     }
 }
