@@ -541,10 +541,10 @@ cmd_test() { #: set up, then every check, cheap ones first
     say "all checks passed"
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, memory of a long run, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
     cmd_sweep
     cargo test --locked -p sim-host --test memory -- --ignored --nocapture
-    cargo test --release --locked -p system-tests --test properties -- --ignored --nocapture
+    cargo test --release --locked -p system-tests --test properties --test outages --test editions -- --ignored --nocapture
     FUNNEL_EXTENDED=1 cmd_boards-run
     fuzz/run.sh --runs 10000000 can can_fd link node serial service session store
     fuzz/run.sh --runs 1000000 scenario

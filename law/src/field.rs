@@ -178,9 +178,25 @@ impl<F: Real> VectorField<F> for AffineSines<F> {
 /// beside `x`. `carry` is what rounding has left behind so far.
 #[inline]
 pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, x: &mut F, carry: &mut F, u: F) {
-    let half_ticks = k << 1;
-    let middle = *x + tick * F::HALF * (field.at(half_ticks, *x) + u);
-    compensated_add(x, carry, tick * (field.at(half_ticks | 1, middle) + u));
+    Stride { tick, half: 1 }.midpoint_step(field, k << 1, x, carry, u);
+}
+
+/// How far a step goes: `T` is what a field was prepared for, and a step may be longer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stride<F> {
+    /// Its length, s.
+    pub tick: F,
+    /// The half of it in half ticks of the field.
+    pub half: u64,
+}
+
+impl<F: Real> Stride<F> {
+    /// The step of [`midpoint_step`] from the time `from` on, in half ticks of the field.
+    #[inline]
+    pub fn midpoint_step<V: VectorField<F>>(self, field: &V, from: u64, x: &mut F, carry: &mut F, u: F) {
+        let middle = *x + self.tick * F::HALF * (field.at(from, *x) + u);
+        compensated_add(x, carry, self.tick * (field.at(from + self.half, middle) + u));
+    }
 }
 
 /// `x += change`, with what rounding leaves behind kept in `carry` (Kahan).

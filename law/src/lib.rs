@@ -15,6 +15,7 @@ pub mod law;
 pub mod math;
 pub mod range;
 pub mod root;
+pub mod start;
 
 pub use breach::Breach;
 pub use coupling::Coupling;

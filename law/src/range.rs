@@ -21,6 +21,8 @@ pub const DAMPING: (f64, f64) = (1.0, 8.0);
 pub const WIDEST_GUARD: f64 = 0.9;
 /// Most ticks in a round.
 pub const LONGEST_ROUND: u8 = 100;
+/// Longest slow start, ticks of the network.
+pub const LONGEST_SLOW_START: u16 = 1_000;
 /// Exponents of a funnel that closes in finite time.
 pub const POWERS: (f64, f64) = (0.1, 10.0);
 /// The `eps` of a schedule of funnels.

@@ -427,6 +427,14 @@ impl<F: Real> Neighbours<F> {
         known.fold(F::ZERO, |sum, edge| sum + edge.weight)
     }
 
+    /// Takes note that a tick lasts so many times as long from tick `k` on: so do the increments that came before it.
+    #[cold]
+    pub fn stretch(&mut self, k: u32, times: F) {
+        for edge in self.edges.iter_mut().filter(|edge| edge.age(k) >= 0) {
+            edge.increment = edge.increment * times;
+        }
+    }
+
     /// Takes note that something in one component does not follow from what was before (LAW.md 3).
     pub fn disturb(&mut self, component: u8) {
         let edges = self.edges.iter_mut().filter(|edge| edge.component == component);

@@ -78,6 +78,7 @@ use funnelnet_law::collect::collect;
 use funnelnet_law::field::{AffineSines, VectorField};
 use funnelnet_law::gain::{Gain, GainFunction};
 use funnelnet_law::math::Real;
+use funnelnet_law::start::Pace;
 use funnelnet_protocol::config::{EdgeConfig, MAX_COMPONENTS};
 use funnelnet_protocol::message::{Message, NodeId};
 use funnelnet_protocol::report::{Counters, Report};
@@ -109,6 +110,8 @@ pub struct Node<F = f32, V = AffineSines<F>, G = Gain<F>> {
     phase: Phase,
     step: Step,
     clock: Clock,
+    /// The pace of its last tick.
+    pace: Pace,
     /// One per component of the state.
     parts: Vec<Part<F>, MAX_COMPONENTS>,
     observations: Vec<Observation<F>, MAX_COMPONENTS>,
@@ -141,6 +144,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             phase: Phase::Ready,
             step: Step::Idle,
             clock: Clock::new(),
+            pace: Pace::default(),
             parts: collect(states.clone().map(|&x| Part { x, k, ..Part::default() })),
             observations: collect(states.map(|&x| Observation { x, ..Observation::default() })),
             funnel: FunnelRecord::new(),

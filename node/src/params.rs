@@ -5,13 +5,14 @@
 
 use crate::plant::PlantSetup;
 use funnelnet_law::collect::collect;
-use funnelnet_law::field::{AffineSines, State};
+use funnelnet_law::field::{AffineSines, State, Stride};
 use funnelnet_law::floor::Floor;
-use funnelnet_law::funnel::{Guard, SampledFunnel};
+use funnelnet_law::funnel::{GROWN_AFTER, Guard, SampledFunnel, Widths};
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::node_wise::{Constants, NodeWise, THETA};
 use funnelnet_law::law::{EdgeWise, LambdaTracker, Law};
 use funnelnet_law::math::Real;
+use funnelnet_law::start::{PARTS, Pace, SlowStart};
 use funnelnet_protocol::config::{
     Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, MAX_COMPONENTS, MAX_NEIGHBOURS,
     NodeConfig, Normalised, Shape, TickSource, Tuning,
@@ -19,7 +20,7 @@ use funnelnet_protocol::config::{
 use funnelnet_protocol::message::NodeId;
 
 pub use funnelnet_law::range::{
-    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, SHORTEST_TICK_NS, SMALLEST,
+    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, LONGEST_SLOW_START, SHORTEST_TICK_NS, SMALLEST,
     WIDEST_GUARD,
 };
 
@@ -37,6 +38,8 @@ pub struct Params<F, V = AffineSines<F>, G = Gain<F>> {
     pub tick: F,
     /// Ticks in a round.
     pub round: u8,
+    /// The slow start. With one, the field is prepared for an eighth of a tick.
+    pub start: SlowStart,
     /// What makes the node tick.
     pub tick_source: TickSource,
     /// Initial state, state units, 1 to 8 components.
@@ -146,6 +149,11 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
         check_funnel(&config.funnel)?;
         check_tuning(&config.tuning)?;
         let (tick, period) = (f64::from(tick_ns) * 1e-9, config.period_ns() as f64 * 1e-9);
+        let start = check_start(&config.tuning, &config.coupling)?;
+        let (shortest, grown_after) = match start.is_none() {
+            true => (tick, GROWN_AFTER),
+            false => (tick / f64::from(PARTS), start.slow_ticks()),
+        };
         let constants = constants(&config.tuning);
         let degree = check_neighbours(config, id)?;
         Ok(Self {
@@ -153,14 +161,15 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             tick_ns: config.period_ns(),
             tick: F::from_f64(tick),
             round: config.tuning.ticks_in_round(),
+            start,
             tick_source: config.tick_source,
             initial_state: collect(config.initial_state.iter().map(|&x| F::from_f32(x))),
             state_limit: F::from_f64(limit),
-            field: field(tick)?,
+            field: field(shortest)?,
             coupling: check_coupling(&config.coupling, period, constants)?,
             law: NodeWise::with(gain, period, degree, constants),
             funnel: SampledFunnel::new(&config.funnel, period, THETA),
-            guard: Guard::new(config.tuning.guard.into()),
+            guard: Guard::grown_over(config.tuning.guard.into(), grown_after),
             input_limit: limit_or_none(config.tuning.input_limit, 1.0),
             slope_limit: limit_or_none(config.tuning.slope_limit, period),
             floor: Floor::new(degree, period),
@@ -183,6 +192,8 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
     pub(crate) fn set_plant(&mut self, plant: PlantSetup) -> Result<(), ConfigError> {
         let components = plant.inputs.len() as f64;
         check(ConfigField::Components, 0, self.initial_state.len() as f64, components, components)?;
+        // A plant has its own time.
+        check(ConfigField::SlowStart, 0, self.start.ticks().into(), 0.0, 0.0)?;
         self.plant = Some(plant);
         // What is measured does not follow from the inputs to the last digit (LAW.md 3).
         self.law.stop_looking_back();
@@ -190,6 +201,53 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             law.stop_looking_back();
         }
         Ok(())
+    }
+}
+
+impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
+    /// Gives the laws the constants of a pace.
+    #[cold]
+    pub(crate) fn keep_pace(&mut self, pace: Pace) {
+        self.law.keep_pace(pace);
+        if let Law::EdgeWise(law) = &mut self.coupling {
+            law.keep_pace(pace);
+        }
+    }
+
+    /// The funnel at tick `k`.
+    #[inline]
+    pub(crate) fn widths(&self, k: u32) -> Widths<F> {
+        if self.start.is_none() { self.funnel.widths(k) } else { self.widths_after_start(k) }
+    }
+
+    #[cold]
+    fn widths_after_start(&self, k: u32) -> Widths<F> {
+        let start = self.start;
+        match start.pace(k) {
+            Pace::Slow => self.funnel.widths_of_start(k, PARTS),
+            Pace::Damped => self.funnel.widths_of_start(start.network_tick(k), 1),
+            Pace::Usual => self.funnel.widths(start.network_tick(k)),
+        }
+    }
+
+    /// The steps of the field in tick `k`, and the time of the first one in half ticks of the field.
+    #[inline]
+    pub(crate) fn steps(&self, k: u32) -> (Stride<F>, u64) {
+        let steps = u64::from(self.round);
+        match self.start.is_none() {
+            true => (Stride { tick: self.tick, half: 1 }, (u64::from(k) * steps) << 1),
+            false => self.steps_after_start(k),
+        }
+    }
+
+    #[cold]
+    fn steps_after_start(&self, k: u32) -> (Stride<F>, u64) {
+        let from = 2 * u64::from(self.round) * self.start.eighths(k.into());
+        let stride = match self.start.pace(k) {
+            Pace::Slow => Stride { tick: self.tick / F::from_u32(PARTS), half: 1 },
+            Pace::Damped | Pace::Usual => Stride { tick: self.tick, half: PARTS.into() },
+        };
+        (stride, from)
     }
 }
 
@@ -219,17 +277,26 @@ fn limit_or_none<F: Real>(limit: f32, seconds: f64) -> F {
 }
 
 fn check_tuning(tuning: &Tuning) -> Result<(), ConfigError> {
-    let Tuning { damping, guard, round, input_limit, slope_limit } = *tuning;
+    let Tuning { damping, guard, round, input_limit, slope_limit, slow_start } = *tuning;
     let told = [
         (ConfigField::Damping, damping, DAMPING),
         (ConfigField::Guard, guard, (0.0, WIDEST_GUARD)),
         (ConfigField::Round, f32::from(round), (1.0, f64::from(LONGEST_ROUND))),
         (ConfigField::InputLimit, input_limit, (SMALLEST, LARGEST)),
         (ConfigField::SlopeLimit, slope_limit, (SMALLEST, LARGEST)),
+        (ConfigField::SlowStart, f32::from(slow_start), (1.0, f64::from(LONGEST_SLOW_START))),
     ];
     // A zero is what was not said.
     let mut said = told.into_iter().filter(|(_, value, _)| *value != 0.0);
     said.try_for_each(|(field, value, (low, high))| check(field, 0, value.into(), low, high))
+}
+
+/// A tracker has no funnel to be kept.
+fn check_start(tuning: &Tuning, coupling: &Coupling<f32>) -> Result<SlowStart, ConfigError> {
+    if let Coupling::LambdaTracker { .. } | Coupling::WeaklyCentralised = coupling {
+        check(ConfigField::SlowStart, 0, tuning.slow_start.into(), 0.0, 0.0)?;
+    }
+    Ok(SlowStart::new(tuning.slow_start))
 }
 
 fn constants(tuning: &Tuning) -> Constants {

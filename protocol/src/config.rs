@@ -47,6 +47,8 @@ pub struct Tuning {
     pub input_limit: f32,
     /// The largest slope by which a silent neighbour is extrapolated, state units / s; without bound.
     pub slope_limit: f32,
+    /// Ticks of the network that a slow start lasts, eight times as many to the node, 0 to 1,000; none.
+    pub slow_start: u16,
 }
 
 impl Tuning {
@@ -160,6 +162,7 @@ fields! {
     Round = "time.round (ticks)",
     InputLimit = "coupling.u_max",
     SlopeLimit = "slope limit",
+    SlowStart = "time.slow_start (ticks)",
 }
 
 /// Why a node refuses a configuration.

@@ -34,7 +34,7 @@ impl NodeConfig {
             telemetry_every: 0,
             lost_neighbours: 0,
             holdover_ns: 0,
-            tuning: Tuning { damping: 0.0, guard: 0.0, round: 0, input_limit: 0.0, slope_limit: 0.0 },
+            tuning: Tuning { damping: 0.0, guard: 0.0, round: 0, input_limit: 0.0, slope_limit: 0.0, slow_start: 0 },
         }
     }
 
@@ -78,7 +78,7 @@ impl NodeConfig {
             telemetry_every,
             lost_neighbours,
             holdover_ns,
-            tuning: Tuning { damping, guard, round, input_limit, slope_limit },
+            tuning: Tuning { damping, guard, round, input_limit, slope_limit, slow_start },
         } = self;
         value(id, source)?;
         value(tick_ns, source)?;
@@ -101,7 +101,8 @@ impl NodeConfig {
         value(guard, source)?;
         value(round, source)?;
         value(input_limit, source)?;
-        value(slope_limit, source)
+        value(slope_limit, source)?;
+        value(slow_start, source)
     }
 }
 

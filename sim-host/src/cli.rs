@@ -255,7 +255,7 @@ fn options(
 
 fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
     let tick = scenario.time.tick_ns;
-    let duration = scenario.time.ticks.saturating_mul(tick);
+    let duration = scenario.time.end_ns();
     if every_ns == 0 || !every_ns.is_multiple_of(tick) || every_ns > duration {
         let [every, tick, duration] = [every_ns, tick, duration].map(format_duration);
         return Err(Failure::bad_input(format!(

@@ -60,7 +60,7 @@ impl std::error::Error for Unfit {}
 /// nodes.
 pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
     let too_long = Unfit::TooMuch { node: 1, what: "nanoseconds in a tick", limit: u32::MAX as usize };
-    let TimeSpec { tick_ns, round, .. } = scenario.time;
+    let time @ TimeSpec { tick_ns, round, .. } = scenario.time;
     let tick_ns = u32::try_from(tick_ns / u64::from(round)).map_err(|_| too_long)?;
     let coupling = scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?;
     let edges = edge_counts(scenario);
@@ -94,6 +94,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
                 round,
                 input_limit: bounds.input.unwrap_or(0.0) as f32,
                 slope_limit: bounds.slope.unwrap_or(0.0) as f32,
+                slow_start: time.start.ticks(),
             },
         })
     };

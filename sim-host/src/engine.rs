@@ -147,6 +147,11 @@ impl<M: Medium> Engine<M> {
         &self.nodes
     }
 
+    /// A node, for who plays its host between two ticks.
+    pub fn node_mut(&mut self, index: usize) -> Option<&mut Node> {
+        self.nodes.get_mut(index)
+    }
+
     /// Events that the nodes reported since the last call.
     pub fn take_events(&mut self) -> Vec<NodeEvent> {
         std::mem::take(&mut self.events)

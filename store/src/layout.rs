@@ -16,8 +16,8 @@ pub(crate) fn has_key(layout: u8) -> bool {
 
 /// Bytes of a `NodeConfig` that a layout does not have; `None` for one that is not known.
 fn missing(layout: u8) -> Option<usize> {
-    /// Four f32 and a u8.
-    const TUNING: usize = 17;
+    /// Four f32, a u8, and a u16 that is a byte at zero.
+    const TUNING: usize = 18;
     match layout {
         // lost_neighbours, holdover_ns, one byte each at zero
         1 => Some(2 + TUNING),

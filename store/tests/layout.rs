@@ -44,13 +44,13 @@ const KEY: Key = Key([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
 const CONFIG_4: &str = concat!(
     "0103c0843d0001000040400024744901000080bf010000003f0000000000803f0000803f01000020",
     "410002040000803f02050000803f0203020280cab5ee01",
-    "0000b03fcdcc4c3d02000096430000c841",
+    "0000b03fcdcc4c3d02000096430000c8410a",
 );
-const COMMIT_4: &str = "0405000000304867e3";
-const COMMIT_4_WITHOUT_KEY: &str = "0405000000469a9fbd";
+const COMMIT_4: &str = "04050000007751ed14";
+const COMMIT_4_WITHOUT_KEY: &str = "0405000000ac7dd5ad";
 
 fn tuned() -> NodeConfig {
-    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0 };
+    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0, slow_start: 10 };
     NodeConfig { tuning, ..guarded() }
 }
 

@@ -19,13 +19,21 @@ pub const GROWN_AFTER: u32 = 100;
 pub struct Guard<F> {
     delta: F,
     per_tick: F,
+    grown_after: u32,
 }
 
 impl<F: Real> Guard<F> {
     /// A guard `delta` in [0, 1).
     #[must_use]
     pub fn new(delta: f64) -> Self {
-        Self { delta: F::from_f64(delta), per_tick: F::from_f64(delta / f64::from(GROWN_AFTER)) }
+        Self::grown_over(delta, GROWN_AFTER)
+    }
+
+    /// One that grows over so many ticks, 1 or more.
+    #[must_use]
+    pub fn grown_over(delta: f64, ticks: u32) -> Self {
+        let per_tick = F::from_f64(delta / f64::from(ticks));
+        Self { delta: F::from_f64(delta), per_tick, grown_after: ticks }
     }
 
     /// The funnel at tick `k` as the law sees it: what it is judged by stays.
@@ -35,7 +43,7 @@ impl<F: Real> Guard<F> {
         if self.delta == F::ZERO {
             return psi;
         }
-        let delta = if k < GROWN_AFTER { self.per_tick * F::from_u32(k) } else { self.delta };
+        let delta = if k < self.grown_after { self.per_tick * F::from_u32(k) } else { self.delta };
         Widths { now: psi.now, ahead: psi.ahead * (F::ONE - delta) }
     }
 }

@@ -207,6 +207,43 @@ impl<F: Real> SampledFunnel<F> {
     }
 }
 
+impl<F: Real> SampledFunnel<F> {
+    /// Widths at the time of `k` ticks that are `parts` times as short, and one of those later (`theta` = 1): at a start (LAW.md 7).
+    #[cold]
+    #[must_use]
+    pub fn widths_of_start(&self, k: u32, parts: u32) -> Widths<F> {
+        let fine = self.divided(parts);
+        Widths { now: fine.widths(k).now, ahead: fine.widths(k.wrapping_add(1)).now }
+    }
+
+    /// The same funnel for a tick of a part of `T`; what it has ahead is of no use.
+    fn divided(&self, parts: u32) -> Self {
+        let share = F::ONE / F::from_u32(parts);
+        let slower = |transient: Transient<F>| Transient {
+            decay_per_tick: transient.decay_per_tick * share,
+            ..transient
+        };
+        match *self {
+            Self::Exponential(transient) => Self::Exponential(slower(transient)),
+            Self::Constant { width } => Self::Constant { width },
+            Self::ReciprocalTime { per_tick, theta } => {
+                Self::ReciprocalTime { per_tick: per_tick * F::from_u32(parts), theta }
+            }
+            Self::FiniteTime { start, per_tick, power, theta } => {
+                Self::FiniteTime { start, per_tick: per_tick * share, power, theta }
+            }
+            Self::Schedule { start, decay_per_tick, partial_decay, switch, joined, later } => Self::Schedule {
+                start,
+                decay_per_tick: decay_per_tick * share,
+                partial_decay,
+                switch: switch.saturating_mul(parts),
+                joined,
+                later: slower(later),
+            },
+        }
+    }
+}
+
 /// Start, end and rate (1/s) of a normalised funnel.
 fn normalised(shape: Normalised<f32>) -> (f64, f64, f64) {
     match shape {

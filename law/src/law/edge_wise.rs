@@ -12,12 +12,13 @@
 //! `2 T d_i` does for `nu_i` (docs/notes/2026-11-23-whole-paper.md). Both ends compute it from the same numbers, and (**) is odd in `r`: the
 //! two inputs cancel bit for bit while no frame is lost.
 
-use super::memory::{LookBack, Memory};
+use super::memory::{LookBack, Memory, share_of_b};
 use super::node_wise::Constants;
 use crate::floor::Floor;
 use crate::funnel::Widths;
 use crate::gain::GainFunction;
 use crate::math::Real;
+use crate::start::Pace;
 
 /// Edge-wise law with its constants, fixed for a run; the gain is handed in.
 ///
@@ -38,6 +39,8 @@ pub struct EdgeWise<F> {
     /// `theta (c / 2) T`, s.
     share: F,
     look_back: LookBack<F>,
+    /// Both as they are once a start is over.
+    usual: (F, LookBack<F>),
     /// Floor of the funnel of an edge of stiffness 1.
     pub floor: Floor<F>,
 }
@@ -60,12 +63,21 @@ impl<F: Real> EdgeWise<F> {
         // Half its stiffness is to an edge what its degree is to a node: it stands in `b` alike.
         let floor = Floor::new(0.5, tick);
         let share = F::from_f64(constants.theta * constants.damping / 2.0 * tick);
-        Self { share, look_back: LookBack::new(constants), floor }
+        let look_back = LookBack::new(constants);
+        Self { share, look_back, usual: (share, look_back), floor }
+    }
+
+    /// Takes the constants that it has at a pace.
+    #[cold]
+    pub fn keep_pace(&mut self, pace: Pace) {
+        let (share, look_back) = self.usual;
+        (self.share, self.look_back) = (share * share_of_b(pace), look_back.at(pace));
     }
 
     /// Sets `g` = 0, as [`NodeWise::stop_looking_back`](super::node_wise::NodeWise::stop_looking_back).
     pub fn stop_looking_back(&mut self) {
         self.look_back = self.look_back.off();
+        self.usual.1 = self.look_back;
     }
 
     /// One tick: the input of one edge, state units / s. The memory is that of the edge.

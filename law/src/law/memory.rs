@@ -2,6 +2,7 @@
 
 use super::constants::Constants;
 use crate::math::Real;
+use crate::start::{PARTS, Pace};
 
 /// How much of a memory means something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -76,6 +77,15 @@ impl<F: Real> Memory<F> {
     }
 }
 
+/// `b` of a pace over the usual one: `theta` is 1 and not 1/2, the damping three quarters, the tick perhaps an eighth.
+pub(super) fn share_of_b<F: Real>(pace: Pace) -> F {
+    F::from_f32(match pace {
+        Pace::Usual => 1.0,
+        Pace::Damped => 1.5,
+        Pace::Slow => 1.5 / PARTS as f32,
+    })
+}
+
 /// `theta` and `g`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LookBack<F> {
@@ -90,6 +100,14 @@ impl<F: Real> LookBack<F> {
 
     pub fn off(self) -> Self {
         Self { g: F::ZERO, ..self }
+    }
+
+    /// That of a pace.
+    pub fn at(self, pace: Pace) -> Self {
+        match pace {
+            Pace::Usual => self,
+            Pace::Slow | Pace::Damped => Self { theta: F::ONE, g: F::ZERO },
+        }
     }
 
     /// `r` of (**), state units, for `b` (s), the diffusive term and its change (state units), and the last input (state units / s).

@@ -14,9 +14,10 @@
 use crate::funnel::Widths;
 use crate::gain::{GainFunction, Solution};
 use crate::math::Real;
+use crate::start::Pace;
 
 pub use super::constants::{C, Constants, G, THETA};
-use super::memory::LookBack;
+use super::memory::{LookBack, share_of_b};
 pub use super::memory::Memory;
 
 /// Node-wise law (**) with its constants, fixed for a run.
@@ -38,6 +39,8 @@ pub struct NodeWise<F, G> {
     pub(super) b: F,
     /// `theta` and `g`.
     pub(super) look_back: LookBack<F>,
+    /// Both as they are once a start is over.
+    usual: (F, LookBack<F>),
 }
 
 impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
@@ -51,12 +54,21 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
     #[must_use]
     pub fn with(gain: G, tick: f64, degree: f64, constants: Constants) -> Self {
         let b = F::from_f64(constants.theta * constants.damping * tick * degree);
-        Self { gain, b, look_back: LookBack::new(constants) }
+        let look_back = LookBack::new(constants);
+        Self { gain, b, look_back, usual: (b, look_back) }
+    }
+
+    /// Takes the constants that it has at a pace.
+    #[cold]
+    pub fn keep_pace(&mut self, pace: Pace) {
+        let (b, look_back) = self.usual;
+        (self.b, self.look_back) = (b * share_of_b(pace), look_back.at(pace));
     }
 
     /// Sets `g` = 0: for a node whose state is measured, and does not follow from its inputs to the last digit.
     pub fn stop_looking_back(&mut self) {
         self.look_back = self.look_back.off();
+        self.usual.1 = self.look_back;
     }
 
     /// `b` of (**), s.

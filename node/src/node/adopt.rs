@@ -10,6 +10,7 @@ use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::Law;
 use funnelnet_law::law::node_wise::Memory;
 use funnelnet_law::math::Real;
+use funnelnet_law::start::{Pace, SlowStart};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{EdgeConfig, TickSource};
 use funnelnet_protocol::message::TickStamp;
@@ -25,6 +26,7 @@ pub struct Lasting {
     id: u8,
     tick_ns: u64,
     round: u8,
+    start: SlowStart,
     tick_source: TickSource,
     components: usize,
 }
@@ -36,6 +38,7 @@ impl Lasting {
             id: config.id,
             tick_ns: config.period_ns(),
             round: config.tuning.ticks_in_round(),
+            start: SlowStart::new(config.tuning.slow_start),
             tick_source: config.tick_source,
             components: config.initial_state.len(),
         }
@@ -48,6 +51,7 @@ impl<F, V, G> Params<F, V, G> {
             id: self.id.get(),
             tick_ns: self.tick_ns,
             round: self.round,
+            start: self.start,
             tick_source: self.tick_source,
             components: self.initial_state.len(),
         }
@@ -97,8 +101,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if core::mem::discriminant(&params.coupling) != core::mem::discriminant(&self.params.coupling) {
             self.change_coupling(&params);
         }
+        self.params.keep_pace(Pace::Usual);
         let damped_alike = params.law.b() == self.params.law.b();
         self.params = params;
+        self.params.keep_pace(self.pace);
         self.meet(edges);
         if !damped_alike {
             self.disturb();

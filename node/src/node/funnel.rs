@@ -39,7 +39,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
 
     /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4).
     fn floored_widths(&mut self, k: u32, floor: F) -> Widths<F> {
-        let psi = self.params.funnel.widths(k);
+        let psi = self.params.widths(k);
         if psi.clears(floor) {
             return psi;
         }

@@ -2,7 +2,7 @@
 
 use crate::neighbour::Own;
 use funnelnet_law::collect::collect;
-use funnelnet_law::field::{State, VectorField, compensated_add};
+use funnelnet_law::field::{State, Stride, VectorField, compensated_add};
 use funnelnet_law::law::node_wise::Memory;
 use funnelnet_law::math::Real;
 
@@ -36,16 +36,20 @@ impl<F: Real> Part<F> {
     }
 }
 
-/// Does the midpoint step of [`funnelnet_law::field::midpoint_step`] for all components at once.
-pub(super) fn vector_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, parts: &mut [Part<F>]) {
-    let half_ticks = k << 1;
+/// Does the midpoint step of [`Stride::midpoint_step`] for all components at once.
+pub(super) fn vector_step<F: Real, V: VectorField<F>>(
+    field: &V,
+    Stride { tick, half }: Stride<F>,
+    half_ticks: u64,
+    parts: &mut [Part<F>],
+) {
     let now: State<F> = collect(parts.iter().map(|part| part.x));
     let to_middle = |(index, part): (usize, &Part<F>)| {
         part.x + tick * F::HALF * (field.component(half_ticks, &now, index) + part.u)
     };
     let middle: State<F> = collect(parts.iter().enumerate().map(to_middle));
     for (index, part) in parts.iter_mut().enumerate() {
-        let rate = field.component(half_ticks | 1, &middle, index) + part.u;
+        let rate = field.component(half_ticks + half, &middle, index) + part.u;
         compensated_add(&mut part.x, &mut part.carry, tick * rate);
     }
 }

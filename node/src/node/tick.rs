@@ -8,12 +8,13 @@ use crate::neighbour::EdgeFunnel;
 use crate::observe::{Event, Observation};
 use crate::params::{OnBreach, Params};
 use funnelnet_law::collect::collect;
-use funnelnet_law::field::{State, VectorField, midpoint_step};
+use funnelnet_law::field::{State, VectorField};
 use funnelnet_law::funnel::Widths;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::{EdgeWise, Law};
 use funnelnet_law::math::{Real, larger};
+use funnelnet_law::start::{PARTS, Pace};
 use funnelnet_protocol::config::MAX_COMPONENTS;
 use funnelnet_protocol::message::{FaultCode, NodeId};
 use funnelnet_protocol::report::count;
@@ -26,6 +27,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Runs the tick that comes next.
     pub(super) fn run_tick(&mut self) {
         let k = self.clock.tick;
+        if !self.params.start.is_none() {
+            self.keep_pace(k);
+        }
         let (largest, input, mut nu) = self.listen(k);
         let is_new = self.newcomer.is_some();
         if is_new && self.waits(k, &mut nu) {
@@ -78,6 +82,24 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.stop_at(k, psi, FaultCode::INPUT, component as u16);
     }
 
+    /// Goes on at the pace of tick `k`. Where a tick gets longer, what has changed in the last one would have changed eight times as much; the last
+    /// input stays (LAW.md 7).
+    #[cold]
+    fn keep_pace(&mut self, k: u32) {
+        let pace = self.params.start.pace(k);
+        if pace == self.pace {
+            return;
+        }
+        if self.pace == Pace::Slow {
+            let times = F::from_u32(PARTS);
+            self.parts.iter_mut().for_each(|part| part.dx = part.dx * times);
+            self.neighbours.stretch(k, times);
+        }
+        self.disturb();
+        self.params.keep_pace(pace);
+        self.pace = pace;
+    }
+
     /// Lets tick `k` pass without an input.
     #[cold]
     fn let_pass(&mut self, k: u32) {
@@ -87,7 +109,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if self.plant.is_some() {
             self.saturate();
         }
-        let psi = self.params.funnel.widths(k).now;
+        let psi = self.params.widths(k).now;
         self.observe(k, psi);
         self.advance(k);
     }
@@ -132,7 +154,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Finds the input of every component for edge-wise coupling, and as its diffusive term that of the edge
     /// where it is largest.
     fn edge_inputs(&mut self, k: u32, law: &EdgeWise<F>) {
-        let widths = self.params.guard.of(k, self.params.funnel.widths(k));
+        let widths = self.params.guard.of(k, self.params.widths(k));
         let psi = EdgeFunnel { widths, floor: law.floor };
         for (component, part) in self.parts.iter_mut().enumerate() {
             let law = (law, &self.params.law.gain);
@@ -215,21 +237,21 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Advances the state by a tick, unless that leads beyond its limit.
     fn advance(&mut self, k: u32) {
         let before: State<F> = collect(self.parts.iter().map(|part| part.x));
-        let Params { field, tick, round, .. } = &self.params;
-        let steps = u64::from(*round);
-        let mut step = u64::from(k) * steps;
-        let end = step + steps;
+        let (stride, mut from) = self.params.steps(k);
+        let Params { field, round, .. } = &self.params;
+        let step = stride.half << 1;
+        let end = from + step * u64::from(*round);
         match self.parts.as_mut_slice() {
             [part] => {
-                while step < end {
-                    midpoint_step(field, *tick, step, &mut part.x, &mut part.carry, part.u);
-                    step += 1;
+                while from < end {
+                    stride.midpoint_step(field, from, &mut part.x, &mut part.carry, part.u);
+                    from += step;
                 }
             }
             parts => {
-                while step < end {
-                    vector_step(field, *tick, step, parts);
-                    step += 1;
+                while from < end {
+                    vector_step(field, stride, from, parts);
+                    from += step;
                 }
             }
         }

@@ -9,6 +9,7 @@ use super::{Finding, Status, extremes, figure};
 use crate::extremes::larger;
 use crate::scenario::{Breach, LARGEST_RUN, Scenario, TimeSpec, format_duration};
 use funnelnet_law::range::SHORTEST_TICK_NS;
+use funnelnet_law::start::SlowStart;
 
 /// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
 const TIGHT_START: f64 = 0.95;
@@ -85,7 +86,7 @@ fn tight(subject: &Subject<'_>, followed: &Followed) -> bool {
 
 /// The tick, of a half and a quarter of the scenario's, that keeps every node inside: for as long at least as it takes to leave the funnel now.
 fn better(subject: &Subject<'_>) -> Option<String> {
-    let TimeSpec { tick_ns, ticks, round } = subject.scenario.time;
+    let TimeSpec { tick_ns, ticks, round, start } = subject.scenario.time;
     if round > 1 {
         // A shorter round is a matter of the bus as well.
         return None;
@@ -94,7 +95,8 @@ fn better(subject: &Subject<'_>) -> Option<String> {
     let allowed =
         |parts: &u64| tick_ns.is_multiple_of(*parts) && tick_ns / parts >= u64::from(SHORTEST_TICK_NS);
     [2, 4].into_iter().filter(allowed).find_map(|parts| {
-        let time = TimeSpec { tick_ns: tick_ns / parts, ticks: ticks.saturating_mul(parts), round };
+        let start = SlowStart::new(start.ticks().saturating_mul(parts as u16));
+        let time = TimeSpec { tick_ns: tick_ns / parts, ticks: ticks.saturating_mul(parts), round, start };
         let scenario = Scenario { time, ..subject.scenario.clone() };
         let followed = sampled::follow(&scenario, &subject.degrees)?;
         let inside = followed.lost.is_none() && followed.worst.ratio < 1.0 && followed.until > left;

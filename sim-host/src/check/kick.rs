@@ -67,7 +67,7 @@ pub(super) fn largest(scenario: &Scenario) -> (usize, f64) {
     super::largest(nodes.map(|(node, kick)| match kick == 0.0 {
         true => 0.0,
         // More than nothing, so that a funnel that has closed by then has a ratio.
-        false => scenario.time.tick_s() * kick / larger(node.funnel.width(after), f64::TINY),
+        false => scenario.time.period_s(0) * kick / larger(node.funnel.width(after), f64::TINY),
     }))
 }
 

@@ -159,7 +159,12 @@ impl<'s> Network<'s> {
 
     /// Diffusive terms, true ones and those that nodes believe in.
     fn listen(&mut self, k: u64) {
-        self.members.iter_mut().for_each(Member::begin);
+        let start = self.scenario.time.start;
+        let stretches = k > 0 && k == u64::from(start.slow_ticks());
+        self.members.iter_mut().for_each(|member| member.begin(start.pace(k as u32)));
+        if stretches {
+            self.bus.stretch();
+        }
         let edges = &self.scenario.graph.edges;
         for edge in edges {
             for component in 0..self.scenario.components() {
@@ -196,7 +201,7 @@ impl<'s> Network<'s> {
     }
 
     fn advance(&mut self, k: u64, followed: &mut Followed) {
-        let (t, tick) = (self.scenario.time.at_s(k), self.scenario.time.tick_s());
+        let (t, tick) = (self.scenario.time.at_s(k), self.scenario.time.period_s(k));
         for member in &mut self.members {
             followed.input = larger(followed.input, member.advance(k, t));
             let moved = largest(0.0, member.parts.iter().map(|part| part.dx.abs()));

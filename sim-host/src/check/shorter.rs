@@ -21,7 +21,8 @@ fn tick(scenario: &Scenario, seconds: f64) -> Option<(&'static str, u64)> {
     let time = scenario.time;
     let plain = tick_ns_of(seconds);
     let whole = |ns: &u64| *ns >= u64::from(SHORTEST_TICK_NS);
-    if time.ticks.saturating_mul(time.tick_ns).is_multiple_of(plain) && whole(&plain) {
+    let slow_start_ns = time.tick_ns.saturating_mul(time.start.ticks().into());
+    if [time.end_ns(), slow_start_ns].iter().all(|ns| ns.is_multiple_of(plain)) && whole(&plain) {
         return Some(("time.tick", plain));
     }
     let fewest = (time.tick_s() / seconds).ceil().max(1.0) as u64;

@@ -3,7 +3,7 @@
 //! From the begin of an event to `expect.recovered_within` after its end, node-ticks count by themselves. An event that begins while the
 //! network is still outside takes nothing over: the one before goes on being measured.
 
-use crate::scenario::{Scenario, first_tick};
+use crate::scenario::{Scenario, TimeSpec};
 use std::ops::Range;
 
 /// What was found at the ticks that events disturb.
@@ -19,7 +19,7 @@ pub struct DuringEvents {
 
 /// Follows how a network recovers from the events of its scenario.
 pub(super) struct Recovery {
-    tick_ns: u64,
+    time: TimeSpec,
     /// First ticks of the events that have not begun, the next one last.
     begins: Vec<u64>,
     /// Ends of the events that have not ended, ns, the next one last.
@@ -48,20 +48,20 @@ impl Recovery {
         let disturbances = scenario.course().disturbances(&scenario.events);
         let events: Option<Vec<(u64, u64)>> = disturbances
             .iter()
-            .map(|disturbance| Some((first_tick(disturbance.from_ns, &scenario.time), disturbance.end_ns?)))
+            .map(|disturbance| Some((scenario.time.first_tick(disturbance.from_ns), disturbance.end_ns?)))
             .collect();
         let events = events.filter(|events| !events.is_empty())?;
         let range =
-            |&(from, end_ns): &(u64, u64)| from..first_tick(end_ns.saturating_add(within), &scenario.time);
-        Some(Self::new(scenario.time.tick_ns, &events, joined(events.iter().map(range))))
+            |&(from, end_ns): &(u64, u64)| from..scenario.time.first_tick(end_ns.saturating_add(within));
+        Some(Self::new(scenario.time, &events, joined(events.iter().map(range))))
     }
 
     /// Of events by first tick and end (ns).
-    fn new(tick_ns: u64, events: &[(u64, u64)], disturbed: Vec<Range<u64>>) -> Self {
+    fn new(time: TimeSpec, events: &[(u64, u64)], disturbed: Vec<Range<u64>>) -> Self {
         let (mut begins, mut ends): (Vec<u64>, Vec<u64>) = events.iter().copied().unzip();
         begins.sort_unstable_by(|a, b| b.cmp(a));
         ends.sort_unstable_by(|a, b| b.cmp(a));
-        Self { tick_ns, begins, ends, disturbed, open: Vec::new(), outside: false, longest: 0 }
+        Self { time, begins, ends, disturbed, open: Vec::new(), outside: false, longest: 0 }
     }
 
     /// Whether events disturb tick `k`.
@@ -72,7 +72,7 @@ impl Recovery {
 
     /// Takes tick `k`, at which a node was outside or none was.
     pub(super) fn tick(&mut self, k: u64, outside: bool) {
-        let now = k.saturating_mul(self.tick_ns);
+        let now = self.time.at_ns(k);
         let mut begins = false;
         while self.begins.pop_if(|from| *from <= k).is_some() {
             begins = true;

@@ -71,7 +71,7 @@ pub(super) fn drive<N: Network>(
         collector.hear(&network.take_heard())?;
         network.tell(&mut log);
         each(k, network)?;
-        progress.at(k as f64 * scenario.time.tick_s());
+        progress.at(scenario.time.at_s(k));
     }
     Ok(Record { outcome: collector.finish(), log, cut })
 }

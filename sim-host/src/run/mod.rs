@@ -96,10 +96,10 @@ fn tell_events(scenario: &Scenario, outcome: &Outcome, options: &RunOptions) {
         Verbosity::Normal => matches!(event, Event::Fault(_) | Event::Warned(_)),
         Verbosity::Quiet => false,
     };
-    let tick_ns = scenario.time.tick_ns;
-    let mut told = output::events(outcome.events.iter().filter(|event| is_told(&event.event)), tick_ns);
+    let time = &scenario.time;
+    let mut told = output::events(outcome.events.iter().filter(|event| is_told(&event.event)), time);
     let more = outcome.more_events.iter().filter(|more| is_told(&more.last.event));
-    told.extend(more.map(|more| output::counted(more, tick_ns)));
+    told.extend(more.map(|more| output::counted(more, time)));
     // Nobody is left to tell where standard error is closed.
     let _ = std::io::stderr().write_all(told.as_bytes());
 }

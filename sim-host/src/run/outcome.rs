@@ -218,7 +218,7 @@ impl Outcome {
             Event::Fault(code) => Some(Stop {
                 id: scenario.nodes.get(event.node)?.id,
                 // Tick 0 is one tick after the start, when the announced states have arrived.
-                at_s: event.at.saturating_sub(scenario.time.tick_ns) as f64 / 1e9,
+                at_s: scenario.time.from_clock(event.at.saturating_sub(scenario.time.tick_ns)) as f64 / 1e9,
                 why: code.to_string(),
             }),
             _ => None,

@@ -13,7 +13,7 @@ use crate::record::{
     AtomicFile, BusFiles, OnBus, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter,
 };
 use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, inputs_svg, states_svg};
-use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario};
+use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario, TimeSpec};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -189,19 +189,19 @@ fn plot(svg: Result<String, PlotError>) -> Result<String, RunError> {
 
 /// What happened, what nodes reported and when they were away, in the order of time.
 fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
-    let tick_ns = scenario.time.tick_ns;
-    let line = |event: &NodeEvent| (event.at.saturating_sub(tick_ns), events([event], tick_ns));
+    let time = &scenario.time;
+    let line = |event: &NodeEvent| (time_of(event, time), events([event], time));
     // Before what nodes say at the same time: the cause comes first.
     let happened = outcome.happened.iter();
     let mut lines: Vec<_> =
         happened.map(|event| (event.at_ns, format!("{} s, event {event}\n", seconds(event.at_ns)))).collect();
     lines.extend(outcome.events.iter().map(line));
     lines.extend(
-        outcome.more_events.iter().map(|more| (more.last.at.saturating_sub(tick_ns), counted(more, tick_ns))),
+        outcome.more_events.iter().map(|more| (time_of(&more.last, time), counted(more, time))),
     );
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let mut tell = |tick: u32, what: String| {
-            let at = u64::from(tick).saturating_mul(tick_ns);
+            let at = time.at_ns(tick.into());
             lines.push((at, format!("{} s, node {} {what}\n", seconds(at), absence.node)));
         };
         tell(absence.from_tick, format!("is away from tick {} on: {}", absence.from_tick, absence.why));
@@ -222,21 +222,26 @@ fn shortened() -> String {
 }
 
 /// The last of the events that were only counted, as a line.
-pub(super) fn counted(more: &MoreEvents, tick_ns: u64) -> String {
-    let line = events([&more.last], tick_ns);
+pub(super) fn counted(more: &MoreEvents, time: &TimeSpec) -> String {
+    let line = events([&more.last], time);
     format!("{} (the last of {} more of this kind)\n", line.trim_end(), more.count)
 }
 
 /// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one
 /// tick after the start, when the announced states have arrived.
-pub(super) fn events<'a>(events: impl IntoIterator<Item = &'a NodeEvent>, tick_ns: u64) -> String {
+pub(super) fn events<'a>(events: impl IntoIterator<Item = &'a NodeEvent>, time: &TimeSpec) -> String {
     let mut text = String::new();
-    for NodeEvent { at, node, event } in events {
+    for event in events {
         // Writing to a string does not fail.
-        let t = seconds(at.saturating_sub(tick_ns));
-        let _ = writeln!(text, "{t} s, node {} {event}", node + 1);
+        let t = seconds(time_of(event, time));
+        let _ = writeln!(text, "{t} s, node {} {}", event.node + 1, event.event);
     }
     text
+}
+
+/// The time of an event of a node, ns.
+fn time_of(event: &NodeEvent, time: &TimeSpec) -> u64 {
+    time.from_clock(event.at.saturating_sub(time.tick_ns))
 }
 
 /// Nanoseconds as seconds, to the last digit, with six decimals or more.

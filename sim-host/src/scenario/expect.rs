@@ -95,10 +95,10 @@ pub(super) fn in_ticks(expect: &mut Expect, time: &TimeSpec, section: Option<&It
         Some(Value::Array(items)) => items.as_slice(),
         _ => &[],
     };
-    let end_ns = time.ticks.saturating_mul(time.tick_ns);
+    let end_ns = time.end_ns();
     for (window, item) in expect.windows.iter_mut().zip(items) {
         let (from, to) = (window.from_tick, window.to_tick);
-        (window.from_tick, window.to_tick) = (from.div_ceil(time.tick_ns), to / time.tick_ns);
+        (window.from_tick, window.to_tick) = (time.first_tick(from), time.last_tick(to));
         let report = |key: &str, allowed: String| {
             let at = item.get(key).unwrap_or(item);
             log.report(at.diagnostic(Problem::Value, allowed));

@@ -24,6 +24,7 @@ pub(crate) mod tree;
 mod written;
 
 use crate::printable::printable;
+use funnelnet_law::start::SlowStart;
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnelnet_node::params;
 use std::io::Read;
@@ -32,7 +33,6 @@ use std::path::Path;
 pub use affine::Affine;
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
-pub(crate) use event::first_tick;
 pub use event::{Absence, Change, Course, Disturbance, EventKind, EventSpec, Step, Targets};
 /// One sinusoid of a field.
 pub type Sine = funnelnet_law::field::Sine<f64>;
@@ -177,6 +177,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     fresh(&bus, &time, root, &log);
     whole_bits(&bus, root, &log);
     no_bus(coupling.kind, root, &log);
+    no_slow_start(coupling.kind, root, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
     network::room(&graph, components, &network, &log);
     log.checkpoint()?;
@@ -230,6 +231,8 @@ struct Time<'a> {
     tick_ns: u64,
     /// Ticks in a round.
     round: u8,
+    slow_start_ns: u64,
+    slow_start: Option<&'a Item>,
     duration_ns: u64,
     duration: Option<&'a Item>,
     place: &'a Place,
@@ -247,6 +250,8 @@ fn read_time(mut section: Section<'_>) -> Time<'_> {
     let time = Time {
         tick_ns,
         round: section.value("round", 1, |item| read_round(item, tick_ns)),
+        slow_start_ns: section.duration("slow_start", Some(0)),
+        slow_start: section.take("slow_start"),
         duration_ns: section.duration("duration", None),
         duration: section.take("duration"),
         place: section.place(),
@@ -291,7 +296,32 @@ fn whole_ticks(time: &Time<'_>, nodes: u64, log: &Log) -> TimeSpec {
         let allowed = format!("{ticks} ticks are more than a node counts, which is 2^32 - 1");
         report(allowed, "shorten it, or lengthen the tick".to_owned());
     }
-    TimeSpec { tick_ns, ticks, round: time.round }
+    let start = slow_start(time, ticks, log);
+    TimeSpec { tick_ns, ticks: ticks.saturating_add(start.behind().into()), round: time.round, start }
+}
+
+/// The slow start of a run of so many `ticks` of network time.
+fn slow_start(time: &Time<'_>, ticks: u64, log: &Log) -> SlowStart {
+    let (tick_ns, most) = (time.round_ns(), u64::from(params::LONGEST_SLOW_START).min(ticks));
+    let name = if time.round == 1 { "ticks" } else { "rounds" };
+    let whole = time.slow_start_ns.is_multiple_of(tick_ns).then_some(time.slow_start_ns / tick_ns);
+    let fits = whole.filter(|&ticks| ticks <= most).and_then(|ticks| u16::try_from(ticks).ok());
+    if let (None, Some(item)) = (fits, time.slow_start) {
+        let tick = format_duration(tick_ns);
+        let allowed =
+            format!("must be a whole number of {name} of {tick}, up to {most} and the end of the run");
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
+    SlowStart::new(fits.unwrap_or(0))
+}
+
+/// A tracker has no funnel to be kept at its start, and weakly centralised coupling no nodes that start.
+fn no_slow_start(coupling: Coupling<f64>, root: &Item, log: &Log) {
+    let item = root.get("time").and_then(|section| section.get("slow_start"));
+    if let (Some(item), Coupling::LambdaTracker { .. } | Coupling::WeaklyCentralised) = (item, coupling) {
+        let allowed = format!("is not for {} coupling; leave it out", coupling.kind());
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
 }
 
 /// Frames carry eight bits of their tick: one that is late by nearly 256 ticks would pass for a new one.

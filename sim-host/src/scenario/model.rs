@@ -1,5 +1,6 @@
 //! A scenario, fully resolved: every node with its own dynamics, gain and funnel, in SI units and f64.
 
+use funnelnet_law::start::{PARTS, SlowStart};
 use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 use std::path::PathBuf;
 
@@ -87,17 +88,78 @@ impl Scenario {
 
 /// The network tick and how many of them are run. Where the law decides once in a round of several ticks, all that counts ticks, here and
 /// on the wire, counts rounds (LAW.md 5): a tick of the network is a round.
+///
+/// Time is that of the network. With a slow start (LAW.md 7) it passes more slowly than the nodes' clocks at first: `on_clock` and `from_clock` are about theirs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimeSpec {
     /// Network tick T in nanoseconds, above zero: a whole round.
     pub tick_ns: u64,
-    /// Number of them, above zero; the run ends at `ticks * tick_ns`.
+    /// Number of them, above zero, those of a slow start among them.
     pub ticks: u64,
     /// Ticks in a round, 1 to 100: steps in which a node integrates its own field.
     pub round: u8,
+    /// In each of its first ticks an eighth of a tick passes; none as a rule.
+    pub start: SlowStart,
 }
 
 impl TimeSpec {
+    /// The time of tick `k`, ns, an eighth of one left out.
+    #[must_use]
+    pub fn at_ns(&self, k: u64) -> u64 {
+        let eighths = u128::from(self.start.eighths(k)) * u128::from(self.tick_ns);
+        u64::try_from(eighths / u128::from(PARTS)).unwrap_or(u64::MAX)
+    }
+
+    /// The end of the run, ns.
+    #[must_use]
+    pub fn end_ns(&self) -> u64 {
+        self.at_ns(self.ticks)
+    }
+
+    /// Time from tick `k` to the next one, s.
+    #[must_use]
+    pub fn period_s(&self, k: u64) -> f64 {
+        if k < self.start.slow_ticks().into() { self.tick_s() / f64::from(PARTS) } else { self.tick_s() }
+    }
+
+    /// Tick in which the time `ns` is, and what is left of it there, in parts of a nanosecond of the clock.
+    fn split(&self, ns: u64) -> (u64, u64) {
+        let slow = u64::from(self.start.slow_ticks());
+        let on_clock = ns.saturating_mul(PARTS.into());
+        if on_clock < slow.saturating_mul(self.tick_ns) {
+            return (on_clock / self.tick_ns, on_clock % self.tick_ns);
+        }
+        (ns / self.tick_ns + u64::from(self.start.behind()), ns % self.tick_ns)
+    }
+
+    /// The first tick at or after the time `ns`: what happens at the time of a tick happens before it.
+    #[must_use]
+    pub fn first_tick(&self, ns: u64) -> u64 {
+        let (tick, rest) = self.split(ns);
+        tick + u64::from(rest != 0)
+    }
+
+    /// The last tick at or before the time `ns`.
+    #[must_use]
+    pub fn last_tick(&self, ns: u64) -> u64 {
+        self.split(ns).0
+    }
+
+    /// What the nodes' clocks show at the time `ns`, ns from tick 0 on.
+    #[must_use]
+    pub fn on_clock(&self, ns: u64) -> u64 {
+        let (tick, rest) = self.split(ns);
+        tick.saturating_mul(self.tick_ns).saturating_add(rest)
+    }
+
+    /// The time at which the nodes' clocks show `ns`, ns.
+    #[must_use]
+    pub fn from_clock(&self, ns: u64) -> u64 {
+        let (tick, rest) = (ns / self.tick_ns, ns % self.tick_ns);
+        let slow = tick < self.start.slow_ticks().into();
+        self.at_ns(tick).saturating_add(if slow { rest / u64::from(PARTS) } else { rest })
+    }
+
     /// A step of a node's own field in seconds.
     #[must_use]
     pub fn step_s(&self) -> f64 {
@@ -113,13 +175,16 @@ impl TimeSpec {
     /// The time of tick `k` in seconds: the f64 nearest to it, up to 2^53 ns.
     #[must_use]
     pub fn at_s(&self, k: u64) -> f64 {
-        k.saturating_mul(self.tick_ns) as f64 / 1e9
+        if self.start.is_none() {
+            return k.saturating_mul(self.tick_ns) as f64 / 1e9;
+        }
+        self.start.eighths(k).saturating_mul(self.tick_ns) as f64 / (f64::from(PARTS) * 1e9)
     }
 
     /// The end of the run in seconds.
     #[must_use]
     pub fn end_s(&self) -> f64 {
-        self.ticks as f64 * self.tick_ns as f64 * 1e-9
+        (self.ticks - u64::from(self.start.behind())) as f64 * self.tick_ns as f64 * 1e-9
     }
 }
 

@@ -87,7 +87,7 @@ impl Bend {
     pub fn new(scenario: &Scenario, ticks: u64) -> Self {
         let components = scenario.components();
         Self {
-            from: ticks / START,
+            from: (ticks / START).max(scenario.time.start.end().into()),
             tick: scenario.time.tick_s(),
             components,
             nodes: scenario.nodes.len() as f64,

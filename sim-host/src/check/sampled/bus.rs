@@ -5,6 +5,7 @@ use super::member::Member;
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::Scenario;
+use funnelnet_law::start::PARTS;
 use funnelnet_node::neighbour::WINDOW_BACK;
 use rand_pcg::Pcg64;
 
@@ -104,6 +105,13 @@ impl<'s> Bus<'s> {
         self.listeners[from].push(self.ends.len());
         let ears = vec![Ear::default(); self.scenario.components()];
         self.ends.push(End { at, weight, ears });
+    }
+
+    /// From now on a tick lasts as long as eight did.
+    pub fn stretch(&mut self) {
+        for ear in self.ends.iter_mut().flat_map(|end| &mut end.ears) {
+            ear.increment *= f64::from(PARTS);
+        }
     }
 
     /// The states of tick `k` go out; what is heard by then is what the nodes believe in.

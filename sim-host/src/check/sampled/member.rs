@@ -7,6 +7,7 @@ use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::{Guard, Widths};
 use funnelnet_law::gain::Gain;
 use funnelnet_law::law::node_wise::{Constants, Memory, NodeWise, THETA};
+use funnelnet_law::start::{PARTS, Pace};
 
 /// By how much a floor has to be above a funnel so that the f32 of a node, which rounds elsewhere, is above it as well.
 const SURELY: f64 = 1.05;
@@ -34,6 +35,7 @@ pub(super) struct Member<'s> {
     tick: f64,
     /// Steps of the field in a tick.
     round: u8,
+    pace: Pace,
     guard: Guard<f64>,
     /// The largest `|u|` (state units / s).
     limit: f64,
@@ -56,8 +58,12 @@ impl<'s> Member<'s> {
             node,
             tick,
             law: NodeWise::with(node.gain.prepared(), tick, degree, Constants::damped_by(node.damping)),
-            guard: Guard::new(scenario.guard),
+            guard: match scenario.time.start.slow_ticks() {
+                0 => Guard::new(scenario.guard),
+                ticks => Guard::grown_over(scenario.guard, ticks),
+            },
             round: scenario.time.round,
+            pace: Pace::default(),
             limit: bounds.input.unwrap_or(f64::INFINITY),
             floor: Floor::of_f32(degree, tick),
             parts: node.state.iter().map(part).collect(),
@@ -67,9 +73,17 @@ impl<'s> Member<'s> {
         }
     }
 
-    /// Of a new tick nothing is known yet.
-    pub fn begin(&mut self) {
+    /// Of a new tick nothing is known yet but its pace.
+    pub fn begin(&mut self, pace: Pace) {
         self.seen = 0.0;
+        if pace != self.pace {
+            if self.pace == Pace::Slow {
+                self.parts.iter_mut().for_each(|part| part.dx *= f64::from(PARTS));
+            }
+            self.parts.iter_mut().for_each(|part| part.memory.disturb());
+            self.law.keep_pace(pace);
+            self.pace = pace;
+        }
         for part in &mut self.parts {
             (part.truth, part.nu, part.dnu) = (0.0, 0.0, 0.0);
             self.seen = larger(self.seen, part.x.abs());
@@ -101,7 +115,12 @@ impl<'s> Member<'s> {
     /// The inputs of a tick at time `t` (s), and one midpoint step; gives the largest `|u|`.
     pub fn advance(&mut self, k: u64, t: f64) -> f64 {
         let width = |t: f64| self.node.funnel.width(t);
-        let psi = Widths { now: width(t), ahead: width(t + THETA * self.tick) }.floored(self.kept);
+        let (period, theta) = match self.pace {
+            Pace::Slow => (self.tick / f64::from(PARTS), 1.0),
+            Pace::Damped => (self.tick, 1.0),
+            Pace::Usual => (self.tick, THETA),
+        };
+        let psi = Widths { now: width(t), ahead: width(t + theta * period) }.floored(self.kept);
         // As a node, which counts its ticks in 32 bits.
         let psi = self.guard.of(k as u32, psi);
         for part in &mut self.parts {
@@ -113,7 +132,7 @@ impl<'s> Member<'s> {
         }
         // `dx` holds the state before, until it is the change.
         self.parts.iter_mut().for_each(|part| part.dx = part.x);
-        let step = self.tick / f64::from(self.round);
+        let step = period / f64::from(self.round);
         for part in 0..self.round {
             self.step(t + f64::from(part) * step, step);
         }

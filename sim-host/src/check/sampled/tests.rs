@@ -23,6 +23,8 @@ fn the_law_that_is_followed_is_that_of_the_run() {
         ("five-agents.toml", &["bus.latency=2500us", "bus.jitter=2ms"]),
         ("five-agents.toml", &["agent.noise=0.2"]),
         ("vector-oscillators.toml", &[]),
+        ("narrow-ring.toml", &["time.slow_start=10ms", "coupling.guard=0.1"]),
+        ("lossy-ring.toml", &["time.slow_start=20ms"]),
         ("infinite-start.toml", &[]),
     ] {
         let scenario = gallery(file, &[sets, &["time.duration=3s"]].concat());

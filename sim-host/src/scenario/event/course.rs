@@ -95,6 +95,13 @@ impl Course {
         Self { steps, absent }
     }
 
+    /// The same at what the nodes' clocks show then.
+    #[must_use]
+    pub fn on_clock(mut self, time: &TimeSpec) -> Self {
+        self.steps.iter_mut().for_each(|step| step.at_ns = time.on_clock(step.at_ns));
+        self
+    }
+
     /// The steps.
     #[must_use]
     pub fn steps(&self) -> &[Step] {
@@ -118,7 +125,7 @@ impl Course {
             absences.push(Absence { node, from_tick: 0, to_tick: None });
         }
         for step in &self.steps {
-            let tick = first_tick(step.at_ns, time);
+            let tick = time.first_tick(step.at_ns);
             match step.change {
                 Change::Off { node, .. } => {
                     last[node] = Some(absences.len());
@@ -177,10 +184,4 @@ fn changes(spec: &EventSpec, graph: &Graph) -> Vec<(u64, Change)> {
     let change = |(a, b)| if spec.kind == EventKind::Repair { Change::Mend(a, b) } else { Change::Cut(a, b) };
     changes.extend(links.map(|link| (spec.at_ns, change(link))));
     changes
-}
-
-/// The first tick at or after a time: what happens at the time of a tick happens before it.
-#[must_use]
-pub(crate) fn first_tick(at_ns: u64, time: &TimeSpec) -> u64 {
-    at_ns.div_ceil(time.tick_ns)
 }

@@ -4,7 +4,6 @@ mod course;
 mod read;
 mod sense;
 
-pub(crate) use course::first_tick;
 pub use course::{Absence, Change, Course, Disturbance, Step};
 pub(super) use read::read;
 pub(super) use sense::{Setting, make_sense};

@@ -1,6 +1,6 @@
 //! What only the whole scenario shows of its events: an event that lies outside the run, or that changes nothing, is refused.
 
-use super::course::{Change, Course, first_tick};
+use super::course::{Change, Course};
 use super::{EventKind, EventSpec, Targets};
 use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::Log;
@@ -81,7 +81,7 @@ impl Setting<'_> {
     }
 
     fn end_ns(&self) -> u64 {
-        self.time.ticks.saturating_mul(self.time.tick_ns)
+        self.time.end_ns()
     }
 
     fn in_the_run(&self, event: &EventSpec, item: &Item) {
@@ -93,8 +93,8 @@ impl Setting<'_> {
         } else if back_ns > self.end_ns() {
             let allowed = format!("must bring the node back by the end of the run, {end}; a crash does not");
             self.report(item, if item.get("for").is_some() { "for" } else { "at" }, allowed);
-        } else if comes && first_tick(back_ns, self.time) > LAST_JOIN {
-            let last = format_duration(LAST_JOIN.saturating_mul(self.time.tick_ns));
+        } else if comes && self.time.first_tick(back_ns) > LAST_JOIN {
+            let last = format_duration(self.time.at_ns(LAST_JOIN));
             let allowed = format!("no node can come later than {last}: a SYNC tells it 24 bits of the tick");
             self.report(item, "at", allowed);
         }

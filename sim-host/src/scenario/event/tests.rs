@@ -1,5 +1,6 @@
 use super::*;
 use crate::scenario::{Scenario, TimeSpec};
+use funnelnet_law::start::SlowStart;
 use std::path::Path;
 
 const MS: u64 = 1_000_000;
@@ -311,8 +312,8 @@ fn a_disturbance_lasts_until_nodes_are_back_and_links_are_mended() {
 
 #[test]
 fn the_first_tick_of_an_event_is_the_one_at_or_after_it() {
-    let time = TimeSpec { tick_ns: MS, ticks: 10, round: 1 };
-    assert_eq!([0, 1, MS, MS + 1].map(|at| first_tick(at, &time)), [0, 1, 1, 2]);
+    let time = TimeSpec { tick_ns: MS, ticks: 10, round: 1, start: SlowStart::default() };
+    assert_eq!([0, 1, MS, MS + 1].map(|at| time.first_tick(at)), [0, 1, 1, 2]);
 }
 
 #[test]
@@ -343,4 +344,19 @@ fn more_events_than_a_run_can_follow_are_refused_in_a_moment() {
         "{}",
         &refused[refused.len() - 200..]
     );
+}
+
+#[test]
+fn with_a_slow_start_time_passes_in_eighths_of_a_tick_at_first() {
+    let time = TimeSpec { tick_ns: MS, ticks: 90, round: 1, start: SlowStart::new(10) };
+    assert_eq!((time.end_ns(), time.end_s()), (20 * MS, 0.02));
+    assert_eq!([0, 1, 8, 79, 80, 81].map(|k| time.at_ns(k)), [0, 125_000, MS, 9_875_000, 10 * MS, 11 * MS]);
+    assert_eq!((time.at_s(1), time.at_s(80), time.at_s(90)), (0.000_125, 0.01, 0.02));
+    let first = [0, 1, 125_000, 125_001, 10 * MS - 1, 10 * MS, 10 * MS + 1].map(|at| time.first_tick(at));
+    assert_eq!(first, [0, 1, 1, 2, 80, 80, 81]);
+    assert_eq!([124_999, 125_000, 10 * MS - 1, 11 * MS].map(|at| time.last_tick(at)), [0, 1, 79, 81]);
+    for at in [0, 1, 125_000, 3 * MS + 17, 10 * MS - 1, 10 * MS, 10 * MS + 5, 19 * MS] {
+        assert_eq!(time.from_clock(time.on_clock(at)), at);
+    }
+    assert_eq!((time.on_clock(5 * MS), time.on_clock(15 * MS)), (40 * MS, 85 * MS));
 }

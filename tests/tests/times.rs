@@ -1,0 +1,110 @@
+//! What a row is of: with rounds, and with a slow start, in which network time is not the count of ticks (LAW.md 5 and 7).
+#![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
+
+use sim_host::record::Row;
+use sim_host::run::{Fidelity, Outcome};
+use sim_host::scenario::{Expect, Override, Scenario};
+use system_tests::{repository, run, scenario};
+
+fn nearly(left: f64, right: f64, error: f64) -> bool {
+    (left - right).abs() < error
+}
+
+/// Each row's states follow from those of the row before it by its inputs, held, and steps of `step` s of the fields.
+fn rows_follow(scenario: &Scenario, rows: &[Row], step: f64) {
+    for pair in rows.windows(2) {
+        let [row, next] = pair else { continue };
+        let steps = ((next.t - row.t) / step).round();
+        for (index, node) in scenario.nodes.iter().enumerate() {
+            let (mut x, u) = (row.x[index], row.u[index]);
+            for part in 0..steps as u32 {
+                let t = row.t + f64::from(part) * step;
+                let middle = x + 0.5 * step * (node.dynamics.value(t, x) + u);
+                x += step * (node.dynamics.value(t + 0.5 * step, middle) + u);
+            }
+            assert!(
+                nearly(next.x[index], x, 2e-6),
+                "node {} at {} s: {} {x}",
+                index + 1,
+                next.t,
+                next.x[index]
+            );
+        }
+    }
+}
+
+/// True terms are those of the states of the same row.
+fn terms_are_those_of_the_states(scenario: &Scenario, rows: &[Row]) {
+    for row in rows {
+        for (found, nu) in row.true_nu.iter().zip(scenario.graph.diffusive_terms(&row.x)) {
+            assert!(nearly(*found, nu, 1e-9), "{} s: {found} {nu}", row.t);
+        }
+    }
+}
+
+#[test]
+fn with_rounds_there_is_a_row_at_each_round_and_none_between() {
+    let scenario = scenario("narrow-ring.toml", &["time.duration=1s", "time.round=4ms"]);
+    let rows = run(&scenario, Fidelity::Loopback).rows;
+    let times: Vec<f64> = rows.iter().map(|row| row.t).collect();
+    assert_eq!(times, (0..=250).map(|k| f64::from(k) * 4.0 / 1e3).collect::<Vec<_>>());
+    terms_are_those_of_the_states(&scenario, &rows);
+    rows_follow(&scenario, &rows, 1e-3);
+}
+
+/// Eighths of a millisecond until 10 ms, then milliseconds.
+fn network_times(end_ms: u32) -> Vec<f64> {
+    let slow = (0..80).map(|k| f64::from(k) / 8e3);
+    slow.chain((10..=end_ms).map(|ms| f64::from(ms) / 1e3)).collect()
+}
+
+fn slowly(settings: &[&str], expect: Expect) -> (Scenario, Outcome) {
+    let sets = [&["time.duration=2s", "time.slow_start=10ms", "coupling.guard=0.1"], settings].concat();
+    let scenario = Scenario { expect, ..scenario("narrow-ring.toml", &sets) };
+    let outcome = run(&scenario, Fidelity::Loopback);
+    (scenario, outcome)
+}
+
+#[test]
+fn with_a_slow_start_rows_are_of_network_time() {
+    let expect = Expect { reference_error: Some(1.0), ..Expect::default() };
+    let (scenario, outcome) = slowly(&[], expect);
+    let times: Vec<f64> = outcome.rows.iter().map(|row| row.t).collect();
+    assert_eq!(times, network_times(2_000));
+    terms_are_those_of_the_states(&scenario, &outcome.rows);
+    rows_follow(&scenario, &outcome.rows[..81], 0.125e-3);
+    rows_follow(&scenario, &outcome.rows[80..], 1e-3);
+    let summary = outcome.judge(&scenario, Fidelity::Loopback);
+    assert_eq!(summary.ticks, 2_070);
+    let (funnel, reference) = (summary.funnel.unwrap(), summary.reference.unwrap());
+    // The reference begins as ever: it knows network time only.
+    assert!(funnel.max_ratio < 1.0 && reference.max_error < 1e-2, "{funnel:?} {reference:?}");
+}
+
+#[test]
+fn with_rounds_a_slow_start_is_one_of_rounds() {
+    let (scenario, outcome) = slowly(&["time.round=2ms"], Expect::default());
+    let rows = outcome.rows;
+    assert_eq!((rows[1].t, rows[39].t, rows[40].t, rows[41].t), (0.25e-3, 9.75e-3, 10e-3, 12e-3));
+    assert_eq!(rows.last().unwrap().t, 2.0);
+    rows_follow(&scenario, &rows[..41], 0.125e-3);
+    rows_follow(&scenario, &rows[40..], 1e-3);
+}
+
+#[test]
+fn events_happen_at_network_time() {
+    let path = repository("scenarios/narrow-ring.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let events = "event = [{ at = '5ms', kind = 'partition', link = [1, 2] }, { at = '20ms', kind = 'repair', link = [1, 2] }, \
+                  { at = '30ms', kind = 'crash', node = 3 }]";
+    let sets = ["time.duration=2s", "time.slow_start=10ms", "coupling.guard=0.1"];
+    let sets = sets.map(|set| Override::parse(set).unwrap());
+    let scenario = Scenario::parse(&format!("{events}\n{text}"), &path, &sets).unwrap();
+    let outcome = run(&scenario, Fidelity::Loopback);
+    let gone = outcome.rows.iter().find(|row| row.x[2].is_nan()).unwrap();
+    assert_eq!(gone.t, 0.03);
+    let (calm, rows) = (slowly(&[], Expect::default()).1.rows, outcome.rows);
+    let first = calm.iter().zip(&rows).find(|(calm, row)| calm.u[0] != row.u[0]).unwrap();
+    // The state of 5 ms is the last that node 1 hears; it takes that of the next tick for granted, and its law looks back no more.
+    assert!(nearly(first.0.t, 5e-3, 0.26e-3), "{}", first.0.t);
+}
