@@ -11,7 +11,7 @@ QEMU, DECODER, IMAGE = sys.argv[1:4]
 TIMEOUT = 60.0
 # Node 3 with the timer as tick source, 1 ms, one edge of weight 1 to node 2, constant funnel of 10.
 NODE_CONFIG = bytes.fromhex("03c0843d00010000803f0024744901000080bf01000000000000000000803f0000803f0100002041"
-                            "0001020000803f0103000000" + 17 * "00")  # the tuning: nothing is said
+                            "0001020000803f0103000000" + 27 * "00")  # tuning, program and limits: nothing is said
 MILLISECOND, TEN_MILLISECONDS = bytes.fromhex("c0843d"), bytes.fromhex("80ade204")  # ns, as varints
 CONSTANT, EVERY = bytes.fromhex("0100002041"), bytes.fromhex("0103000000")
 
