@@ -11,7 +11,7 @@ use funnelnet_app::link::{Health, Link};
 use funnelnet_app::storage::{Absent, Storage};
 use funnelnet_app::watchdog::{self, Watchdog};
 use funnelnet_app::{App, Log, Platform};
-use funnelnet_law::AffineSines;
+use funnelnet_law::PreparedField;
 use funnelnet_law::field::State;
 use funnelnet_link::{Change, Classic, Fd, Format};
 use funnelnet_node::watchdog::FEED_EVERY_NS;
@@ -202,7 +202,7 @@ fn a_stored_configuration_that_cannot_be_used_leaves_the_node_blank() {
 struct Driven;
 
 impl Model for Driven {
-    type Field = AffineSines<f32>;
+    type Field = PreparedField<f32>;
 
     fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError> {
         Configured.field(config, tick)

@@ -8,7 +8,7 @@ use funnelnet_law::{Breach, Coupling};
 use funnelnet_node::{Action, Node, Params, Phase};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::can;
-use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::config::{Limits, MAX_CONSTANTS, MAX_OPERATIONS, Program, TickSource};
 use funnelnet_protocol::message::{Command, Message, Target};
 use libfuzzer_sys::fuzz_target;
 
@@ -19,7 +19,10 @@ const MOST_ACTIONS: usize = 2_000;
 type Draw = ([u8; 8], [f32; 12], u32, Vec<(u8, f32)>);
 
 /// The configuration that a draw stands for, or none.
-fn config((kinds, numbers, tick_ns, neighbours): Draw) -> Option<NodeConfig> {
+fn config(
+    (kinds, numbers, tick_ns, neighbours): Draw,
+    (code, constants): (Vec<u8>, Vec<f32>),
+) -> Option<NodeConfig> {
     let [a, b, c, d, e, f, slope, offset, x, limit, amplitude, weight] = numbers;
     let gains = Gain::<f32>::KINDS;
     let gain = (gains[usize::from(kinds[0]) % gains.len()].build)([a, b]);
@@ -62,13 +65,25 @@ fn config((kinds, numbers, tick_ns, neighbours): Draw) -> Option<NodeConfig> {
         .on_breach(breach)
         .extrapolate_ticks(kinds[6])
         .lost_neighbours(kinds[7])
+        .limits(Limits { low: -f.abs(), high: f.abs() })
         .telemetry_every(1);
+    // Half of the nodes have a program, whatever is in it.
+    let builder = match code.as_slice() {
+        [] => builder,
+        code => builder.program(
+            Program {
+                code: code.iter().copied().take(MAX_OPERATIONS).collect(),
+                constants: constants.into_iter().take(MAX_CONSTANTS).collect(),
+            },
+            [sine],
+        ),
+    };
     neighbours.into_iter().fold(builder, |builder, (id, weight)| builder.edge(id, weight)).build().ok()
 }
 
-fuzz_target!(|input: (Draw, Vec<(u16, [u8; 8], u8, u32)>)| {
-    let (draw, script) = input;
-    let Some(config) = config(draw) else { return };
+fuzz_target!(|input: (Draw, Vec<(u16, [u8; 8], u8, u32)>, (Vec<u8>, Vec<f32>))| {
+    let (draw, script, program) = input;
+    let Some(config) = config(draw, program) else { return };
     let Ok(params) = Params::<f32>::new(&config) else { return };
     let mut node = Node::new(params, &config.neighbours);
     let start = Message::Ctrl { target: Target::All, command: Command::Start, arg: 0, at_tick: 0 };

@@ -1,5 +1,9 @@
 //! The node's own dynamics `f(t, x)`.
 
+mod prepared;
+
+pub use prepared::{Expression, Inputs, NoInputs, PreparedField};
+
 use crate::collect::collect;
 use crate::math::{Real, turns_from_radians};
 use heapless::Vec;
@@ -111,6 +115,16 @@ struct Phasor<F> {
 }
 
 impl<F: Real> Phasor<F> {
+    /// Prepares a sinusoid for tick period `tick` (s).
+    fn new(sine: &Sine<f32>, tick: f64) -> Self {
+        Self {
+            component: sine.component,
+            amplitude: F::from_f32(sine.amplitude),
+            start: turns_from_radians(sine.phase),
+            per_half_tick: turns_from_radians(sine.frequency * tick * 0.5),
+        }
+    }
+
     #[inline]
     fn at(&self, half_ticks: u64) -> F {
         let turns = self.start.wrapping_add(self.per_half_tick.wrapping_mul(half_ticks));
@@ -133,12 +147,7 @@ impl<F: Real> AffineSines<F> {
     /// Prepares a validated field for tick period `tick` (s). Its numbers are f32, as they travel, whatever `F` is.
     #[must_use]
     pub fn new(field: &Field<f32>, tick: f64) -> Self {
-        let phasors = field.sines.iter().map(|sine| Phasor {
-            component: sine.component,
-            amplitude: F::from_f32(sine.amplitude),
-            start: turns_from_radians(sine.phase),
-            per_half_tick: turns_from_radians(sine.frequency * tick * 0.5),
-        });
+        let phasors = field.sines.iter().map(|sine| Phasor::new(sine, tick));
         let mut offset = [F::ZERO; MAX_COMPONENTS];
         offset.iter_mut().zip(&field.offset).for_each(|(slot, &value)| *slot = F::from_f32(value));
         let (slope, matrix) = match field.slope.as_slice() {

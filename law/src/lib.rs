@@ -13,13 +13,15 @@ pub mod funnel;
 pub mod gain;
 pub mod law;
 pub mod math;
+pub mod program;
 pub mod range;
 pub mod root;
 pub mod start;
 
 pub use breach::Breach;
 pub use coupling::Coupling;
-pub use field::{AffineSines, Field, VectorField};
+pub use field::{AffineSines, Field, PreparedField, VectorField};
 pub use funnel::Funnel;
 pub use gain::{Gain, GainFunction};
 pub use math::Real;
+pub use program::Program;

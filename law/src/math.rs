@@ -44,6 +44,8 @@ pub trait Real:
     fn from_u32(x: u32) -> Self;
     /// From an integer, rounded.
     fn from_i32(x: i32) -> Self;
+    /// From an integer, rounded.
+    fn from_u64(x: u64) -> Self;
     /// To single precision, rounded.
     fn to_f32(self) -> f32;
     /// To double precision, exactly.
@@ -70,6 +72,16 @@ pub trait Real:
     fn pow(self, exponent: Self) -> Self;
     /// Sine of a phase counted in 2^-64 turns.
     fn sin_turns(turns: u64) -> Self;
+    /// Sine of an angle in radians.
+    fn sin(self) -> Self;
+    /// Cosine of an angle in radians.
+    fn cos(self) -> Self;
+    /// Tangent of an angle in radians.
+    fn tan(self) -> Self;
+    /// Natural logarithm.
+    fn ln(self) -> Self;
+    /// Hyperbolic tangent.
+    fn tanh(self) -> Self;
 }
 
 /// The larger of two; NaN where one of them is, so that what is compared with it does not hold ([`Real::max`] drops it).
@@ -89,7 +101,8 @@ pub fn larger<F: Real>(a: F, b: F) -> F {
 }
 
 macro_rules! real {
-    ($t:ident, $sqrt:path, $exp:path, $expm1:path, $log1p:path, $pow:path, $sin_turns:path) => {
+    ($t:ident, $sqrt:path, $exp:path, $expm1:path, $log1p:path, $pow:path, $sin_turns:path, $sin:path, $cos:path, $tan:path,
+        $ln:path, $tanh:path) => {
         impl Real for $t {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -113,6 +126,10 @@ macro_rules! real {
             }
             #[inline]
             fn from_i32(x: i32) -> Self {
+                x as Self
+            }
+            #[inline]
+            fn from_u64(x: u64) -> Self {
                 x as Self
             }
             #[inline]
@@ -167,12 +184,58 @@ macro_rules! real {
             fn sin_turns(turns: u64) -> Self {
                 $sin_turns(turns)
             }
+            #[inline]
+            fn sin(self) -> Self {
+                $sin(self)
+            }
+            #[inline]
+            fn cos(self) -> Self {
+                $cos(self)
+            }
+            #[inline]
+            fn tan(self) -> Self {
+                $tan(self)
+            }
+            #[inline]
+            fn ln(self) -> Self {
+                $ln(self)
+            }
+            #[inline]
+            fn tanh(self) -> Self {
+                $tanh(self)
+            }
         }
     };
 }
 
-real!(f32, libm::sqrtf, libm::expf, libm::expm1f, libm::log1pf, libm::powf, sin_turns_f32);
-real!(f64, libm::sqrt, libm::exp, libm::expm1, libm::log1p, libm::pow, sin_turns_f64);
+real!(
+    f32,
+    libm::sqrtf,
+    libm::expf,
+    libm::expm1f,
+    libm::log1pf,
+    libm::powf,
+    sin_turns_f32,
+    sin_f32,
+    cos_f32,
+    tan_f32,
+    libm::logf,
+    libm::tanhf
+);
+real!(
+    f64,
+    libm::sqrt,
+    libm::exp,
+    libm::expm1,
+    libm::log1p,
+    libm::pow,
+    sin_turns_f64,
+    libm::sin,
+    libm::cos,
+    libm::tan,
+    libm::log,
+    libm::tanh
+);
 
 /// Sine of an angle in radians, for continuous-time references.
 #[must_use]
@@ -263,15 +326,66 @@ fn sin_turns_f32(turns: u64) -> f32 {
     let quadrant = phase.wrapping_add(1 << 29) >> 30;
     // Signed distance to the centre of the quadrant, within an eighth of a turn.
     let angle = phase.wrapping_sub(quadrant << 30) as i32 as f32 * RADIANS;
-    let square = angle * angle;
-    let magnitude = if quadrant & 1 == 0 {
-        ((-1.951_529_6e-4 * square + 8.332_161e-3) * square - 1.666_665_5e-1) * square * angle + angle
-    } else {
-        ((2.443_315_7e-5 * square - 1.388_731_6e-3) * square + 4.166_664_6e-2) * square * square
-            - 0.5 * square
-            + 1.0
-    };
+    let magnitude = if quadrant & 1 == 0 { sin_near_zero(angle) } else { cos_near_zero(angle) };
     if quadrant & 2 == 0 { magnitude } else { -magnitude }
+}
+
+/// Within an eighth of a turn.
+fn sin_near_zero(angle: f32) -> f32 {
+    let square = angle * angle;
+    ((-1.951_529_6e-4 * square + 8.332_161e-3) * square - 1.666_665_5e-1) * square * angle + angle
+}
+
+/// Within an eighth of a turn.
+fn cos_near_zero(angle: f32) -> f32 {
+    let square = angle * angle;
+    ((2.443_315_7e-5 * square - 1.388_731_6e-3) * square + 4.166_664_6e-2) * square * square - 0.5 * square
+        + 1.0
+}
+
+/// A quarter of a turn.
+const QUARTER: u64 = 1 << 62;
+
+fn sin_f32(x: f32) -> f32 {
+    if x.abs() <= core::f32::consts::FRAC_PI_4 { sin_near_zero(x) } else { of_turns(x, 0) }
+}
+
+fn cos_f32(x: f32) -> f32 {
+    if x.abs() <= core::f32::consts::FRAC_PI_4 { cos_near_zero(x) } else { of_turns(x, QUARTER) }
+}
+
+fn tan_f32(x: f32) -> f32 {
+    sin_f32(x) / cos_f32(x)
+}
+
+/// Sine of an angle in radians and a phase; not a number where the angle is not finite.
+fn of_turns(x: f32, phase: u64) -> f32 {
+    if !x.is_finite() {
+        return f32::NAN;
+    }
+    sin_turns_f32(turns_of_f32(x).wrapping_add(phase))
+}
+
+/// An angle of an eighth of a turn or more as a phase in 2^-64 turns, modulo one turn, by integers and within 2^-40 turns: of `m 2^k / tau` the
+/// bits of `1 / tau` before the window make whole turns (M. H. Payne, R. N. Hanek, SIGNUM 18(1), 1983). `libm::sinf` does it in f64.
+fn turns_of_f32(x: f32) -> u64 {
+    /// `1 / tau`, 256 bits behind the point.
+    const INVERSE: [u64; 4] =
+        [0x28BE_60DB_9391_054A, 0x7F09_D5F4_7D4D_3770, 0x36D8_A566_4F10_E410, 0x7F94_58EA_F7AE_F158];
+    let bits = x.to_bits();
+    let mantissa = u64::from(bits & 0x007F_FFFF | 0x0080_0000);
+    let exponent = (bits >> 23 & 0xFF) as i32 - 150;
+    let window = match u32::try_from(exponent) {
+        Ok(by) => {
+            let word = |index: u32| INVERSE.get(index as usize).copied().unwrap_or(0);
+            let (first, shift) = (by / 64, by % 64);
+            // Two shifts, since one by 64 is none.
+            word(first) << shift | word(first + 1) >> 1 >> (63 - shift)
+        }
+        Err(_) => INVERSE[0] >> exponent.unsigned_abs().min(63),
+    };
+    let turns = mantissa.wrapping_mul(window);
+    if bits >> 31 == 0 { turns } else { turns.wrapping_neg() }
 }
 
 #[cfg(test)]
@@ -288,6 +402,28 @@ mod tests {
         }
         assert!(worst < 1.5 * f64::from(f32::EPSILON), "{worst:e}");
         assert!(worst > 0.0);
+    }
+
+    #[test]
+    fn sine_cosine_and_tangent_of_angles_are_those_of_f64() {
+        let (mut worst, mut worst_tan) = (0.0_f64, 0.0_f64);
+        // Every 997th f32 there is: small, ordinary, huge, both signs.
+        for bits in (0..=u32::MAX).step_by(997) {
+            let x = f32::from_bits(bits);
+            if !x.is_finite() {
+                assert!(sin_f32(x).is_nan() && cos_f32(x).is_nan() && tan_f32(x).is_nan());
+                continue;
+            }
+            let (sin, cos) = (libm::sin(x.into()), libm::cos(x.into()));
+            let off = (f64::from(sin_f32(x)) - sin).abs().max((f64::from(cos_f32(x)) - cos).abs());
+            worst = worst.max(off);
+            if cos.abs() > 0.1 {
+                worst_tan = worst_tan.max((f64::from(tan_f32(x)) - sin / cos).abs());
+            }
+        }
+        let ulp = f64::from(f32::EPSILON);
+        assert!(worst < 1.5 * ulp && worst_tan < 150.0 * ulp, "{worst:e} {worst_tan:e}");
+        assert!((sin_f32(1e-20) - 1e-20).abs() < 1e-27, "small angles keep their digits");
     }
 
     #[test]

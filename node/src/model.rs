@@ -1,8 +1,8 @@
 //! What a node is beside its configuration: its vector field, and what it has to know of its plant.
 
-use crate::params::{Params, affine_field};
+use crate::params::{Params, prepared_field};
 use crate::plant::PlantSetup;
-use funnelnet_law::field::{AffineSines, VectorField};
+use funnelnet_law::field::{PreparedField, VectorField};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
 
@@ -23,15 +23,15 @@ pub trait Model {
     }
 }
 
-/// The model that the configuration describes: an affine field with sinusoids, and no plant.
+/// The model that the configuration describes, an affine field with sinusoids or an expression, and no plant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Configured;
 
 impl Model for Configured {
-    type Field = AffineSines<f32>;
+    type Field = PreparedField<f32>;
 
     fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError> {
-        affine_field(config, tick)
+        prepared_field(config, tick)
     }
 }
 

@@ -75,7 +75,7 @@ use crate::plant::Plant;
 use clock::{Clock, Schedule};
 use funnel::FunnelRecord;
 use funnelnet_law::collect::collect;
-use funnelnet_law::field::{AffineSines, VectorField};
+use funnelnet_law::field::{PreparedField, VectorField};
 use funnelnet_law::gain::{Gain, GainFunction};
 use funnelnet_law::math::Real;
 use funnelnet_law::start::Pace;
@@ -105,7 +105,7 @@ pub enum Action {
 
 /// A node of the network.
 #[derive(Clone, Debug)]
-pub struct Node<F = f32, V = AffineSines<F>, G = Gain<F>> {
+pub struct Node<F = f32, V = PreparedField<F>, G = Gain<F>> {
     params: Params<F, V, G>,
     phase: Phase,
     step: Step,

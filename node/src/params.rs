@@ -3,25 +3,26 @@
 //! The ranges are wide enough for any bench and narrow enough that no product in the law can overflow an f32
 //! (`tests/law.rs` sweeps their corners).
 
-use crate::plant::PlantSetup;
+use crate::plant::{InputRange, PlantSetup};
 use funnelnet_law::collect::collect;
-use funnelnet_law::field::{AffineSines, State, Stride};
+use funnelnet_law::field::{AffineSines, Inputs, NoInputs, PreparedField, State, Stride, VectorField};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::{GROWN_AFTER, Guard, SampledFunnel, Widths};
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::node_wise::{Constants, NodeWise, THETA};
 use funnelnet_law::law::{EdgeWise, LambdaTracker, Law};
 use funnelnet_law::math::Real;
+use funnelnet_law::program::Part;
 use funnelnet_law::start::{PARTS, Pace, SlowStart};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, MAX_COMPONENTS, MAX_NEIGHBOURS,
+    Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, Limits, MAX_COMPONENTS, MAX_NEIGHBOURS,
     NodeConfig, Normalised, Shape, TickSource, Tuning,
 };
 use funnelnet_protocol::message::NodeId;
 
 pub use funnelnet_law::range::{
-    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, LONGEST_SLOW_START, SHORTEST_TICK_NS, SMALLEST,
-    WIDEST_GUARD,
+    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, LONGEST_SLOW_START,
+    SHORTEST_TICK_NS, SMALLEST, WIDEST_GUARD,
 };
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
@@ -29,7 +30,7 @@ pub use funnelnet_law::range::{
 /// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
 /// stack.
 #[derive(Clone, Debug)]
-pub struct Params<F, V = AffineSines<F>, G = Gain<F>> {
+pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     /// Own id.
     pub id: NodeId,
     /// Period of the law, ns: a round of one tick or more.
@@ -58,6 +59,8 @@ pub struct Params<F, V = AffineSines<F>, G = Gain<F>> {
     pub guard: Guard<F>,
     /// The largest `|u|`, state units / s.
     pub input_limit: F,
+    /// What an actuator can do, where that is said.
+    pub limits: Option<InputRange>,
     /// The largest change of an extrapolated neighbour in a round, state units.
     pub slope_limit: F,
     /// What rounding leaves of the funnel.
@@ -98,11 +101,39 @@ impl<F: Real> Params<F> {
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
     pub fn new(config: &NodeConfig) -> Result<Self, ConfigError> {
-        Self::with_field(config, |tick| affine_field(config, tick))
+        Self::with_field(config, |tick| prepared_field(config, tick))
     }
 }
 
-/// Validates the field of `config` and prepares it for tick period `tick` (s).
+/// Validates the field of `config`, of whatever kind, and prepares it for tick period `tick` (s).
+///
+/// # Errors
+/// The first value outside its range, by name, with what is allowed; a field that is not finite at the start.
+pub fn prepared_field<F: Real>(config: &NodeConfig, tick: f64) -> Result<PreparedField<F>, ConfigError> {
+    field_with_inputs(config, tick, 0, NoInputs)
+}
+
+/// The same for a simulation, where a program may name the first `count` of these inputs from outside.
+///
+/// # Errors
+/// As for [`prepared_field`].
+pub fn field_with_inputs<F: Real, I: Inputs<F>>(
+    config: &NodeConfig,
+    tick: f64,
+    count: usize,
+    inputs: I,
+) -> Result<PreparedField<F, I>, ConfigError> {
+    check_components(config)?;
+    let field = check_field(&config.field)?;
+    if !config.program.is_empty() {
+        check_program(config, count)?;
+    }
+    let prepared = PreparedField::with_inputs(field, &config.program, tick, inputs);
+    check_start(config, &prepared)?;
+    Ok(prepared)
+}
+
+/// The same where it is affine with sinusoids, whatever program there may be.
 ///
 /// # Errors
 /// The first value outside its range, by name, with what is allowed.
@@ -171,6 +202,7 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             funnel: SampledFunnel::new(&config.funnel, period, THETA),
             guard: Guard::grown_over(config.tuning.guard.into(), grown_after),
             input_limit: limit_or_none(config.tuning.input_limit, 1.0),
+            limits: check_limits(&config.limits)?,
             slope_limit: limit_or_none(config.tuning.slope_limit, period),
             floor: Floor::new(degree, period),
             on_breach: check_policy(&config.on_breach, &config.coupling, period)?,
@@ -343,6 +375,59 @@ fn check_field(field: &Field<f32>) -> Result<&Field<f32>, ConfigError> {
         check(ConfigField::SinePhase, index, sine.phase, -LARGEST_PHASE, LARGEST_PHASE)?;
     }
     Ok(field)
+}
+
+/// A program is the whole field: nothing else may be left in the configuration for it to be taken for.
+fn check_program(config: &NodeConfig, inputs: usize) -> Result<(), ConfigError> {
+    let field = &config.field;
+    check(ConfigField::Matrix, 0, field.slope.len() as f64, 1.0, 1.0)?;
+    for &slope in &field.slope {
+        check(ConfigField::Slope, 0, f64::from(slope), 0.0, 0.0)?;
+    }
+    for (index, &offset) in field.offset.iter().enumerate() {
+        check(ConfigField::Offset, index, f64::from(offset), 0.0, 0.0)?;
+    }
+    let checked = config.program.check(config.initial_state.len(), field.sines.len(), inputs);
+    checked.map_err(|bad| ConfigError::OutOfRange {
+        field: program_field(bad.part),
+        index: bad.at as u8,
+        found: bad.found,
+        low: bad.low,
+        high: bad.high,
+    })
+}
+
+/// The field that an error about a part of a program names.
+fn program_field(part: Part) -> ConfigField {
+    match part {
+        Part::Constant | Part::Value => ConfigField::ProgramConstant,
+        Part::State => ConfigField::ProgramState,
+        Part::Wave => ConfigField::ProgramWave,
+        Part::Input => ConfigField::ProgramInput,
+        Part::Stack => ConfigField::ProgramStack,
+        Part::Components => ConfigField::ProgramComponents,
+        _ => ConfigField::Operation,
+    }
+}
+
+/// A field that is not finite at the start would stop the node at its first tick.
+fn check_start<F: Real>(config: &NodeConfig, field: &impl VectorField<F>) -> Result<(), ConfigError> {
+    let start: State<F> = collect(config.initial_state.iter().map(|&x| F::from_f32(x)));
+    let largest = f64::from(f32::MAX);
+    (0..start.len()).try_for_each(|index| {
+        let found = field.component(0, &start, index).to_f64();
+        check(ConfigField::FieldAtStart, index, found, -largest, largest)
+    })
+}
+
+fn check_limits(limits: &Limits) -> Result<Option<InputRange>, ConfigError> {
+    if limits.is_none() {
+        return Ok(None);
+    }
+    let Limits { low, high } = *limits;
+    check(ConfigField::LimitLow, 0, low.into(), -LARGEST, 0.0)?;
+    check(ConfigField::LimitHigh, 0, high.into(), 0.0, LARGEST)?;
+    Ok(InputRange::new(low, high).ok())
 }
 
 fn check_gain<F: Real>(gain: &Gain<f32>) -> Result<Gain<F>, ConfigError> {

@@ -1,7 +1,7 @@
 //! A configuration that takes effect at a tick: staged, committed, adopted by nodes that run (protocol/README.md, "Commit").
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use funnelnet_law::AffineSines;
+use funnelnet_law::PreparedField;
 use funnelnet_node::{Configured, Event, InputRange, Model, Output, Phase, PlantSetup, Session, Task};
 use funnelnet_protocol::config::{
     Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource,
@@ -100,7 +100,7 @@ impl<M: Model> Board<M> {
     }
 
     fn ask(&mut self, request: &Request) -> Vec<Reply> {
-        let mut body = [0; 1360];
+        let mut body = [0; funnelnet_protocol::serial::MAX_BODY];
         let length = request.encode(&mut body).unwrap();
         let frame = Frame::Service { kind: request.kind(), source: 0, body: &body[..length] };
         self.session.on_frame(Ok(frame), 0);
@@ -630,7 +630,7 @@ fn the_commit_is_asked_for_right_after_the_tick_before() {
 struct Driven;
 
 impl Model for Driven {
-    type Field = AffineSines<f32>;
+    type Field = PreparedField<f32>;
 
     fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError> {
         Configured.field(config, tick)

@@ -534,7 +534,7 @@ fn a_field_that_gives_no_number_stops_the_node_safe_and_its_inputs_are_numbers()
         let driven = said.contains(&Output::Actuate);
         assert_eq!((driven, said.contains(&Output::Safe)), (tick == 0, tick == 1), "{said:?}");
     }
-    assert_eq!(node.node().unwrap().phase(), Phase::Faulted(FaultCode::STATE_LIMIT));
+    assert_eq!(node.node().unwrap().phase(), Phase::Faulted(FaultCode::FIELD));
     assert_eq!(node.node().unwrap().state().next(), Some(26.0));
 }
 

@@ -1,8 +1,8 @@
 //! A node's configuration, field by field, with defaults for what most nodes leave as it is.
 
 use crate::config::{
-    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS,
-    MAX_NEIGHBOURS, NodeConfig, Shape, TickSource, Tuning,
+    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, Limits, MAX_COMPONENTS,
+    MAX_NEIGHBOURS, NodeConfig, Program, Shape, Sine, TickSource, Tuning,
 };
 use funnelnet_law::range::LARGEST;
 use heapless::Vec;
@@ -87,6 +87,20 @@ impl NodeBuilder {
     /// Sets the node's own vector field.
     pub fn field(mut self, field: Field<f32>) -> Self {
         self.config.field = field;
+        self
+    }
+
+    /// Sets the node's own vector field to a program, which reads these sinusoids.
+    pub fn program(mut self, program: Program<f32>, waves: impl IntoIterator<Item = Sine<f32>>) -> Self {
+        self.config.field = Field::scalar(0.0, 0.0, waves);
+        self.config.field.offset.clear();
+        self.config.program = program;
+        self
+    }
+
+    /// Sets the limits of the input.
+    pub fn limits(mut self, limits: Limits) -> Self {
+        self.config.limits = limits;
         self
     }
 

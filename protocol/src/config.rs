@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub use funnelnet_law::field::{Field, MAX_COMPONENTS, MAX_MATRIX, MAX_SINES, Sine, State, scalar};
 pub use funnelnet_law::funnel::{Funnel, Normalised, Shape};
+pub use funnelnet_law::program::{MAX_CONSTANTS, MAX_OPERATIONS, Program};
 pub use funnelnet_law::{Breach, Coupling, Gain};
 
 /// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector states it is the
@@ -59,6 +60,23 @@ impl Tuning {
     }
 }
 
+/// What the actuator of a node can do, both zero where that is not said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// The lowest input, state units / s, zero or less.
+    pub low: f32,
+    /// The highest input, state units / s, zero or more.
+    pub high: f32,
+}
+
+impl Limits {
+    /// Whether nothing is said.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.low == 0.0 && self.high == 0.0
+    }
+}
+
 /// Everything that a node is told before it starts. Read by [`NodeConfig::read`], where it is to stay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeConfig {
@@ -94,6 +112,11 @@ pub struct NodeConfig {
     pub holdover_ns: u64,
     /// The law's own numbers.
     pub tuning: Tuning,
+    /// Own vector field where it is an expression: the whole of it, which reads the sinusoids of `field` by their index. Slope and offset are
+    /// zero then.
+    pub program: Program<f32>,
+    /// Limits of the input.
+    pub limits: Limits,
 }
 
 impl NodeConfig {
@@ -163,6 +186,16 @@ fields! {
     InputLimit = "coupling.u_max",
     SlopeLimit = "slope limit",
     SlowStart = "time.slow_start (ticks)",
+    Operation = "dynamics.f (operation)",
+    ProgramConstant = "dynamics.f (constant)",
+    ProgramState = "dynamics.f (component of the state)",
+    ProgramWave = "dynamics.f (sinusoid)",
+    ProgramInput = "dynamics.f (input from outside)",
+    ProgramStack = "dynamics.f (values on the stack)",
+    ProgramComponents = "dynamics.f (number of components)",
+    FieldAtStart = "dynamics.f at the start",
+    LimitLow = "limits.low",
+    LimitHigh = "limits.high",
 }
 
 /// Why a node refuses a configuration.

@@ -5,7 +5,9 @@
 
 use core::fmt;
 
-use crate::config::{Breach, Coupling, Field, Funnel, Gain, NodeConfig, Shape, TickSource, Tuning};
+use crate::config::{
+    Breach, Coupling, Field, Funnel, Gain, Limits, NodeConfig, Program, Shape, TickSource, Tuning,
+};
 use crate::refusal::Refusal;
 use heapless::Vec;
 use postcard::de_flavors::Flavor;
@@ -34,7 +36,16 @@ impl NodeConfig {
             telemetry_every: 0,
             lost_neighbours: 0,
             holdover_ns: 0,
-            tuning: Tuning { damping: 0.0, guard: 0.0, round: 0, input_limit: 0.0, slope_limit: 0.0, slow_start: 0 },
+            tuning: Tuning {
+                damping: 0.0,
+                guard: 0.0,
+                round: 0,
+                input_limit: 0.0,
+                slope_limit: 0.0,
+                slow_start: 0,
+            },
+            program: Program::none(),
+            limits: Limits { low: 0.0, high: 0.0 },
         }
     }
 
@@ -79,6 +90,8 @@ impl NodeConfig {
             lost_neighbours,
             holdover_ns,
             tuning: Tuning { damping, guard, round, input_limit, slope_limit, slow_start },
+            program: Program { code, constants },
+            limits: Limits { low, high },
         } = self;
         value(id, source)?;
         value(tick_ns, source)?;
@@ -102,7 +115,11 @@ impl NodeConfig {
         value(round, source)?;
         value(input_limit, source)?;
         value(slope_limit, source)?;
-        value(slow_start, source)
+        value(slow_start, source)?;
+        list(code, source)?;
+        list(constants, source)?;
+        value(low, source)?;
+        value(high, source)
     }
 }
 

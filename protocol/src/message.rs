@@ -164,6 +164,8 @@ impl FaultCode {
     pub const COMMIT: Self = Self(9);
     /// The law, or a field or gain of a user's own, has given an input that is not a finite number; the argument is its component.
     pub const INPUT: Self = Self(10);
+    /// The node's own field has given what is not a finite number; the argument is its component.
+    pub const FIELD: Self = Self(11);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -180,6 +182,7 @@ macro_rules! say {
             FaultCode::PLANT => $($write)::+!($f, "its sensor or actuator has failed"),
             FaultCode::COMMIT => $($write)::+!($f, "its storage has failed at a commit"),
             FaultCode::INPUT => $($write)::+!($f, "its input is not a finite number"),
+            FaultCode::FIELD => $($write)::+!($f, "its own field is not a finite number"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };

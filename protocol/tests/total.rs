@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_protocol::config::{
-    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX,
-    MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Shape, Sine, TickSource, Tuning,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, Limits, MAX_COMPONENTS, MAX_MATRIX,
+    MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Program, Shape, Sine, TickSource, Tuning,
 };
 use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnelnet_protocol::report::{Counters, Report};
@@ -15,7 +15,7 @@ use funnelnet_protocol::{Refusal, can};
 use proptest::prelude::*;
 
 /// `largest_config` of wire version 2, written down on 2026-11-28.
-const GOLDEN_CHECKSUM: u32 = 0xA6FB_0112;
+const GOLDEN_CHECKSUM: u32 = 0x5012_FDC3;
 
 fn largest_config() -> NodeConfig {
     let sine = Sine { component: 7, amplitude: 1.0, frequency: 2.0, phase: 3.0 };
@@ -43,7 +43,16 @@ fn largest_config() -> NodeConfig {
         telemetry_every: u32::MAX,
         lost_neighbours: u8::MAX,
         holdover_ns: u64::MAX,
-        tuning: Tuning { damping: 8.0, guard: 0.5, round: 100, input_limit: 1e9, slope_limit: 1e9, slow_start: 1_000 },
+        tuning: Tuning {
+            damping: 8.0,
+            guard: 0.5,
+            round: 100,
+            input_limit: 1e9,
+            slope_limit: 1e9,
+            slow_start: 1_000,
+        },
+        program: Program::none(),
+        limits: Limits { low: -1.0, high: 1.0 },
     }
 }
 
@@ -194,11 +203,19 @@ fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
         lost_neighbours: 0,
         holdover_ns: 0,
         tuning: Tuning::default(),
+        limits: Limits::default(),
         ..largest_config()
     };
     let mut body = [0; MAX_BODY];
     let mut room = largest_config();
-    for config in [small.clone(), largest_config(), small.clone()] {
+    let with_program = NodeConfig {
+        program: Program {
+            code: [0x20, 0x40, 0x06].into_iter().collect(),
+            constants: [3.0].into_iter().collect(),
+        },
+        ..small.clone()
+    };
+    for config in [small.clone(), largest_config(), with_program, small.clone()] {
         let length = Request::Stage(config.clone()).encode(&mut body).unwrap();
         for shorter in 0..length {
             assert_eq!(room.read(&body[..shorter]), Err(Refusal::Value), "{shorter} of {length}");
@@ -206,9 +223,9 @@ fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
         assert_eq!(room.read(&[&body[..length], &[0]].concat()), Err(Refusal::Length));
         assert_eq!((room.read(&body[..length]), &room), (Ok(()), &config));
     }
-    // As it was written before its last three fields, which are 0: of one byte, one byte and seventeen.
+    // As it was written before its last fields, which are 0 or empty: of one byte, one byte, seventeen and ten.
     let length = Request::Stage(small.clone()).encode(&mut body).unwrap();
-    for newer in [17, 19] {
+    for newer in [10, 27, 29] {
         assert_eq!((room.read_older(&body[..length - newer], newer), &room), (Ok(()), &small));
         for missing in [0, newer - 1, newer + 1] {
             let refused = room.read_older(&body[..length - newer], missing);

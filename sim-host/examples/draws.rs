@@ -31,8 +31,9 @@ fn options() -> RunOptions {
 fn draw(node: &mut NodeSpec, seed: u64) {
     let mut generator = stream(seed, Purpose::Graph, u64::from(node.id));
     let mut unit = || uniform(&mut generator);
-    node.dynamics.slope[0] = -1.0 + 0.6 * (unit() - 0.5);
-    for sine in node.dynamics.sines.iter_mut().skip(1) {
+    let Some(field) = node.dynamics.affine_mut() else { return };
+    field.slope[0] = -1.0 + 0.6 * (unit() - 0.5);
+    for sine in field.sines.iter_mut().skip(1) {
         sine.amplitude = 10.0 * unit();
         sine.phase = TAU * unit();
     }

@@ -10,7 +10,7 @@
 //!
 //! `r` is that of law (*), without a look back: that (**) is stable with a gain that is common to all has not been shown.
 
-use crate::engine::NodeEvent;
+use crate::engine::{NodeEvent, SimField};
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Graph;
@@ -38,7 +38,7 @@ pub struct Central {
 
 /// One node.
 struct Member {
-    params: Params<f32>,
+    params: Params<f32, SimField>,
     /// Index and weight of its neighbours.
     neighbours: Vec<(usize, f32)>,
     /// `theta c T d`, s.
@@ -67,8 +67,8 @@ struct Part {
 
 impl Central {
     /// Nodes that are ready to start, by index.
-    pub fn new(params: Vec<Params<f32>>, graph: &Graph, mut noise: Noise) -> Self {
-        let member = |(index, params): (usize, Params<f32>)| {
+    pub fn new(params: Vec<Params<f32, SimField>>, graph: &Graph, mut noise: Noise) -> Self {
+        let member = |(index, params): (usize, Params<f32, SimField>)| {
             let neighbours: Vec<_> =
                 graph.neighbours(index).into_iter().map(|(other, weight)| (other, weight as f32)).collect();
             let b = params.law.b();
@@ -288,14 +288,14 @@ impl Member {
 }
 
 /// The node's midpoint steps of a tick, for all components at once.
-fn midpoint(params: &Params<f32>, k: u32, parts: &mut [Part]) {
+fn midpoint(params: &Params<f32, SimField>, k: u32, parts: &mut [Part]) {
     let first = u64::from(k) * u64::from(params.round);
     for step in first..first + u64::from(params.round) {
         midpoint_step(params, step << 1, parts);
     }
 }
 
-fn midpoint_step(params: &Params<f32>, half_ticks: u64, parts: &mut [Part]) {
+fn midpoint_step(params: &Params<f32, SimField>, half_ticks: u64, parts: &mut [Part]) {
     let (field, tick) = (&params.field, params.tick);
     let now: State<f32> = parts.iter().map(|part| part.x).collect();
     let to_middle = |(index, part): (usize, &Part)| {
@@ -321,7 +321,8 @@ mod tests {
         let scenario = Scenario::load(path.as_ref(), &[]).unwrap();
         let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
         let configs = central_configs(&scenario, drive).unwrap();
-        let params = configs.iter().map(|config| Params::new(config).unwrap()).collect();
+        let params = configs.iter().zip(&scenario.nodes);
+        let params = params.map(|(config, spec)| crate::engine::params(config, spec).unwrap()).collect();
         let mut central = Central::new(params, &scenario.graph, Noise::of(&scenario));
         let before: Vec<_> = central.advance().iter().map(|seen| seen.x).collect();
         assert!(central.take_events().is_empty());

@@ -3,6 +3,7 @@
 //! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (LAW.md section 4), what the emergent
 //! dynamics predict, what the sampled law itself does in f64, and whether that is what the scenario expects.
 
+mod actuators;
 mod assumptions;
 mod bounds;
 mod bus;
@@ -165,6 +166,7 @@ pub fn check(scenario: &Scenario) -> Report {
         None => findings.extend([limits::speed(&subject), predictions::none_here(scenario)]),
     }
     findings.push(followed::finding(&subject));
+    findings.extend(actuators::finding(&subject));
     findings.extend(noise::finding(&subject));
     findings.extend(bus::findings(&subject));
     findings.extend(bounds::finding(&subject));

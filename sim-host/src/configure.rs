@@ -1,10 +1,11 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
 use crate::check::Bounds;
-use crate::scenario::{Affine, Coupling, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
+use crate::scenario::{Affine, Coupling, Dynamics, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
+use funnelnet_law::program::Operation;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
-    EdgeConfig, Field, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Sine, TickSource, Tuning,
+    EdgeConfig, Field, Limits, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Program, Sine, TickSource, Tuning,
 };
 use std::fmt;
 
@@ -35,6 +36,13 @@ pub enum Unfit {
     },
     /// The coupling is none that a node can compute from what its neighbours send.
     NotLocal,
+    /// An expression names an input from outside.
+    Input {
+        /// Id of the node.
+        node: u16,
+        /// Name of the input.
+        name: String,
+    },
 }
 
 impl fmt::Display for Unfit {
@@ -43,6 +51,11 @@ impl fmt::Display for Unfit {
             Self::TooMuch { node, what, limit } => {
                 write!(f, "node {node}: too many {what}; a node takes at most {limit}")
             }
+            Self::Input { node, name } => write!(
+                f,
+                "node {node}: its field names the input '{name}', which a real node does not know: inputs from files are for simulation \
+                 and reference; run it with --on loopback"
+            ),
             Self::NotLocal => f.write_str(
                 "weakly-centralised coupling cannot run on nodes: each would have to know the gains of all others within the \
                  same tick; run it with --on loopback",
@@ -70,6 +83,9 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
     };
     let config = |(index, node): (usize, &NodeSpec)| {
         let too_much = |what, limit| Unfit::TooMuch { node: node.id, what, limit };
+        if let Some(name) = named_input(&node.dynamics).filter(|_| !drive.is_simulated) {
+            return Err(Unfit::Input { node: node.id, name: name.to_owned() });
+        }
         let state = node.state.iter().map(|&x| x as f32);
         let neighbours = scenario.graph.edges.iter().filter_map(|edge| seen_from(index, edge, &edges));
         Ok(NodeConfig {
@@ -96,6 +112,11 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
                 slope_limit: bounds.slope.unwrap_or(0.0) as f32,
                 slow_start: time.start.ticks(),
             },
+            program: program(&node.dynamics),
+            limits: node.limits.map_or(Limits::default(), |limits| Limits {
+                low: limits.low as f32,
+                high: limits.high as f32,
+            }),
         })
     };
     scenario.nodes.iter().enumerate().map(config).collect()
@@ -155,9 +176,40 @@ fn collect<T, const N: usize>(items: impl Iterator<Item = T>) -> Option<heapless
     Some(collected)
 }
 
-/// The vector field as it travels; `None` where there is no room for it.
-fn field(field: &Affine) -> Option<Field<f32>> {
-    let sines = field.sines.iter().map(|sine| Sine {
+/// The first input from outside that an expression names.
+fn named_input(dynamics: &Dynamics) -> Option<&str> {
+    let expression = dynamics.expression()?;
+    let mut inputs = expression.program.operations().filter_map(|operation| match operation {
+        Operation::Input(index) => expression.inputs.get(usize::from(index)),
+        _ => None,
+    });
+    inputs.next().map(|series| series.name.as_str())
+}
+
+/// The program of an expression as it travels.
+fn program(dynamics: &Dynamics) -> Program<f32> {
+    match dynamics {
+        Dynamics::Affine(_) => Program::none(),
+        Dynamics::Expression(expression) => Program {
+            code: expression.program.code.clone(),
+            constants: expression.program.constants.iter().map(|&constant| constant as f32).collect(),
+        },
+    }
+}
+
+/// The vector field as it travels; `None` where there is no room for it. Beside a program it is its sinusoids and nothing more.
+fn field(dynamics: &Dynamics) -> Option<Field<f32>> {
+    match dynamics {
+        Dynamics::Affine(affine) => affine_field(affine, &affine.sines),
+        Dynamics::Expression(expression) => {
+            let offset = vec![0.0; expression.text.len()];
+            affine_field(&Affine { slope: vec![0.0], offset, sines: Vec::new() }, &expression.waves)
+        }
+    }
+}
+
+fn affine_field(field: &Affine, sines: &[crate::scenario::Sine]) -> Option<Field<f32>> {
+    let sines = sines.iter().map(|sine| Sine {
         component: sine.component,
         amplitude: sine.amplitude as f32,
         frequency: sine.frequency,

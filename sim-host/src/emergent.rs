@@ -97,7 +97,8 @@ impl<'a> EmergentTrajectory<'a> {
     /// vector states.
     pub fn contraction(&mut self) -> Option<f64> {
         let common = self.common()?;
-        Some(contraction(&self.agents.placed, common, self.agents.slopes()))
+        let &[xi] = self.walk.x.as_slice() else { return None };
+        Some(contraction(&self.agents.placed, common, self.agents.slopes(self.walk.t, xi)))
     }
 
     /// The field at the time of the last [`Self::advance`], with the agents left there (state units / s); `None` for vector states.

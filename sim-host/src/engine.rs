@@ -2,8 +2,10 @@
 //!
 //! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
 
+mod field;
 mod world;
 
+pub use field::{Outside, SimField, SimNode, params};
 pub use world::World;
 
 use crate::bus::Medium;
@@ -11,6 +13,7 @@ use crate::bus::ideal::{IdealBus, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Change;
+use funnelnet_law::field::VectorField;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Target, TickStamp};
@@ -36,12 +39,12 @@ const NOTHING: Observation<f32> =
     Observation { tick: u32::MAX, x: f32::NAN, nu: f32::NAN, psi: f32::NAN, ratio: f32::NAN, u: f32::NAN };
 
 /// Nodes on a bus, an ideal one if no other is said.
-pub struct Engine<M = IdealBus<CanFrame>> {
-    nodes: Vec<Node>,
+pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
+    nodes: Vec<Node<f32, V>>,
     bus: M,
     noise: Noise,
     /// Where events happen.
-    world: Option<World>,
+    world: Option<World<V>>,
     /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
     wakes: Vec<u64>,
     /// Node by node, and the components of each in order.
@@ -49,9 +52,9 @@ pub struct Engine<M = IdealBus<CanFrame>> {
     events: Vec<NodeEvent>,
 }
 
-impl<M: Medium> Engine<M> {
+impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
-    pub fn new(nodes: Vec<Node>, bus: M) -> Self {
+    pub fn new(nodes: Vec<Node<f32, V>>, bus: M) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
         let wakes = vec![NEVER; nodes.len()];
@@ -64,7 +67,7 @@ impl<M: Medium> Engine<M> {
     }
 
     /// With the events of a world.
-    pub fn with_world(mut self, world: World) -> Self {
+    pub fn with_world(mut self, world: World<V>) -> Self {
         self.bus.set_listeners(world.listeners());
         self.world = Some(world);
         let absent: Vec<usize> = (0..self.nodes.len()).filter(|&index| !self.is_on(index)).collect();
@@ -138,12 +141,12 @@ impl<M: Medium> Engine<M> {
 
     /// What the nodes report since they were last switched on, by index; `None` for one that is off.
     pub fn reports(&self) -> Vec<Option<Report>> {
-        let report = |(index, node): (usize, &Node)| self.is_on(index).then(|| node.report());
+        let report = |(index, node): (usize, &Node<f32, V>)| self.is_on(index).then(|| node.report());
         self.nodes.iter().enumerate().map(report).collect()
     }
 
     /// The nodes, by index.
-    pub fn nodes(&self) -> &[Node] {
+    pub fn nodes(&self) -> &[Node<f32, V>] {
         &self.nodes
     }
 
@@ -287,7 +290,12 @@ impl<M: Medium> Engine<M> {
 /// Hands a node what its link has heard, or counts that it could not be read.
 // Inlined because a decoded message never goes through memory then (`./ci.sh cost`).
 #[inline(always)]
-fn receive(nodes: &mut [Node], index: usize, heard: Result<Message, Refusal>, now: u64) {
+fn receive<V: VectorField<f32>>(
+    nodes: &mut [Node<f32, V>],
+    index: usize,
+    heard: Result<Message, Refusal>,
+    now: u64,
+) {
     let Some(node) = nodes.get_mut(index) else { return };
     match heard {
         // The node counts what it refuses; nothing else is to be done about it here.

@@ -1,7 +1,7 @@
 //! How a configuration is written, and how older firmware wrote it.
 //!
-//! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is a number, or
-//! a `bool`, that means "as before" at 0 and is nothing but zero bytes then. So an older configuration is read as if its missing bytes were zeros.
+//! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is a number, a `bool`
+//! or a list, that means "as before" at 0, or empty, and is nothing but zero bytes then. So an older configuration is read as if its missing bytes were zeros.
 
 use funnelnet_protocol::{NodeConfig, Refusal};
 
@@ -18,10 +18,12 @@ pub(crate) fn has_key(layout: u8) -> bool {
 fn missing(layout: u8) -> Option<usize> {
     /// Four f32, a u8, and a u16 that is a byte at zero.
     const TUNING: usize = 18;
+    /// Two lists without entries, and two f32.
+    const PROGRAM: usize = 10;
     match layout {
         // lost_neighbours, holdover_ns, one byte each at zero
-        1 => Some(2 + TUNING),
-        2 | 3 => Some(TUNING),
+        1 => Some(2 + TUNING + PROGRAM),
+        2 | 3 => Some(TUNING + PROGRAM),
         LAYOUT => Some(0),
         _ => None,
     }

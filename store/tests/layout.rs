@@ -4,11 +4,11 @@
 mod configs;
 mod flash;
 
-use configs::{longest, small};
+use configs::{longest, longest_program, small};
 use flash::{Flash, load, now};
 use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::Tuning;
+use funnelnet_protocol::config::{Limits, Program, Tuning};
 use funnelnet_protocol::service::Key;
 use funnelnet_store::layout::LAYOUT;
 use funnelnet_store::record::{Commit, checksum};
@@ -45,13 +45,23 @@ const CONFIG_4: &str = concat!(
     "0103c0843d0001000040400024744901000080bf010000003f0000000000803f0000803f01000020",
     "410002040000803f02050000803f0203020280cab5ee01",
     "0000b03fcdcc4c3d02000096430000c8410a",
+    "032040060100004040000000c00000a040",
 );
-const COMMIT_4: &str = "04050000007751ed14";
-const COMMIT_4_WITHOUT_KEY: &str = "0405000000ac7dd5ad";
+const COMMIT_4: &str = "0405000000d4e46cdd";
+const COMMIT_4_WITHOUT_KEY: &str = "0405000000d1e52a66";
 
 fn tuned() -> NodeConfig {
-    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0, slow_start: 10 };
-    NodeConfig { tuning, ..guarded() }
+    let tuning = Tuning {
+        damping: 1.375,
+        guard: 0.05,
+        round: 2,
+        input_limit: 300.0,
+        slope_limit: 25.0,
+        slow_start: 10,
+    };
+    let program =
+        Program { code: [0x20, 0x40, 0x06].into_iter().collect(), constants: [3.0].into_iter().collect() };
+    NodeConfig { tuning, program, limits: Limits { low: -2.0, high: 5.0 }, ..guarded() }
 }
 
 fn guarded() -> NodeConfig {
@@ -275,8 +285,11 @@ fn the_longest_fits() {
     let mut bytes = [0; 2048];
     let length = postcard::to_slice(&Some(longest(1)), &mut bytes).unwrap().len();
     assert!(length <= MAX_CONFIG && length + 32 > MAX_CONFIG, "{length} of {MAX_CONFIG}");
-    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
-    now(store.stage(Change::Config(&longest(1)))).unwrap();
-    now(store.commit(1)).unwrap();
-    assert_eq!(load_from(store.release()), Ok(Some(longest(1))));
+    for longest in [longest(1), longest_program(1)] {
+        assert!(postcard::to_slice(&Some(&longest), &mut bytes).unwrap().len() <= length);
+        let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+        now(store.stage(Change::Config(&longest))).unwrap();
+        now(store.commit(1)).unwrap();
+        assert_eq!(load_from(store.release()), Ok(Some(longest)));
+    }
 }

@@ -26,9 +26,10 @@ fn the_network_meets_the_demand_at_the_least_cost() {
     let scenario = scenario("economic-dispatch.toml", &[]);
     // lambda' = d - (lambda - b) / (2 a), and the price starts at b, where nothing is supplied.
     let generators = scenario.nodes.iter().map(|node| {
-        let a = -0.5 / node.dynamics.slope();
+        let field = node.dynamics.affine().unwrap();
+        let a = -0.5 / field.slope();
         let b = node.state[0];
-        Generator { a, b, demand: node.dynamics.offset() - b / (2.0 * a) }
+        Generator { a, b, demand: field.offset() - b / (2.0 * a) }
     });
     let generators: Vec<Generator> = generators.collect();
     let sum = |of: &dyn Fn(&Generator) -> f64| generators.iter().map(of).sum::<f64>();
@@ -43,4 +44,46 @@ fn the_network_meets_the_demand_at_the_least_cost() {
     let balance = supplies.iter().sum::<f64>() - demand;
     assert!((cost / least - 1.0).abs() < 1e-4, "cost {cost}, least {least}");
     assert!(balance.abs() < 1e-3, "supply less demand: {balance}");
+}
+
+/// `d - clamp((x - b)/(2 a), 0, most)` of a text.
+struct Limited {
+    demand: f64,
+    b: f64,
+    twice_a: f64,
+    most: f64,
+}
+
+impl Limited {
+    fn of(text: &str) -> Self {
+        let numbers =
+            text.split(|c: char| !(c.is_ascii_digit() || c == '.')).filter_map(|word| word.parse().ok());
+        let numbers: Vec<f64> = numbers.collect();
+        let [demand, b, twice_a, _, most] = numbers[..] else { panic!("{text}") };
+        Self { demand, b, twice_a, most }
+    }
+
+    fn supply(&self, price: f64) -> f64 {
+        ((price - self.b) / self.twice_a).clamp(0.0, self.most)
+    }
+}
+
+#[test]
+fn with_limits_the_network_finds_the_price_at_which_they_meet_the_demand() {
+    let scenario = scenario("dispatch-limits.toml", &[]);
+    let text = |node: &sim_host::scenario::NodeSpec| node.dynamics.expression().unwrap().text[0].clone();
+    let generators: Vec<_> = scenario.nodes.iter().map(|node| Limited::of(&text(node))).collect();
+    let missing = |price: f64| generators.iter().map(|g| g.demand - g.supply(price)).sum::<f64>();
+    // By bisection: what is supplied grows with the price.
+    let (mut low, mut high) = (0.0, 100.0);
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if missing(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    assert!((low - scenario.expect.final_value.unwrap().is).abs() < 1e-4, "{low}");
+    assert_eq!(generators.iter().filter(|g| g.supply(low) == g.most).count(), 6);
+    let prices = run(&scenario, Fidelity::Loopback).last;
+    let lacks: f64 = generators.iter().zip(&prices).map(|(g, &price)| g.demand - g.supply(price)).sum();
+    assert!(lacks.abs() < 1e-3, "{lacks}");
+    assert!(prices.iter().all(|price| (price - low).abs() < 1e-3), "{prices:?}, not {low}");
 }

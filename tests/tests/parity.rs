@@ -101,3 +101,32 @@ fn also_with_schedules_noise_and_breaches() {
     let stopped = emulator.counters.iter().filter(|counters| counters.ticks < 201).count();
     assert_eq!(stopped, 4, "{:?}", emulator.counters);
 }
+
+/// Every function and operator that an expression can have, and the example of the documentation.
+const FIELDS: [&str; 5] = [
+    "-x + 3*tanh(x) + 2*sin(0.5*t)",
+    "-2*x + sin(x) + cos(3*x) - tan(0.1*x) + exp(-abs(x)) + t/10",
+    "-x + ln(1 + x^2) + sqrt(abs(x) + 1) + abs(x)^0.7 + 2^(0.1*x)",
+    "-x + clamp(x, -1, 1) + min(x, 2) - max(x, -2) + sign(x - 1) + step(t - 1)",
+    "-3*x + 10*cos(7*t + 1) - x^3/100 + pow(1.1, -x) + sin(0.3*t*t)",
+];
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_fields_that_are_expressions() {
+    let fields =
+        FIELDS.iter().zip(1..).map(|(f, id)| format!("node.{id}.dynamics={{kind='expression',f='{f}'}}"));
+    let sets: Vec<_> = fields.chain(["time.duration=2s".to_owned()]).collect();
+    let scenario = scenario("five-agents.toml", &sets.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(scenario.time.ticks, 2_000);
+    assert_parity(&scenario);
+}
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_expressions_of_vectors_and_with_limits() {
+    assert_parity(&scenario("van-der-pol.toml", &["time.duration=300ms"]));
+    let narrow = ["time.duration=1500ms", "agent.limits={low=-0.3,high=0.2}"];
+    let emulator = assert_parity(&scenario("tank.toml", &narrow));
+    assert!(emulator.counters.iter().any(|counters| counters.saturated > 10), "{:?}", emulator.counters);
+}

@@ -50,7 +50,8 @@ fn node() -> impl Strategy<Value = NodeSpec> {
     (-3.0..3.0f64, field(), gain(), funnel).prop_map(|(state, dynamics, gain, funnel)| NodeSpec {
         id: 0,
         state: vec![state],
-        dynamics,
+        dynamics: dynamics.into(),
+        limits: None,
         gain,
         funnel,
         damping: 2.2,

@@ -1,6 +1,6 @@
 //! A plant whose sensor does not come back.
 
-use funnelnet_law::AffineSines;
+use funnelnet_law::PreparedField;
 use funnelnet_law::field::State;
 use funnelnet_node::{Configured, InputRange, Model, PlantSetup};
 use funnelnet_plant::Failure;
@@ -14,7 +14,7 @@ const SAMPLES: u32 = 5;
 pub struct Driven;
 
 impl Model for Driven {
-    type Field = AffineSines<f32>;
+    type Field = PreparedField<f32>;
 
     fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError> {
         Configured.field(config, tick)

@@ -68,13 +68,24 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Limits the inputs to what the actuator can do. The law goes on from these and not from what it had
-    /// asked for: otherwise `b u[k-1]` in (*) would wind up (LAW.md 6).
+    /// Limits the inputs to what the actuator can do, by the configuration and by the plant. The law goes on from
+    /// these and not from what it had asked for: otherwise `b u[k-1]` in (*) would wind up (LAW.md 6).
+    #[inline]
     pub(super) fn saturate(&mut self) {
-        let Some(plant) = &mut self.plant else { return };
+        if self.params.limits.is_some() || self.plant.is_some() {
+            self.apply_limits();
+        }
+    }
+
+    #[inline(never)]
+    fn apply_limits(&mut self) {
         let mut saturated = false;
         for (component, part) in self.parts.iter_mut().enumerate() {
-            let applied = plant.apply(component, part.u);
+            let possible = self.params.limits.map_or(part.u, |range| range.clamp(part.u));
+            let applied = match &mut self.plant {
+                Some(plant) => plant.apply(component, possible),
+                None => possible,
+            };
             if applied != part.u {
                 saturated = true;
                 self.neighbours.feed_back(component as u8, applied / part.u);
@@ -82,7 +93,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 part.u = applied;
             }
         }
-        self.step = Step::Tell;
+        if self.plant.is_some() {
+            self.step = Step::Tell;
+        }
         if saturated {
             count(&mut self.counters.saturated);
         }

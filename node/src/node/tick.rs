@@ -266,8 +266,18 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 self.outbox.send_edge();
             }
         } else {
-            self.parts.iter_mut().zip(&before).for_each(|(part, &before)| part.x = before);
-            self.fault(FaultCode::STATE_LIMIT);
+            self.refuse_states(&before);
+        }
+    }
+
+    /// Stops since a state is beyond its limit, or is no finite number any more, which only the own field can have made of it.
+    #[cold]
+    fn refuse_states(&mut self, before: &State<F>) {
+        let component = self.parts.iter().position(|part| !part.x.is_finite());
+        self.parts.iter_mut().zip(before).for_each(|(part, &before)| part.x = before);
+        match component {
+            Some(component) => self.fail(FaultCode::FIELD, component as u16),
+            None => self.fault(FaultCode::STATE_LIMIT),
         }
     }
 

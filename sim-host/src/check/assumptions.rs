@@ -5,7 +5,7 @@ use serde_json::json;
 use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, extremes, figure, largest, range};
-use crate::scenario::Gain;
+use crate::scenario::{Gain, NodeSpec};
 use funnelnet_node::params;
 
 /// Share of the largest eigenvalue below which `lambda2` is lost in the rounding of the spectrum.
@@ -49,8 +49,11 @@ fn graph(subject: &Subject<'_>) -> Finding {
 
 /// Assumptions 2 and 4: affine fields are globally Lipschitz, so nothing escapes in finite time.
 fn fields(subject: &Subject<'_>) -> Finding {
-    let constants = subject.scenario.nodes.iter().map(|node| node.dynamics.lipschitz());
-    let lipschitz = larger_of(constants);
+    let nodes = &subject.scenario.nodes;
+    let lipschitz = larger_of(nodes.iter().map(|node| node.dynamics.steepness()));
+    if let Some(node) = nodes.iter().find(|node| node.dynamics.affine().is_none()) {
+        return expressions(node, lipschitz);
+    }
     let mut text =
         format!("affine fields, Lipschitz with {}/s: no state escapes in finite time", figure(lipschitz));
     let Some(forecast) = &subject.forecast else {
@@ -68,6 +71,18 @@ fn fields(subject: &Subject<'_>) -> Finding {
         figure(params::LARGEST)
     );
     found.advise(Status::Note, advice)
+}
+
+/// Nothing is known of an expression but where it was looked at.
+fn expressions(node: &NodeSpec, steepest: f64) -> Finding {
+    let text = format!(
+        "node {} has an expression, of which no Lipschitz constant is known: a state may escape in finite time; the steepest slope \
+         found near the start is {}/s",
+        node.id,
+        figure(steepest)
+    );
+    Finding::new("fields", "Assumptions 2, 4", text, json!({ "steepest_found": steepest }))
+        .stands(Status::NotChecked)
 }
 
 /// Assumption 3, the funnels.
@@ -155,8 +170,8 @@ fn loose_median(subject: &Subject<'_>) -> Option<String> {
 fn regularity(subject: &Subject<'_>) -> Finding {
     let (nodes, end) = (&subject.scenario.nodes, subject.scenario.time.end_s());
     let lambda = larger_of(nodes.iter().map(|node| node.funnel.steepest_decay(end)));
-    let speed = |node: &crate::scenario::NodeSpec| {
-        node.dynamics.sines.iter().map(|sine| (sine.amplitude * sine.frequency).abs()).sum::<f64>()
+    let speed = |node: &NodeSpec| {
+        node.dynamics.sines().iter().map(|sine| (sine.amplitude * sine.frequency).abs()).sum::<f64>()
     };
     let theta = larger_of(nodes.iter().map(speed));
     let spread = subject.widths.spread;
@@ -168,6 +183,10 @@ fn regularity(subject: &Subject<'_>) -> Finding {
     );
     let values = json!({ "theta_f": theta, "lambda_psi": lambda, "r_psi": spread });
     let found = Finding::new("regularity", "Assumption 5", text, values);
+    if nodes.iter().any(|node| node.dynamics.affine().is_none()) {
+        let advice = "theta_f is that of the sines alone, and an expression may change faster by time";
+        return found.advise(Status::NotChecked, advice.to_owned());
+    }
     if !spread.is_finite() {
         let advice = "some funnels close while others stay open, so that only the nodes of the open ones shape the emergent \
                       dynamics; let all close at the same pace, as r_i psi(t)";
@@ -183,7 +202,7 @@ fn regularity(subject: &Subject<'_>) -> Finding {
 
 /// The contraction that the prediction by the emergent dynamics rests on, along the predicted `xi`.
 fn contraction(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
-    let (_, steepest) = extremes(subject.scenario.nodes.iter().map(|node| node.dynamics.slope()));
+    let steepest = forecast.steepest;
     let (slowest, mean, at) = (-forecast.slope_largest, -forecast.slope_mean, forecast.slope_largest_at);
     let values = json!({
         "largest_slope": steepest, "funnel_ratio_bound": subject.widths.spread,

@@ -70,6 +70,8 @@ pub(super) struct Forecast {
     pub resolution: Vec<f64>,
     /// By index.
     pub nodes: Vec<NodeSeen>,
+    /// The steepest `df_i / dx` along `xi` (1/s).
+    pub steepest: f64,
     /// `df_em / dxi` along `xi`: the largest, when (s), and the mean (1/s).
     pub slope_largest: f64,
     pub slope_largest_at: f64,
@@ -91,6 +93,7 @@ impl Forecast {
             largest_state: motion.largest_state,
             resolution: seen.resolution,
             nodes: seen.nodes,
+            steepest: seen.steepest,
             slope_largest: seen.slope_largest,
             slope_largest_at: seen.slope_largest_at,
             slope_mean: seen.slope_mean,

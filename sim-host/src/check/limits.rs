@@ -6,7 +6,7 @@ use super::forecast::Forecast;
 use super::shorter;
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
-use crate::scenario::{Affine, Sine, format_duration};
+use crate::scenario::{Dynamics, format_duration};
 use crate::{emergent, extremes, extremes::smaller};
 
 /// Part of the longest tick that is advised.
@@ -82,12 +82,6 @@ fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
     some.then(|| [tick * taken.sqrt().recip(), resolved, kicked].into_iter().fold(f64::INFINITY, smaller))
 }
 
-/// The fastest sine of a field, rad/s. One without amplitude drives nothing.
-fn fastest(field: &Affine) -> f64 {
-    let driving = field.sines.iter().filter(|sine| sine.amplitude != 0.0);
-    extremes::largest(0.0, driving.map(|sine: &Sine| sine.frequency.abs()))
-}
-
 /// The fields against the tick: the node advances its state by a midpoint step, so that it sees a sine once per tick.
 pub(super) fn speed(subject: &Subject<'_>) -> Finding {
     // In a round the field goes on tick by tick.
@@ -97,8 +91,8 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
         // The tick would have to fit into the round as well.
         _ => found,
     };
-    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.lipschitz()));
-    let (quick, angle) = largest(nodes.iter().map(|node| tick * fastest(&node.dynamics)));
+    let (steep, decay) = largest(nodes.iter().map(|node| tick * node.dynamics.steepness()));
+    let (quick, angle) = largest(nodes.iter().map(|node| tick * node.dynamics.fastest_sine()));
     let text = format!(
         "in one tick a field decays or grows by {} (node {}) and turns by {} rad (node {}) at most",
         about(decay),
@@ -138,10 +132,12 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
 }
 
 /// How fast a field decays or turns by itself, 1/s. That of a matrix is its norm: what turns fast makes the node's step grow as well.
-fn stiffness(field: &Affine) -> f64 {
-    match field.slope.len() {
-        1 => -field.slope(),
-        _ => field.lipschitz(),
+fn stiffness(field: &Dynamics) -> f64 {
+    match field.affine() {
+        Some(affine) if affine.slope.len() == 1 => -affine.slope(),
+        Some(affine) => affine.lipschitz(),
+        // Its steepest slope is not known to be one of the motion.
+        None => 0.0,
     }
 }
 

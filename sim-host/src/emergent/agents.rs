@@ -66,9 +66,9 @@ impl<'a> Agents<'a> {
         })
     }
 
-    /// The `df_i/dx`, by index (1/s).
-    pub(super) fn slopes(&self) -> impl Iterator<Item = f64> {
-        self.scenario.nodes.iter().map(|node| node.dynamics.slope())
+    /// The `df_i/dx` at time `t` (s) and the scalar state `xi`, by index (1/s).
+    pub(super) fn slopes(&self, t: f64, xi: f64) -> impl Iterator<Item = f64> {
+        self.scenario.nodes.iter().map(move |node| node.dynamics.slope(t, xi))
     }
 }
 

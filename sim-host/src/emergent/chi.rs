@@ -88,10 +88,10 @@ impl<'a> ChiTrajectory<'a> {
     fn field(&mut self, t: f64, [xi, chi]: Pair) -> Pair {
         self.agents.place(t, xi);
         let agents = &self.agents.placed;
-        let forcing = self.agents.scenario.nodes.iter().map(|node| node.dynamics.rate_of_forcing(t));
+        let forcing = self.agents.scenario.nodes.iter().map(|node| node.dynamics.rate(t, xi));
         let by_fields: f64 =
             partials_by_field(agents, chi).zip(forcing).map(|(weight, rate)| weight * rate).sum();
-        let by_state = contraction(agents, chi, self.agents.slopes()) * chi;
+        let by_state = contraction(agents, chi, self.agents.slopes(t, xi)) * chi;
         [chi, by_fields + by_state + partial_by_time(agents, chi, self.agents.psi_rates(t))]
     }
 }

@@ -16,10 +16,7 @@ const NEAR: f64 = 1e-6;
 
 /// The fastest slope (1/s) or frequency (rad/s) of all fields. A sine without amplitude forces nothing.
 pub(crate) fn fastest(scenario: &Scenario) -> f64 {
-    let rates = |node: &NodeSpec| {
-        let sines = node.dynamics.sines.iter().filter(|sine| sine.amplitude != 0.0);
-        largest(node.dynamics.lipschitz(), sines.map(|sine| sine.frequency.abs()))
-    };
+    let rates = |node: &NodeSpec| larger(node.dynamics.steepness(), node.dynamics.fastest_sine());
     largest(0.0, scenario.nodes.iter().map(rates))
 }
 

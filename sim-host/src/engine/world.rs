@@ -4,12 +4,14 @@
 //! SYNC, as a board does that joins a network. The engine gives it one at every tick, without loss or delay, and a partition does not
 //! cut it: it stands for a host, not for a neighbour.
 
+use super::field::SimField;
 use crate::scenario::{Change, Course};
+use funnelnet_law::field::VectorField;
 use funnelnet_node::Node;
 use std::collections::BTreeSet;
 
 /// Who is on and which links are cut, and what happens to them next.
-pub struct World {
+pub struct World<V = SimField> {
     /// Engine time (ns) and change, in the order of time.
     steps: Vec<(u64, Change)>,
     /// Index of the next one.
@@ -24,13 +26,13 @@ pub struct World {
     /// Neighbours of each node, by index.
     neighbours: Vec<Vec<usize>>,
     /// Each node as it is after power-on, with SYNC as its tick source.
-    fresh: Vec<Node>,
+    fresh: Vec<Node<f32, V>>,
 }
 
-impl World {
+impl<V: VectorField<f32> + Clone> World<V> {
     /// The world of a `course` of events over `neighbours`, by index. `fresh` are the nodes as they are after power-on.
     #[must_use]
-    pub fn new(course: &Course, tick_ns: u64, neighbours: Vec<Vec<usize>>, fresh: Vec<Node>) -> Self {
+    pub fn new(course: &Course, tick_ns: u64, neighbours: Vec<Vec<usize>>, fresh: Vec<Node<f32, V>>) -> Self {
         // Tick 0 comes a period after the start, when the announced states have arrived. What happens at the start comes before it.
         let engine_time = |at_ns: u64| if at_ns == 0 { 0 } else { at_ns.saturating_add(tick_ns) };
         Self {
@@ -107,7 +109,7 @@ impl World {
     }
 
     /// A node as it is after power-on.
-    pub(super) fn fresh(&self, node: usize) -> Option<Node> {
+    pub(super) fn fresh(&self, node: usize) -> Option<Node<f32, V>> {
         self.fresh.get(node).cloned()
     }
 }

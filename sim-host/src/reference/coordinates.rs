@@ -150,7 +150,7 @@ impl<'a> System<'a> {
         let mut push = vec![0.0; nodes];
         self.network.deviations(&nu, &mut push);
         for i in 0..nodes {
-            push[i] = problem.fields[i].slope() * (push[i] + v[0]) + v[i + 1];
+            push[i] = problem.fields[i].slope(t, p.x[i]) * (push[i] + v[0]) + v[i + 1];
         }
         out[0] = push.iter().sum::<f64>() / nodes as f64;
         let sigma = nu.iter().sum::<f64>() / p.psi.iter().sum::<f64>();

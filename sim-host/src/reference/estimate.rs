@@ -136,7 +136,7 @@ fn distance<'a>(rows: impl Iterator<Item = (f64, &'a [f64], &'a [f64])>, smalles
 mod tests {
     use super::super::examples::{five_agents, narrow_path, path, ring};
     use super::*;
-    use crate::scenario::Affine;
+    use crate::scenario::{Affine, Dynamics};
     use funnelnet_law::Gain;
     use funnelnet_law::funnel::{Funnel, Shape};
     use funnelnet_law::math;
@@ -152,7 +152,7 @@ mod tests {
 
     /// Three nodes of one unstable field with a sine, all at one state: they stay together, and that state is known in closed form.
     fn unstable(slope: f64, offset: f64, x0: f64) -> ReferenceProblem {
-        let field = Affine::scalar(slope, offset, Vec::new());
+        let field = Dynamics::from(Affine::scalar(slope, offset, Vec::new()));
         ReferenceProblem {
             x0: vec![x0; 3],
             edges: path(3),
@@ -175,7 +175,10 @@ mod tests {
         let (a, b) = (-slope / size, -frequency / size);
         let mut problem = unstable(slope, 0.0, b);
         let sine = crate::scenario::Sine { component: 0, amplitude: 1.0, frequency, phase: 0.0 };
-        problem.fields.iter_mut().for_each(|field| field.sines.push(sine));
+        for field in &mut problem.fields {
+            let Dynamics::Affine(field) = field else { unreachable!() };
+            field.sines.push(sine);
+        }
         (problem, move |t: f64| a * math::sin(frequency * t) + b * math::cos(frequency * t))
     }
 

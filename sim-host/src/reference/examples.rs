@@ -35,7 +35,7 @@ pub(crate) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
             sine(10.0 * slow[i].0, 0.1, slow[i].1),
             sine(10.0 * fast[i].0, 10.0, fast[i].1),
         ];
-        Affine::scalar(-1.0 + delta[i], 0.0, sines)
+        Affine::scalar(-1.0 + delta[i], 0.0, sines).into()
     };
     ReferenceProblem {
         x0: vec![3.5, -2.0, 6.1, 0.4, -4.7],
@@ -52,7 +52,7 @@ pub(crate) fn five_agents(edges: Edges, end: f64) -> ReferenceProblem {
 /// `x_i' = f_i* - x_i + u_i` on a path of 11, `f_i*` over three decades, `psi = 1200 e^-t`.
 pub(crate) fn narrow_path() -> ReferenceProblem {
     let targets = [0.56, -3.1, 560.0, 12.0, -44.0, 1.9, 230.0, -8.7, 75.0, 0.9, -310.0];
-    let field = |offset: &f64| Affine::scalar(-1.0, *offset, Vec::new());
+    let field = |offset: &f64| Affine::scalar(-1.0, *offset, Vec::new()).into();
     ReferenceProblem {
         x0: targets.iter().map(|f| 0.1 * f).collect(),
         edges: path(11),

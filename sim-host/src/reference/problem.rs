@@ -1,7 +1,7 @@
 //! What the reference solves: the closed loop in SI units and `f64`, free of any file format.
 
 use super::error::ReferenceError;
-use crate::scenario::Affine;
+use crate::scenario::Dynamics;
 use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::gain::{Gain, GainFunction};
 
@@ -16,7 +16,7 @@ pub struct ReferenceProblem {
     /// Undirected edges `(i, j, alpha_ij)`, each once, `alpha_ij > 0`; repeated pairs add up.
     pub edges: Vec<(usize, usize, f64)>,
     /// The nodes' own vector fields `f_i`.
-    pub fields: Vec<Affine>,
+    pub fields: Vec<Dynamics>,
     /// The gains `mu_i`.
     pub gains: Vec<Gain<f64>>,
     /// The performance funnels `psi_i`.
@@ -113,9 +113,11 @@ impl ReferenceProblem {
 }
 
 /// The numbers of a field.
-fn numbers_of(field: &Affine) -> impl Iterator<Item = f64> + '_ {
-    let waves = field.sines.iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);
-    field.slope.iter().chain(&field.offset).copied().chain(waves)
+fn numbers_of(field: &Dynamics) -> impl Iterator<Item = f64> + '_ {
+    let waves = field.sines().iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);
+    let of_affine = field.affine().into_iter().flat_map(|field| field.slope.iter().chain(&field.offset));
+    let of_expression = field.expression().into_iter().flat_map(|field| &field.program.constants);
+    of_affine.chain(of_expression).copied().chain(waves)
 }
 
 fn require(what: &'static str, node: usize, value: f64, holds: bool) -> Result<(), ReferenceError> {

@@ -121,7 +121,11 @@ fn an_asymptotic_funnel_is_resolved_to_its_end() {
     assert!(distance(&solution.x, &at_tolerance(&problem, 30.0, 3000, 1e-11).x) < 2e-8 * 300.0);
     // The emergent dynamics' equilibrium: equal funnels, so sum_i (xi - f_i*) / (1 + |xi - f_i*|) = 0.
     let sum = |xi: f64| -> f64 {
-        problem.fields.iter().map(|f| Gain::Reciprocal { scale: 1.0 }.inverse(xi - f.offset())).sum()
+        problem
+            .fields
+            .iter()
+            .map(|f| Gain::Reciprocal { scale: 1.0 }.inverse(xi - f.affine().unwrap().offset()))
+            .sum()
     };
     let (mut low, mut high) = (-560.0, 560.0);
     for _ in 0..80 {
@@ -177,7 +181,7 @@ fn a_lone_node_follows_its_own_field() {
     let problem = ReferenceProblem {
         x0: vec![1.0],
         edges: Vec::new(),
-        fields: vec![Affine::scalar(-1.0, 3.0, Vec::new())],
+        fields: vec![Affine::scalar(-1.0, 3.0, Vec::new()).into()],
         gains: vec![Gain::Reciprocal { scale: 1.0 }],
         funnels: vec![Funnel { factor: 1.0, shape: Shape::Constant { width: 1.0 } }],
     };
@@ -248,6 +252,7 @@ fn cost_by_size() {
         };
         problem.edges.extend((0..nodes).map(|i| (i, (i + 4) % nodes, 1.0)));
         for (i, field) in problem.fields.iter_mut().enumerate() {
+            let field = field.affine_mut().unwrap();
             field.sines[1].phase += i as f64;
             field.sines[2].phase += 1.7 * i as f64;
         }

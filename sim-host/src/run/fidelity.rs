@@ -13,12 +13,12 @@ use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
-use crate::engine::{Engine, World};
+use crate::engine::{self, Engine, SimField, SimNode, World};
 use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::record::{BusSummary, BusTable, BusTables};
-use crate::scenario::{BusModel, Coupling, Scenario};
+use crate::scenario::{BusModel, Coupling, NodeSpec, Scenario};
 use funnelnet_can_bus::{BitErrors, BitRate, Timing};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
@@ -132,14 +132,19 @@ pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
         return Ok(engine);
     }
     let fresh = nodes(scenario, JOINING)?;
-    let world = World::new(&scenario.course().on_clock(&scenario.time), scenario.time.tick_ns, listeners(scenario), fresh);
+    let world = World::new(
+        &scenario.course().on_clock(&scenario.time),
+        scenario.time.tick_ns,
+        listeners(scenario),
+        fresh,
+    );
     Ok(engine.with_world(world))
 }
 
 /// The nodes of a scenario, configured.
-fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<Node>, RunError> {
+fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<SimNode>, RunError> {
     let configs = node_configs(scenario, drive).map_err(RunError::bad_input)?;
-    let params = accepted(&configs)?.into_iter();
+    let params = accepted(&configs, scenario)?.into_iter();
     Ok(params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
 }
 
@@ -166,18 +171,18 @@ pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
 }
 
 /// Parameters that the nodes make of their configurations.
-fn accepted(configs: &[NodeConfig]) -> Result<Vec<Params<f32>>, RunError> {
-    let params = |config: &NodeConfig| {
-        Params::new(config).map_err(|error| {
+fn accepted(configs: &[NodeConfig], scenario: &Scenario) -> Result<Vec<Params<f32, SimField>>, RunError> {
+    let params = |(config, spec): (&NodeConfig, &NodeSpec)| {
+        engine::params(config, spec).map_err(|error| {
             RunError::bad_input(format!("node {} refused its configuration: {error}", config.id))
         })
     };
-    configs.iter().map(params).collect()
+    configs.iter().zip(&scenario.nodes).map(params).collect()
 }
 
 /// Weakly-centralised coupling, in one loop over all nodes and without a bus.
 fn central(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
-    let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?)?;
+    let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?, scenario)?;
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
     let record = drive("loopback", scenario, options, &mut central, rows, |_, _| Ok(()))?;
     let reports = central.reports().into_iter().map(Some).collect();

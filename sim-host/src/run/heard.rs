@@ -2,9 +2,10 @@
 
 use crate::bus::Medium;
 use crate::engine::Engine;
+use crate::engine::SimNode;
 use crate::scenario::Scenario;
+use funnelnet_node::Phase;
 use funnelnet_node::neighbour::Presence;
-use funnelnet_node::{Node, Phase};
 use funnelnet_protocol::NodeId;
 
 /// Ids of nodes that no neighbour has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes
@@ -16,7 +17,7 @@ pub(super) fn unheard_and_silent<M: Medium>(scenario: &Scenario, engine: &Engine
         let id = node.id();
         let neighbours = scenario.graph.neighbours(index);
         let joined = neighbours.iter().filter(|&&(other, _)| engine.are_joined(index, other));
-        let listeners: Vec<&Node> = joined.filter_map(|&(other, _)| engine.nodes().get(other)).collect();
+        let listeners: Vec<&SimNode> = joined.filter_map(|&(other, _)| engine.nodes().get(other)).collect();
         if listeners.is_empty() {
             continue;
         }
@@ -32,6 +33,6 @@ pub(super) fn unheard_and_silent<M: Medium>(scenario: &Scenario, engine: &Engine
     (unheard, silent)
 }
 
-fn has_heard(listener: &Node, id: NodeId) -> bool {
+fn has_heard(listener: &SimNode, id: NodeId) -> bool {
     listener.neighbour_was_heard(id) == Some(true)
 }

@@ -7,6 +7,7 @@ use super::rows::Rows;
 use crate::emergent::Predictor;
 use crate::exit::Exit;
 use crate::extremes::{larger, largest};
+use crate::figure::figure;
 use crate::judge::{Judge, Moment};
 use crate::presence::Presence;
 use crate::progress::Progress;
@@ -29,6 +30,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Resu
         Err(ReferenceError::Cancelled { partial, .. }) if !partial.times.is_empty() => *partial,
         other => other.map_err(explained)?,
     };
+    within_limits(scenario, &solution)?;
     // Before the end where the user has stopped it.
     let end = solution.times.len().checked_sub(1).and_then(|last| wanted.get(last)).copied().unwrap_or(ticks);
     let (mut predictor, mut judge) = (Predictor::new(scenario), Judge::new(scenario));
@@ -73,7 +75,30 @@ pub fn where_expected(
         return Ok(None);
     }
     let wanted: Vec<u64> = (0..=scenario.time.ticks).collect();
-    solve(scenario, &problem(scenario)?, options, &wanted).map(Some).map_err(explained)
+    let solution = solve(scenario, &problem(scenario)?, options, &wanted).map_err(explained)?;
+    within_limits(scenario, &solution).map(|()| Some(solution))
+}
+
+/// The reference knows no limits of inputs: it is one of a run that never reaches them.
+fn within_limits(scenario: &Scenario, solution: &ReferenceSolution) -> Result<(), RunError> {
+    let rows = solution.times.iter().zip(solution.u.chunks_exact(solution.nodes.max(1)));
+    for (t, inputs) in rows {
+        for (node, &u) in scenario.nodes.iter().zip(inputs) {
+            let Some(limits) = node.limits.filter(|limits| u < limits.low || u > limits.high) else {
+                continue;
+            };
+            return Err(RunError::bad_input(format!(
+                "there is no reference for a scenario whose inputs reach their limits: without them node {} has an input of {} at t = {} s, \
+                 where its actuator can do {} to {}; run it with --on loopback, without reference_error among its expectations",
+                node.id,
+                figure(u, 4),
+                figure(*t, 4),
+                limits.low,
+                limits.high
+            )));
+        }
+    }
+    Ok(())
 }
 
 fn solve(

@@ -4,6 +4,7 @@
 //! keys of one kind mean nothing to another.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use funnelnet_node::params;
 use funnelnet_protocol::config::MAX_SINES;
@@ -13,9 +14,13 @@ use super::affine::Affine;
 use super::components::Components;
 use super::coupling::{Defaults, read_funnel, read_gain};
 use super::diagnostic::{Diagnostic, Problem};
-use super::model::NodeSpec;
-use super::reader::{Log, Range, Section, integer, later, number, ready};
+use super::dynamics::Dynamics;
+use super::expression::{Expression, ExpressionError};
+use super::inputs::{self, Files, Series};
+use super::model::{InputLimits, NodeSpec};
+use super::reader::{Log, Range, Section, integer, number, ready};
 use super::tree::{Item, Place, Value};
+use crate::extremes::largest;
 use funnelnet_law::law::node_wise::C;
 use funnelnet_law::{Coupling, Gain};
 
@@ -34,6 +39,8 @@ struct Given<'a> {
     funnel: Option<&'a Item>,
     noise: Option<&'a Item>,
     damping: Option<&'a Item>,
+    inputs: Option<&'a Item>,
+    limits: Option<&'a Item>,
 }
 
 /// What all nodes have in common.
@@ -42,7 +49,16 @@ struct Common<'a> {
     coupling: Coupling<f64>,
     components: Components,
     root: &'a Place,
+    outside: Outside<'a>,
     log: &'a Log,
+}
+
+/// What expressions need to know of what is not in them.
+#[derive(Clone, Copy)]
+struct Outside<'a> {
+    files: &'a Files,
+    /// The end of the run, s.
+    end: f64,
 }
 
 /// The nodes and their states.
@@ -58,7 +74,13 @@ pub(super) struct Agents<'a> {
 }
 
 /// What `[agent]` and `[[node]]` say.
-pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Defaults<'a>, count: u64) -> Agents<'a> {
+pub(super) fn read<'a>(
+    root: &mut Section<'a>,
+    coupling: &Defaults<'a>,
+    count: u64,
+    files: &Files,
+    end: f64,
+) -> Agents<'a> {
     let log = root.log();
     let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
     let (defaults, unit) = read_agent(root, coupling, &components);
@@ -70,7 +92,8 @@ pub(super) fn read<'a>(root: &mut Section<'a>, coupling: &Defaults<'a>, count: u
         let problem = Problem::MissingKey { section: "[agent]".to_owned() };
         log.report(root.place().diagnostic(problem, "agent.dynamics", allowed));
     }
-    let common = Common { defaults, coupling: coupling.kind, components, root: root.place(), log };
+    let outside = Outside { files, end };
+    let common = Common { defaults, coupling: coupling.kind, components, root: root.place(), outside, log };
     let node = |id| read_node(id, &common, overrides.get(&u64::from(id)));
     let (nodes, places) = (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip();
     let written = |id| overrides.get(&id).and_then(|given: &Given<'a>| given.damping).or(coupling.damping);
@@ -91,10 +114,13 @@ fn read_agent<'a>(
         given.state = agent.take("state");
         given.dynamics = agent.take("dynamics");
         given.noise = agent.take("noise");
+        given.inputs = agent.take("inputs");
+        given.limits = agent.take("limits");
         unit = agent.value("unit", None, |item| read_unit(item).map(Some));
         agent.finish();
         given.state.and_then(|item| read_state(item, components, log));
-        given.dynamics.and_then(|item| read_dynamics(item, components, log));
+        let affine = given.dynamics.filter(|item| item.get("f").is_none());
+        affine.and_then(|item| read_dynamics(item, components, &[].into(), log));
         given.noise.and_then(|item| read_noise(item, log));
     }
     (given, unit)
@@ -127,6 +153,8 @@ fn read_overrides<'a>(
             funnel: section.take("funnel"),
             noise: section.take("noise"),
             damping: section.take("damping"),
+            inputs: section.take("inputs"),
+            limits: section.take("limits"),
         };
         section.finish();
         if coupling == Coupling::EdgeWise {
@@ -154,7 +182,7 @@ fn one_sided(item: &Item) -> Box<Diagnostic> {
 }
 
 fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<(NodeSpec, Place)> {
-    let Common { defaults, coupling, components, root, log } = common;
+    let Common { defaults, coupling, components, root, outside, log } = common;
     let given = given.copied().unwrap_or_default();
     let state = given.state.or(defaults.state);
     let dynamics = merged(defaults.dynamics, given.dynamics);
@@ -162,10 +190,21 @@ fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<
     let funnel = merged(defaults.funnel, given.funnel);
     let place = state.map(|item| &item.place).or(funnel.as_ref().map(|item| &item.place));
     let place = place.unwrap_or(root).clone();
+    let inputs = merged(defaults.inputs, given.inputs);
+    let inputs = inputs.map_or(Some([].into()), |item| read_inputs(&item, *outside, log));
+    let state = state.map_or(Some(vec![0.0; components.count]), |item| read_state(item, components, log))?;
+    let (dynamics, limits) = (dynamics?, given.limits.or(defaults.limits));
     let node = NodeSpec {
         id,
-        state: state.map_or(Some(vec![0.0; components.count]), |item| read_state(item, components, log))?,
-        dynamics: read_dynamics(&dynamics?, components, log)?,
+        dynamics: begun(
+            &dynamics,
+            read_dynamics(&dynamics, components, &inputs?, log)?,
+            &state,
+            *outside,
+            log,
+        )?,
+        limits: limits.map_or(Some(None), |item| read_limits(item, log).map(Some))?,
+        state,
         gain: match gain {
             // Nothing uses it.
             None if *coupling == Coupling::None => Gain::default(),
@@ -201,9 +240,43 @@ fn read_noise(item: &Item, log: &Log) -> Option<f64> {
     number(item, NOISE).map_err(|diagnostic| log.report(diagnostic)).ok()
 }
 
-fn read_dynamics(item: &Item, components: &Components, log: &Log) -> Option<Affine> {
+fn read_inputs(item: &Item, outside: Outside<'_>, log: &Log) -> Option<Arc<[Series]>> {
+    let inputs = inputs::read(item, outside.files, log)?;
+    match inputs::cover(&inputs, outside.end) {
+        Ok(()) => Some(inputs),
+        Err(why) => {
+            log.report(item.diagnostic(Problem::Value, why));
+            None
+        }
+    }
+}
+
+/// What an actuator can do. No input at all must be possible: that is what the law gives where all agree.
+fn read_limits(item: &Item, log: &Log) -> Option<InputLimits> {
     let mut section = Section::open(item, log)?;
-    section.choice("kind", &[ready("affine", ()), later("expression", ())], None)?;
+    let low = section.number("low", None, INPUT);
+    let high = section.number("high", None, INPUT);
+    section.finish();
+    if low <= 0.0 && high >= 0.0 && low < high {
+        return Some(InputLimits { low, high });
+    }
+    if low.is_finite() && high.is_finite() {
+        log.report(item.diagnostic(Problem::Value, "must have low <= 0 <= high and low < high"));
+    }
+    None
+}
+
+fn read_dynamics(
+    item: &Item,
+    components: &Components,
+    inputs: &Arc<[Series]>,
+    log: &Log,
+) -> Option<Dynamics> {
+    let mut section = Section::open(item, log)?;
+    let is_expression = section.choice("kind", &[ready("affine", false), ready("expression", true)], None)?;
+    if is_expression {
+        return read_expression(section, components, inputs, log).map(Dynamics::Expression);
+    }
     let slope = Range::any("1/s").up_to(params::LARGEST_RATE);
     let affine = Affine {
         slope: section.value("slope", vec![0.0], |item| components.matrix(item, slope)),
@@ -211,7 +284,60 @@ fn read_dynamics(item: &Item, components: &Components, log: &Log) -> Option<Affi
         sines: read_sines(&mut section, components),
     };
     section.finish();
-    Some(affine)
+    Some(Dynamics::Affine(affine))
+}
+
+fn read_expression(
+    mut section: Section<'_>,
+    components: &Components,
+    inputs: &Arc<[Series]>,
+    log: &Log,
+) -> Option<Expression> {
+    let item = section
+        .need("f", "must be an expression, as \"-x + sin(t)\", or an array of them, one per component");
+    section.finish();
+    let texts = components.texts(item?).map_err(|diagnostic| log.report(diagnostic)).ok()?;
+    let words: Vec<_> = texts.iter().map(|(_, text)| *text).collect();
+    let mistake = |(index, error): (usize, ExpressionError)| log.report(misread(texts[index].0, &error));
+    Expression::new(&words, inputs.clone()).map_err(mistake).ok()
+}
+
+/// A mistake in an expression, where in the file its text is written as it is, else where that begins.
+fn misread(item: &Item, error: &ExpressionError) -> Box<Diagnostic> {
+    let mut diagnostic =
+        item.diagnostic(Problem::Value, format!("in column {} of it, {}", error.column, error.message));
+    let is_plain =
+        !item.raw.contains('\\') && !item.raw.starts_with("\"\"\"") && !item.raw.starts_with("'''");
+    if item.place.line > 0 && is_plain {
+        diagnostic.column += error.column;
+    }
+    diagnostic
+}
+
+/// The field, once it is known to be finite where its node starts: a node would refuse it. Its steepest slope is looked for where nodes may
+/// come to.
+fn begun(
+    item: &Item,
+    dynamics: Dynamics,
+    state: &[f64],
+    outside: Outside<'_>,
+    log: &Log,
+) -> Option<Dynamics> {
+    /// Sizes of the start.
+    const AROUND: f64 = 4.0;
+    let Dynamics::Expression(expression) = dynamics else { return Some(dynamics) };
+    let at_start = |index: &usize| expression.component(*index, 0.0, state);
+    if let Some(index) = (0..state.len()).find(|index| !(at_start(index) as f32).is_finite()) {
+        let allowed = format!(
+            "must be finite at the start: component {} is {} at t = 0, x = {state:?}",
+            index + 1,
+            at_start(&index)
+        );
+        log.report(item.get("f").unwrap_or(item).diagnostic(Problem::Value, allowed));
+        return None;
+    }
+    let size = AROUND * largest(1.0, state.iter().map(|x| x.abs()));
+    Some(Dynamics::Expression(expression.explored(size, outside.end)))
 }
 
 fn read_sines(dynamics: &mut Section<'_>, components: &Components) -> Vec<Sine> {

@@ -23,6 +23,7 @@ impl Components {
         for table in tables {
             found.look_at(table.get("state"));
             let Some(dynamics) = table.get("dynamics") else { continue };
+            found.look_at(dynamics.get("f"));
             found.look_at(dynamics.get("slope"));
             found.look_at(dynamics.get("offset"));
             let sines = match dynamics.get("sines") {
@@ -57,6 +58,30 @@ impl Components {
             Value::Array(items) => Err(self.other_length(item, items.len(), "numbers")),
             Value::Integer(_) | Value::Float(_) => Ok(vec![number(item, range)?; self.count]),
             _ => Err(range.mismatch(item, " or an array of such numbers")),
+        }
+    }
+
+    /// One text per component: a string of a scalar state, or an array.
+    ///
+    /// # Errors
+    /// What was found, and what is allowed.
+    pub fn texts<'i>(&self, item: &'i Item) -> Result<Vec<(&'i Item, &'i str)>, Box<Diagnostic>> {
+        let text = |item: &'i Item| {
+            let wrong =
+                || item.diagnostic(Problem::Value, "must be an expression in quotes, as \"-x + sin(t)\"");
+            item.text().map(|text| (item, text)).ok_or_else(wrong)
+        };
+        match &item.value {
+            Value::Array(items) if items.len() == self.count => items.iter().map(text).collect(),
+            Value::Array(items) => Err(self.other_length(item, items.len(), "expressions")),
+            _ if self.count == 1 => Ok(vec![text(item)?]),
+            _ => {
+                let allowed = format!(
+                    "must be an array of {} expressions, one per component, since {} has as many",
+                    self.count, self.said_by
+                );
+                Err(item.diagnostic(Problem::Value, allowed))
+            }
         }
     }
 

@@ -10,10 +10,13 @@ mod coupling;
 mod damping;
 mod diagnostic;
 mod duration;
+mod dynamics;
 mod event;
 mod expect;
+mod expression;
 mod graph;
 mod initial;
+mod inputs;
 mod model;
 mod network;
 mod overrides;
@@ -33,16 +36,19 @@ use std::path::Path;
 pub use affine::Affine;
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
+pub use dynamics::Dynamics;
 pub use event::{Absence, Change, Course, Disturbance, EventKind, EventSpec, Step, Targets};
 /// One sinusoid of a field.
 pub type Sine = funnelnet_law::field::Sine<f64>;
+pub use expression::{Expression, ExpressionError};
 pub use funnelnet_law::funnel::{Normalised, Shape};
 pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
+pub use inputs::Series;
 pub use model::{
-    BusModel, BusSpec, Expect, FinalValue, FloorSpec, NodeSpec, SafetySpec, Scenario, Stoppable, TimeSpec,
-    Window,
+    BusModel, BusSpec, Expect, FinalValue, FloorSpec, InputLimits, NodeSpec, SafetySpec, Scenario, Stoppable,
+    TimeSpec, Window,
 };
 pub use overrides::Override;
 pub use written::FIRST_LINE;
@@ -152,7 +158,8 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
     let Agents { mut nodes, places, unit, damping } = match (&network, &coupling) {
         (Some(network), Some(coupling)) if network.nodes > 0 => {
-            agents::read(&mut file, coupling, network.nodes)
+            let end = time.as_ref().map_or(0.0, |time| time.duration_ns as f64 / 1e9);
+            agents::read(&mut file, coupling, network.nodes, &inputs::Files::beside(path), end)
         }
         _ => {
             file.take("agent");

@@ -4,7 +4,7 @@ use funnelnet_law::start::{PARTS, SlowStart};
 use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 use std::path::PathBuf;
 
-use super::affine::Affine;
+use super::dynamics::Dynamics;
 use super::event::{Course, EventSpec};
 use super::graph::Graph;
 use crate::extremes::largest;
@@ -217,7 +217,9 @@ pub struct NodeSpec {
     /// Initial state, by component (state units).
     pub state: Vec<f64>,
     /// The node's own vector field.
-    pub dynamics: Affine,
+    pub dynamics: Dynamics,
+    /// What its actuator can do, where that is said.
+    pub limits: Option<InputLimits>,
     /// Its gain.
     pub gain: Gain<f64>,
     /// Its funnel.
@@ -226,6 +228,15 @@ pub struct NodeSpec {
     pub damping: f64,
     /// Standard deviation of what is added to each state as it is sent (state units).
     pub noise: f64,
+}
+
+/// Limits of an input (state units / s).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InputLimits {
+    /// Zero or less.
+    pub low: f64,
+    /// Zero or more.
+    pub high: f64,
 }
 
 /// What carries the states.

@@ -56,7 +56,10 @@ fn defaults_and_overrides_are_resolved() {
     let scenario = read(FILE, &[]).unwrap();
     assert_eq!(scenario.title, "a");
     assert_eq!(scenario.seed, 7);
-    assert_eq!(scenario.time, TimeSpec { tick_ns: 1_000_000, ticks: 2_000, round: 1, start: SlowStart::default() });
+    assert_eq!(
+        scenario.time,
+        TimeSpec { tick_ns: 1_000_000, ticks: 2_000, round: 1, start: SlowStart::default() }
+    );
     assert_eq!(scenario.time.end_s(), 2.0);
     assert_eq!(scenario.graph.edges.len(), 2);
     let sines = vec![Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: 0.0 }];
@@ -65,7 +68,8 @@ fn defaults_and_overrides_are_resolved() {
         NodeSpec {
             id: 1,
             state: vec![1.0],
-            dynamics: Affine::scalar(-1.0, 0.0, sines.clone()),
+            dynamics: Affine::scalar(-1.0, 0.0, sines.clone()).into(),
+            limits: None,
             gain: Gain::Reciprocal { scale: 2.0 },
             funnel: Funnel { factor: 1.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
             damping: 2.2,
@@ -77,7 +81,8 @@ fn defaults_and_overrides_are_resolved() {
         NodeSpec {
             id: 2,
             state: vec![-3.0],
-            dynamics: Affine::scalar(-0.5, 0.0, sines),
+            dynamics: Affine::scalar(-0.5, 0.0, sines).into(),
+            limits: None,
             gain: Gain::Logarithmic { scale: 1.0 },
             funnel: Funnel { factor: 3.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
             damping: 2.2,
@@ -197,10 +202,9 @@ fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
 #[test]
 fn what_comes_later_is_told_apart_from_what_is_unknown() {
     let later = "known, but not supported by this version yet";
-    for (from, to, place) in [
-        ("\"affine\"", "\"expression\"", "19:21: agent.dynamics.kind"),
-        ("[expect]", "[bus]\nmodel = \"can-fd\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can-fd\""),
-    ] {
+    for (from, to, place) in
+        [("[expect]", "[bus]\nmodel = \"can-fd\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can-fd\"")]
+    {
         let message = errors(from, to);
         assert!(message.contains(later), "{message}");
         assert!(message.starts_with(&format!("dir/a.toml:{place}")), "{message}");
@@ -223,16 +227,17 @@ fn vector_states_take_a_number_or_an_array_everywhere() {
     let sine = |component, amplitude, frequency, phase| Sine { component, amplitude, frequency, phase };
     let sines = vec![sine(1, 3.0, 2.0, 1.0), sine(0, 1.0, 3.0, 0.0), sine(1, 1.0, 3.0, 0.0)];
     let first = Affine { slope: vec![-1.0], offset: vec![0.5, 0.0], sines: sines.clone() };
-    assert_eq!(scenario.nodes[0].dynamics, first);
+    assert_eq!(scenario.nodes[0].dynamics, first.clone().into());
     let second = Affine { slope: vec![-1.0, 4.0, -4.0, -2.0], offset: vec![0.5, 0.0], sines };
-    assert_eq!(scenario.nodes[1].dynamics, second);
+    assert_eq!(scenario.nodes[1].dynamics, second.clone().into());
     assert_eq!(second.component(0, 0.0, &[1.0, 10.0]), -1.0 + 40.0 + 0.5);
     let wave = 3.0 * funnelnet_law::math::sin(2.0 * 0.25 + 1.0) + funnelnet_law::math::sin(3.0 * 0.25);
     assert!((second.component(1, 0.25, &[1.0, 10.0]) - (-4.0 - 20.0 + wave)).abs() < 1e-15);
     assert_eq!((first.lipschitz(), second.lipschitz()), (1.0, 6.0));
     // |nu| is 4 and 5, of node 2 twice that; its funnel has the factor 3.
     assert_eq!(initial_ratios(&scenario), [0.1, 0.125, 8.0 / 120.0, 10.0 / 120.0, 0.1, 0.125]);
-    assert_eq!(read(FILE, &["agent.dynamics.slope=[[-1]]"]).unwrap().nodes[0].dynamics.slope, [-1.0]);
+    let scenario = read(FILE, &["agent.dynamics.slope=[[-1]]"]).unwrap();
+    assert_eq!(scenario.nodes[0].dynamics.affine().unwrap().slope, [-1.0]);
 }
 
 #[test]
@@ -284,7 +289,7 @@ fn the_sines_of_all_components_count() {
             && error.contains("at most 8 sines over all components, zero amplitudes apart"),
         "{error}"
     );
-    assert_eq!(sines("[0, 1]").unwrap().nodes[0].dynamics.sines.len(), 5);
+    assert_eq!(sines("[0, 1]").unwrap().nodes[0].dynamics.sines().len(), 5);
 }
 
 #[test]
@@ -556,7 +561,7 @@ fn overrides_from_the_command_line_apply_and_are_blamed() {
         scenario.nodes[2].funnel,
         Funnel { factor: 2.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 0.5 } }
     );
-    assert!(scenario.nodes.iter().all(|node| node.dynamics.sines.is_empty()));
+    assert!(scenario.nodes.iter().all(|node| node.dynamics.sines().is_empty()));
     assert_eq!(scenario.graph.degrees()[0], 2.0);
     assert_eq!(scenario.bus.loss, 0.25);
     assert_eq!(scenario.title, "Two words");
@@ -826,4 +831,91 @@ fn thirty_thousand_mistakes_are_counted_and_twenty_spelt_out() {
     let found = Scenario::parse(&keys, Path::new("many.toml"), &[]).unwrap_err();
     assert!(found.0.len() >= 30_000);
     assert_eq!(found.to_string().lines().count(), 21);
+}
+
+/// FILE with an expression for all nodes.
+fn expressed(f: &str, more: &[&str]) -> Result<Scenario, Diagnostics> {
+    let dynamics = format!("agent.dynamics={{kind='expression',f={f}}}");
+    let drop = ["node.2.dynamics={kind='expression',f='-0.5*x'}"];
+    read(FILE, &[&[dynamics.as_str()], &drop[..], more].concat())
+}
+
+#[test]
+fn an_expression_is_a_field() {
+    let scenario = expressed("'-x + 3*tanh(x) + 2*sin(0.5*t)'", &[]).unwrap();
+    let field = scenario.nodes[0].dynamics.expression().unwrap();
+    assert_eq!(field.text, ["-x + 3*tanh(x) + 2*sin(0.5*t)"]);
+    let (t, x) = (1.5, 0.25);
+    let expected = -x + 3.0 * funnelnet_law::Real::tanh(x) + 2.0 * funnelnet_law::math::sin(0.5 * t);
+    assert!((scenario.nodes[0].dynamics.value(t, x) - expected).abs() < 1e-15);
+    assert_eq!(scenario.nodes[1].dynamics.value(t, 4.0), -2.0);
+    let vector = ["agent.state=[1, 2]", "node.2.dynamics={kind='expression',f=['x1','x2']}"];
+    let scenario = expressed("['x2', '-x1 - 0.1*x2 + cos(t)']", &vector).unwrap();
+    assert_eq!(scenario.nodes[2].dynamics.component(1, 0.0, &[1.0, 2.0]), -0.2);
+}
+
+#[test]
+fn a_mistake_in_an_expression_is_shown_in_the_file() {
+    let text = |f: &str| format!("kind = \"expression\", f = {f}");
+    let of = |f: &str| {
+        errors("kind = \"affine\", slope = -1.0, sines = [{ amplitude = 10.0, frequency = 1.0 }]", &text(f))
+    };
+    let column = |message: &str| -> usize { message.split(':').nth(2).unwrap().parse().unwrap() };
+    let message = of("\"-x + foo(x)\"");
+    assert!(
+        message.contains("agent.dynamics.f = \"-x + foo(x)\": in column 6 of it, nothing is called 'foo'"),
+        "{message}"
+    );
+    let begin = column(&of("3"));
+    assert_eq!(column(&message), begin + 6);
+    assert_eq!(column(&of("'x +'")), begin + 4);
+    // Where the text is not written as it is, its beginning is shown.
+    assert_eq!(column(&of("\"\\u0078 +\"")), begin);
+    assert!(of("3").contains("must be an expression in quotes"));
+    assert!(
+        of("\"ln(x - 1)\"").contains("must be finite at the start: component 1 is -inf at t = 0, x = [1.0]")
+    );
+    assert!(of("[\"x\", \"t\"]").contains("nothing is called 'x'; known: x1, x2, t, pi"));
+}
+
+#[test]
+fn limits_leave_room_for_no_input() {
+    let scenario = read(FILE, &["agent.limits={low=-1,high=5}", "node.2.limits={low=0,high=2}"]).unwrap();
+    let limits = |index: usize| scenario.nodes[index].limits.unwrap();
+    assert_eq!(
+        (limits(0), limits(1)),
+        (InputLimits { low: -1.0, high: 5.0 }, InputLimits { low: 0.0, high: 2.0 })
+    );
+    for wrong in ["{low=1,high=5}", "{low=0,high=0}", "{low=-1,high=-2}"] {
+        let error = read(FILE, &[&format!("agent.limits={wrong}")]).unwrap_err().to_string();
+        assert!(error.contains("must have low <= 0 <= high and low < high"), "{error}");
+    }
+    assert!(read(FILE, &["agent.limits={low=-1}"]).unwrap_err().to_string().contains("missing key 'high'"));
+}
+
+#[test]
+fn inputs_are_read_beside_the_scenario() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("load.csv"), "t,p_kw\n0,1\n2,3\n").unwrap();
+    let read = |sets: &[&str]| {
+        let other = "node.2.dynamics={kind='expression',f='-x'}";
+        let sets: Vec<_> = sets.iter().chain([&other]).map(|set| Override::parse(set).unwrap()).collect();
+        Scenario::parse(FILE, &folder.path().join("a.toml"), &sets)
+    };
+    let f = "agent.dynamics={kind='expression',f='-x + load'}";
+    let inputs = "agent.inputs={load={file='load.csv',time='t',column='p_kw'}}";
+    let scenario = read(&[f, inputs]).unwrap();
+    assert_eq!(scenario.nodes[0].dynamics.value(1.0, 5.0), -3.0);
+    let wrong = |sets: &[&str]| read(sets).unwrap_err().to_string();
+    assert!(wrong(&[f]).contains("nothing is called 'load'"));
+    assert!(wrong(&[f, inputs, "time.duration=3s"]).contains("known from 0 s to 2 s"));
+    assert!(
+        wrong(&[f, "agent.inputs={sin={file='load.csv',column='p_kw'}}"])
+            .contains("an input is named by a letter")
+    );
+    assert!(
+        wrong(&[f, "agent.inputs={a={file='load.csv',column='q'}}"])
+            .contains("has no column 'q'; it has t, p_kw")
+    );
+    assert!(wrong(&[f, "agent.inputs={a={file='load.csv'}}"]).contains("missing key 'column'"));
 }

@@ -118,8 +118,8 @@ mod tests {
     }
 
     fn again(scenario: &Scenario) -> Scenario {
-        let path = Path::new("out/scenario.toml");
-        let again = Scenario::parse(&scenario.as_run, path, &[]).unwrap();
+        // Beside what the file names.
+        let again = Scenario::parse(&scenario.as_run, &folder().join("as-run.toml"), &[]).unwrap();
         Scenario { path: scenario.path.clone(), as_run: scenario.as_run.clone(), ..again }
     }
 

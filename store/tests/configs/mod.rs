@@ -3,8 +3,8 @@
 
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
-    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, MAX_COMPONENTS, MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES,
-    Normalised, Shape, Sine, TickSource, Tuning,
+    Breach, Coupling, EdgeConfig, Field, Funnel, Gain, Limits, MAX_COMPONENTS, MAX_CONSTANTS, MAX_MATRIX,
+    MAX_NEIGHBOURS, MAX_OPERATIONS, MAX_SINES, Normalised, Program, Shape, Sine, TickSource, Tuning,
 };
 
 /// The configuration of node `id`, with a few numbers that depend on it.
@@ -19,6 +19,17 @@ pub fn small(id: u8) -> NodeConfig {
         .telemetry_every(2)
         .build()
         .unwrap()
+}
+
+/// The longest with a program, which leaves no matrix.
+pub fn longest_program(id: u8) -> NodeConfig {
+    let mut config = longest(id);
+    config.field.slope = [0.0].into_iter().collect();
+    config.program = Program {
+        code: [0x20; MAX_OPERATIONS].into_iter().collect(),
+        constants: [0.5; MAX_CONSTANTS].into_iter().collect(),
+    };
+    config
 }
 
 /// The longest that a CONFIGURE can carry.
@@ -53,6 +64,15 @@ pub fn longest(id: u8) -> NodeConfig {
         telemetry_every: u32::MAX,
         lost_neighbours: u8::MAX,
         holdover_ns: u64::MAX,
-        tuning: Tuning { damping: 8.0, guard: 0.5, round: 100, input_limit: 1e9, slope_limit: 1e9, slow_start: 1_000 },
+        tuning: Tuning {
+            damping: 8.0,
+            guard: 0.5,
+            round: 100,
+            input_limit: 1e9,
+            slope_limit: 1e9,
+            slow_start: 1_000,
+        },
+        program: Program::none(),
+        limits: Limits { low: -1.0, high: 1.0 },
     }
 }

@@ -7,6 +7,7 @@
 #![no_main]
 #![allow(unsafe_code)]
 
+mod expression;
 mod law;
 mod meter;
 mod node;
@@ -26,6 +27,7 @@ fn main() -> ! {
     law::laws(&table);
     node::ticks(&table);
     law::parts(&table);
+    expression::evaluations(&table);
     node::frames(&table);
     node::checksum(&table);
     process::exit(i32::from(table.exceeded() > 0))

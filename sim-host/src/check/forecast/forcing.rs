@@ -1,6 +1,6 @@
-//! The parts of all fields that do not depend on the state, at equally spaced times: sines by rotation, not one by one.
+//! The parts of all affine fields that do not depend on the state, at equally spaced times: sines by rotation, not one by one.
 
-use crate::scenario::{Scenario, Sine};
+use crate::scenario::{Affine, Scenario, Sine};
 use funnelnet_law::math;
 
 /// One sine on its way round.
@@ -14,7 +14,7 @@ struct Phasor {
     turn: (f64, f64),
 }
 
-/// `f_i(t, x) - slope_i x` and its derivative by time, by index.
+/// `f_i(t, x) - slope_i x` and its derivative by time, by index; nothing for an expression, which has no such part.
 pub(super) struct Forcing {
     offsets: Vec<f64>,
     phasors: Vec<Phasor>,
@@ -29,7 +29,7 @@ impl Forcing {
     pub fn new(scenario: &Scenario, step: f64) -> Self {
         let nodes = scenario.nodes.iter().enumerate();
         let phasors = nodes.flat_map(|(node, spec)| {
-            spec.dynamics.sines.iter().map(move |sine: &Sine| {
+            spec.dynamics.affine().into_iter().flat_map(|field| &field.sines).map(move |sine: &Sine| {
                 let angle = sine.frequency * step;
                 Phasor {
                     node,
@@ -43,7 +43,11 @@ impl Forcing {
         });
         let count = scenario.nodes.len();
         let mut forcing = Self {
-            offsets: scenario.nodes.iter().map(|node| node.dynamics.offset()).collect(),
+            offsets: scenario
+                .nodes
+                .iter()
+                .map(|node| node.dynamics.affine().map_or(0.0, Affine::offset))
+                .collect(),
             phasors: phasors.collect(),
             value: vec![0.0; count],
             rate: vec![0.0; count],
@@ -86,8 +90,9 @@ mod tests {
             forcing.advance();
         }
         for (index, node) in scenario.nodes.iter().enumerate() {
-            assert!((forcing.value[index] - node.dynamics.forcing(20.0)).abs() < 1e-9);
-            assert!((forcing.rate[index] - node.dynamics.rate_of_forcing(20.0)).abs() < 1e-8);
+            let affine = node.dynamics.affine().unwrap();
+            assert!((forcing.value[index] - affine.forcing(20.0)).abs() < 1e-9);
+            assert!((forcing.rate[index] - affine.rate_of_forcing(20.0)).abs() < 1e-8);
         }
     }
 }

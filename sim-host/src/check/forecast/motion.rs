@@ -5,7 +5,7 @@ use super::{Grid, relative_widths};
 use crate::check::widths::Widths;
 use crate::emergent;
 use crate::extremes::{larger, largest, smallest};
-use crate::scenario::{Affine, Scenario};
+use crate::scenario::{Affine, Dynamics, Scenario};
 use funnelnet_law::emergent::{Agent, field};
 use funnelnet_law::gain::Gain;
 use funnelnet_law::math;
@@ -35,6 +35,8 @@ type Instants = [Vec<f64>; 3];
 struct Fields<'s> {
     scenario: &'s Scenario,
     gains: &'s [Gain<f64>],
+    /// Times of the instants, s.
+    times: [f64; 3],
     forcing: Instants,
     widths: Instants,
     agents: Vec<Agent<f64, Gain<f64>>>,
@@ -43,8 +45,8 @@ struct Fields<'s> {
 
 impl Fields<'_> {
     fn each(&self, instant: usize, x: f64) -> impl Iterator<Item = f64> {
-        let fields = self.scenario.nodes.iter().zip(&self.forcing[instant]);
-        fields.map(move |(node, forcing)| node.dynamics.slope() * x + forcing)
+        let (fields, t) = (self.scenario.nodes.iter().zip(&self.forcing[instant]), self.times[instant]);
+        fields.map(move |(node, forcing)| value(&node.dynamics, *forcing, t, x))
     }
 
     /// The mean of the fields, which is the blended vector field (state units / s).
@@ -72,6 +74,14 @@ impl Fields<'_> {
     }
 }
 
+/// `f(t, x)` where the part that does not depend on the state is known.
+pub(super) fn value(dynamics: &Dynamics, forcing: f64, t: f64, x: f64) -> f64 {
+    match dynamics {
+        Dynamics::Affine(affine) => affine.slope() * x + forcing,
+        Dynamics::Expression(expression) => expression.component(0, t, &[x]),
+    }
+}
+
 /// One classical Runge-Kutta step of `xdot = f(instant, x)`.
 fn step(x: f64, h: f64, mut f: impl FnMut(usize, f64) -> f64) -> f64 {
     let k1 = f(0, x);
@@ -90,6 +100,7 @@ impl Motion {
         let mut fields = Fields {
             scenario,
             gains,
+            times: [0.0; 3],
             forcing: [forcing.value.clone(), Vec::new(), forcing.value.clone()],
             widths: Instants::default(),
             agents: Vec::new(),
@@ -120,6 +131,7 @@ impl Motion {
         }
         fields.forcing.swap(0, 2);
         fields.widths.swap(0, 2);
+        fields.times[0] = fields.times[2];
         velocity.push(fields.emergent(0, x));
         Self { grid, xi, velocity, blended, reach, largest_state }
     }
@@ -129,6 +141,7 @@ impl Motion {
 fn next_instants(fields: &mut Fields<'_>, forcing: &mut Forcing, widths: &Widths, t: f64, step: f64) {
     fields.forcing.swap(0, 2);
     fields.widths.swap(0, 2);
+    fields.times = [t, t + 0.5 * step, t + step];
     for (instant, t) in [(1, t + 0.5 * step), (2, t + step)] {
         forcing.advance();
         fields.forcing[instant].clone_from(&forcing.value);
@@ -136,7 +149,7 @@ fn next_instants(fields: &mut Fields<'_>, forcing: &mut Forcing, widths: &Widths
     }
 }
 
-/// The nodes that stay bounded when left to themselves, followed exactly in their linear part and with the middle's forcing.
+/// The affine nodes that stay bounded when left to themselves, followed exactly in their linear part and with the middle's forcing.
 struct Alone {
     /// Index, state, and what the state and the forcing are multiplied by in one step.
     nodes: Vec<(usize, f64, f64, f64)>,
@@ -148,12 +161,13 @@ impl Alone {
             let z = field.slope() * step;
             (math::exp(z), step * growth(z))
         };
-        let stable = scenario.nodes.iter().enumerate().filter(|(_, node)| node.dynamics.slope() < 0.0);
+        let nodes = scenario.nodes.iter().enumerate();
         let node = |(index, node): (usize, &crate::scenario::NodeSpec)| {
-            let (decay, gain) = factors(&node.dynamics);
-            (index, node.state[0], decay, gain)
+            let stable = node.dynamics.affine().filter(|affine| affine.slope() < 0.0)?;
+            let (decay, gain) = factors(stable);
+            Some((index, node.state[0], decay, gain))
         };
-        Self { nodes: stable.map(node).collect() }
+        Self { nodes: nodes.filter_map(node).collect() }
     }
 
     /// One step on; the largest `|x|` (state units).

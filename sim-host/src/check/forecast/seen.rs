@@ -1,11 +1,11 @@
 //! What the emergent motion asks of each node, and how much it contracts.
 
 use super::forcing::Forcing;
-use super::motion::Motion;
+use super::motion::{Motion, value};
 use super::relative_widths;
 use crate::check::widths::Widths;
-use crate::extremes::{beyond, larger};
-use crate::scenario::{NodeSpec, Scenario};
+use crate::extremes::{beyond, larger, largest};
+use crate::scenario::{Dynamics, NodeSpec, Scenario};
 use funnelnet_law::emergent::{Agent, contraction, partial_by_time, partials_by_field};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::gain::{Gain, GainFunction};
@@ -52,6 +52,8 @@ pub(super) struct Seen {
     pub nodes: Vec<NodeSeen>,
     /// Where each node floors its funnel with the largest input that it has by then (state units).
     pub resolution: Vec<f64>,
+    /// The steepest `df_i / dx` (1/s).
+    pub steepest: f64,
     pub slope_largest: f64,
     pub slope_largest_at: f64,
     pub slope_mean: f64,
@@ -82,22 +84,29 @@ pub(super) fn along(
     let mut seen = Seen {
         nodes: vec![nothing; scenario.nodes.len()],
         resolution: floors.iter().map(|floor| floor.width(state, 0.0)).collect(),
+        steepest: f64::NEG_INFINITY,
         slope_largest: f64::NEG_INFINITY,
         slope_largest_at: 0.0,
         slope_mean: 0.0,
         at_floor: None,
     };
-    let slopes: Vec<_> = scenario.nodes.iter().map(|node| node.dynamics.slope()).collect();
     let excess = Excess::new(scenario, degrees);
     let mut forcing = Forcing::new(scenario, motion.grid.step);
     let (mut relative, mut rates, mut agents) = (Vec::new(), Vec::new(), Vec::new());
     for (k, (&xi, &velocity)) in motion.xi.iter().zip(&motion.velocity).enumerate() {
         let t = motion.grid.at(k);
+        let nodes = scenario.nodes.iter().map(|node| &node.dynamics);
+        let slopes: Vec<_> = nodes.clone().map(|field| field.slope(t, xi)).collect();
+        seen.steepest = largest(seen.steepest, slopes.iter().copied());
         rates.clear();
-        rates.extend(slopes.iter().zip(&forcing.rate).map(|(slope, rate)| slope * velocity + rate));
+        let by_time = nodes.clone().zip(&forcing.rate).map(|(field, rate)| match field {
+            Dynamics::Affine(_) => *rate,
+            Dynamics::Expression(expression) => expression.rate_of(0, t, &[xi]),
+        });
+        rates.extend(slopes.iter().zip(by_time).map(|(slope, rate)| slope * velocity + rate));
         relative_widths(scenario, widths, t, &mut relative);
         agents.clear();
-        let fields = slopes.iter().zip(&forcing.value).map(|(slope, forcing)| slope * xi + forcing);
+        let fields = nodes.zip(&forcing.value).map(|(field, forcing)| value(field, *forcing, t, xi));
         agents.extend(fields.zip(&relative).zip(gains).map(|((f, &psi), &gain)| Agent { psi, f, gain }));
         seen.contracts(contraction(&agents, velocity, slopes.iter().copied()), t);
         let inputs: Vec<_> = agents.iter().map(|agent| velocity - agent.f).collect();
@@ -246,6 +255,7 @@ mod tests {
         let mut seen = Seen {
             nodes: Vec::new(),
             resolution: Vec::new(),
+            steepest: 0.0,
             slope_largest: f64::NEG_INFINITY,
             slope_largest_at: 0.0,
             slope_mean: 0.0,

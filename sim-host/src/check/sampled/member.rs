@@ -125,9 +125,12 @@ impl<'s> Member<'s> {
         let psi = self.guard.of(k as u32, psi);
         for part in &mut self.parts {
             part.u = self.law.step(&mut part.memory, part.nu, part.dnu, psi).u;
-            if part.u.abs() > self.limit {
-                part.u = self.limit.copysign(part.u);
-                part.memory.feed_back(part.u);
+            let bounded = part.u.clamp(-self.limit, self.limit);
+            let applied = self.node.limits.map_or(bounded, |limits| bounded.clamp(limits.low, limits.high));
+            // Written so that NaN stays what it is.
+            if applied < part.u || applied > part.u {
+                part.u = applied;
+                part.memory.feed_back(applied);
             }
         }
         // `dx` holds the state before, until it is the change.

@@ -1,0 +1,218 @@
+//! `inputs`: values over time from a CSV file, which expressions may name. In simulation and reference only: no node knows them.
+
+use super::diagnostic::Problem;
+use super::reader::{Log, Section};
+use super::tree::{Item, Value};
+use funnelnet_law::program::MAX_INPUTS;
+use funnelnet_node::params;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// One input: piecewise linear in time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// Its name in expressions.
+    pub name: String,
+    /// Time (s), increasing, and value.
+    points: Vec<(f64, f64)>,
+}
+
+impl Series {
+    /// The piecewise linear function through these points, at least one, by increasing time (s).
+    #[must_use]
+    pub fn new(name: &str, points: Vec<(f64, f64)>) -> Self {
+        Self { name: name.to_owned(), points }
+    }
+
+    /// Its value at time `t` (s); the first and the last one stay before and after.
+    #[must_use]
+    pub fn at(&self, t: f64) -> f64 {
+        match self.around(t) {
+            (Some((t0, v0)), Some((t1, v1))) => v0 + (v1 - v0) * ((t - t0) / (t1 - t0)),
+            (Some((_, value)), None) | (None, Some((_, value))) => value,
+            (None, None) => f64::NAN,
+        }
+    }
+
+    /// Its slope (1/s) at time `t`, to the right where it bends.
+    #[must_use]
+    pub fn slope(&self, t: f64) -> f64 {
+        match self.around(t) {
+            (Some((t0, v0)), Some((t1, v1))) => (v1 - v0) / (t1 - t0),
+            _ => 0.0,
+        }
+    }
+
+    /// First and last time, s.
+    fn span(&self) -> (f64, f64) {
+        let time = |point: Option<&(f64, f64)>| point.map_or(f64::NAN, |point| point.0);
+        (time(self.points.first()), time(self.points.last()))
+    }
+
+    /// The points before and after `t`.
+    fn around(&self, t: f64) -> (Option<(f64, f64)>, Option<(f64, f64)>) {
+        let after = self.points.partition_point(|point| point.0 <= t);
+        (
+            after.checked_sub(1).and_then(|before| self.points.get(before)).copied(),
+            self.points.get(after).copied(),
+        )
+    }
+}
+
+/// What is read of a column: points, or what is wrong with it.
+type Column = Result<Vec<(f64, f64)>, String>;
+
+/// Columns that were read already, by file, time column and column: nodes share them.
+#[derive(Default)]
+pub(super) struct Files {
+    folder: PathBuf,
+    columns: RefCell<BTreeMap<[String; 3], Column>>,
+}
+
+impl Files {
+    /// Files named relative to where the scenario is.
+    pub fn beside(scenario: &Path) -> Self {
+        Self { folder: scenario.parent().unwrap_or(Path::new("")).to_owned(), ..Self::default() }
+    }
+
+    fn column(&self, key: &[String; 3]) -> Column {
+        let mut columns = self.columns.borrow_mut();
+        let read = || read_column(&self.folder.join(&key[0]), &key[1], &key[2]);
+        columns.entry(key.clone()).or_insert_with(read).clone()
+    }
+}
+
+/// What `inputs` of a node says.
+pub(super) fn read(item: &Item, files: &Files, log: &Log) -> Option<Arc<[Series]>> {
+    let Value::Table(table) = &item.value else {
+        log.report(item.diagnostic(
+            Problem::Value,
+            "must be a table, as { load = { file = \"load.csv\", column = \"p_kw\" } }",
+        ));
+        return None;
+    };
+    if table.len() > MAX_INPUTS {
+        log.report(item.diagnostic(Problem::Value, format!("must have at most {MAX_INPUTS} inputs")));
+        return None;
+    }
+    table.iter().map(|(name, item)| read_one(name, item, files, log)).collect()
+}
+
+fn read_one(name: &str, item: &Item, files: &Files, log: &Log) -> Option<Series> {
+    let mut section = Section::open(item, log)?;
+    let [file, time, column] =
+        [("file", None), ("time", Some("t")), ("column", None)].map(|(key, default)| {
+            let text = section.text(key);
+            if text.is_none() && default.is_none() && section.known(key).is_none() {
+                section.missing(key, "must be a string");
+            }
+            text.or(default.map(str::to_owned))
+        });
+    section.finish();
+    if !is_name(name) {
+        let allowed =
+            "an input is named by a letter and letters, digits or _, and not x, t, pi or as a function";
+        log.report(item.key_place.diagnostic(Problem::Whole, &item.path, allowed));
+        return None;
+    }
+    match files.column(&[file?, time?, column?]) {
+        Ok(points) => Some(Series::new(name, points)),
+        Err(why) => {
+            log.report(item.diagnostic(Problem::Value, why));
+            None
+        }
+    }
+}
+
+/// Whether an expression can name it.
+fn is_name(name: &str) -> bool {
+    let is_state = name.strip_prefix('x').is_some_and(|rest| rest.chars().all(|c| c.is_ascii_digit()));
+    let letters = name.starts_with(|c: char| c.is_alphabetic())
+        && name.chars().all(|c| c.is_alphanumeric() || c == '_');
+    letters && !is_state && !["t", "pi"].contains(&name) && !super::expression::is_function(name)
+}
+
+fn read_column(path: &Path, time: &str, column: &str) -> Column {
+    let shown = path.display();
+    let text = super::read_text(path).map_err(|error| error.to_string())?;
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+    let headers = reader.headers().map_err(|error| format!("{shown}: {error}"))?.clone();
+    let find = |name: &str| {
+        let known = headers.iter().collect::<Vec<_>>().join(", ");
+        let place = headers.iter().position(|header| header == name);
+        place.ok_or_else(|| format!("{shown} has no column '{name}'; it has {known}"))
+    };
+    let (time_at, column_at) = (find(time)?, find(column)?);
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|error| format!("{shown}: {error}"))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let number = |at: usize| {
+            let text = record.get(at).unwrap_or("");
+            let number = text.parse::<f64>().ok().filter(|number| number.abs() <= params::LARGEST);
+            let largest = params::LARGEST;
+            number
+                .ok_or_else(|| format!("{shown}, line {line}: '{text}' must be a number within {largest:e}"))
+        };
+        let point = (number(time_at)?, number(column_at)?);
+        if points.last().is_some_and(|before| before.0 >= point.0) {
+            return Err(format!("{shown}, line {line}: times must increase, and {} does not", point.0));
+        }
+        points.push(point);
+    }
+    if points.is_empty() { Err(format!("{shown} has no rows")) } else { Ok(points) }
+}
+
+/// An input must be known for the whole run, which ends at `end` (s): a value that is only held looks like one that was measured.
+pub(super) fn cover(inputs: &[Series], end: f64) -> Result<(), String> {
+    for series in inputs {
+        let (first, last) = series.span();
+        if first > 0.0 || last < end {
+            return Err(format!(
+                "input {} is known from {first} s to {last} s, and the run goes from 0 s to {end} s",
+                series.name
+            ));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_series_is_piecewise_linear() {
+        let series = Series::new("load", vec![(0.0, 1.0), (2.0, 5.0), (3.0, 5.0)]);
+        assert_eq!([0.0, 0.5, 2.0, 2.5, 9.0].map(|t| series.at(t)), [1.0, 2.0, 5.0, 5.0, 5.0]);
+        assert_eq!([0.0, 1.0, 2.0, 9.0].map(|t| series.slope(t)), [2.0, 2.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_column_is_read_or_said_what_is_wrong_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |text: &str, column: &str| {
+            let path = folder.path().join("load.csv");
+            std::fs::write(&path, text).unwrap();
+            read_column(&path, "t", column).map_err(|error| error.replace(&path.display().to_string(), "F"))
+        };
+        assert_eq!(read("t, p\n0, 1\n1.5, -2e3\n", "p"), Ok(vec![(0.0, 1.0), (1.5, -2e3)]));
+        let wrong = |text, column| read(text, column).unwrap_err();
+        assert_eq!(wrong("t,p\n0,1\n", "q"), "F has no column 'q'; it has t, p");
+        assert_eq!(wrong("t,p\n0,1\n0,2\n", "p"), "F, line 3: times must increase, and 0 does not");
+        assert_eq!(wrong("t,p\n0,nan\n", "p"), "F, line 2: 'nan' must be a number within 1e9");
+        assert_eq!(wrong("t,p\n", "p"), "F has no rows");
+        assert!(wrong("t,p\n0,1,2\n", "p").starts_with("F: "));
+        assert!(read_column(Path::new("no/such.csv"), "t", "p").unwrap_err().contains("no/such.csv"));
+    }
+
+    #[test]
+    fn an_input_covers_the_run() {
+        let series = [Series::new("load", vec![(0.0, 1.0), (2.0, 5.0)])];
+        assert_eq!(cover(&series, 2.0), Ok(()));
+        assert!(cover(&series, 2.5).unwrap_err().contains("from 0 s to 2 s"));
+    }
+}
