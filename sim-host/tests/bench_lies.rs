@@ -465,3 +465,23 @@ fn what_was_recorded_until_the_user_stops_a_run_is_written_and_marked() {
     assert!(fs::read_to_string(junit).unwrap().contains("complete"));
     assert!(fs::read_to_string(json).unwrap().contains("\"ended_early\": \"after "));
 }
+
+#[test]
+fn a_line_that_doubles_frames_is_named_and_every_tick_is_recorded() {
+    let words = ["failed: consistent: node 2 has a line that doubles frames: a state at tick 0, "];
+    let summary = caught(|said| vec![said.clone(), said], &words);
+    assert_eq!(
+        (&summary["bench"]["unrecorded"], &summary["bench"]["bit_for_bit"]),
+        (&0.into(), &true.into())
+    );
+    assert!(summary["ended_early"].is_null(), "{summary}");
+    let failed = summary["checks"].as_array().unwrap().iter().filter(|check| check["pass"] == false);
+    assert_eq!(failed.map(|check| check["name"].as_str().unwrap()).collect::<Vec<_>>(), ["consistent"]);
+}
+
+#[test]
+fn a_line_that_doubles_frames_of_a_clock_of_its_own_is_named_too() {
+    let (ended, summary) = by_its_own_clock(|said| vec![said.clone(), said]);
+    ended.fell_short(&["node 2 has a line that doubles frames: "]);
+    assert!(summary["ended_early"].is_null(), "{summary}");
+}

@@ -367,6 +367,74 @@ fn the_distance_to_a_final_value_is_that_of_the_nodes_that_are_there() {
     assert!(failed(&summary).contains(&"measured".to_owned()), "{summary:?}");
 }
 
+/// What was expected of a ring and was not measured.
+fn unmeasured(summary: &Summary) -> Vec<&str> {
+    let none = summary.expect.iter().filter(|expectation| expectation.value.is_none());
+    assert!(summary.expect.iter().all(|expectation| expectation.value.is_some() || !expectation.pass));
+    none.map(|expectation| expectation.name.as_str()).collect()
+}
+
+const ALL: [&str; 4] = [
+    "expect.final_spread=9.0",
+    "expect.emergent_error=9.0",
+    "expect.blended_error=9.0",
+    "expect.recovered_within='400ms'",
+];
+
+#[test]
+fn where_nobody_is_left_nothing_passes_and_words_say_so() {
+    let nobody = "{ at = '400ms', kind = 'crash', nodes = [1, 2, 3, 4, 5] }";
+    let window =
+        "expect.window=[{from='500ms',to='1s',funnel_ratio=1.0,spread=9.0,emergent_error=9.0,max_input=9.0}]";
+    let summary =
+        judged(&ring(nobody, &[&ALL[..], &[window, "expect.final_value={is=0.0,within=2.0}"]].concat()));
+    let expected = [
+        "final_spread",
+        "emergent_error",
+        "blended_error",
+        "final_value",
+        "recovered_within",
+        "window.1.funnel_ratio",
+        "window.1.spread",
+        "window.1.emergent_error",
+        "window.1.max_input",
+    ];
+    assert_eq!(unmeasured(&summary), expected);
+    let text = summary.to_string();
+    assert!(text.contains("final spread not known, no bound"), "{text}");
+    assert!(text.contains("final distance not known to xi = ") && !text.contains("NaN"), "{text}");
+}
+
+#[test]
+fn a_survivor_without_a_link_is_in_step_with_nobody() {
+    let others = "{ at = '400ms', kind = 'crash', nodes = [2, 3, 4, 5] }";
+    let window = "expect.window=[{from='500ms',to='1s',funnel_ratio=1.0,spread=9.0,max_input=9.0}]";
+    let scenario = ring(others, &[&ALL[..], &[window, "expect.funnel_ratio=1.0"]].concat());
+    let outcome = outcome(&scenario);
+    let summary = outcome.judge(&scenario, Fidelity::Loopback);
+    let expected = ["final_spread", "recovered_within", "window.1.funnel_ratio", "window.1.spread"];
+    assert_eq!(unmeasured(&summary), expected, "what it does by itself is known: {summary}");
+    assert_eq!(summary.funnel.unwrap().uncoupled, 601);
+    assert!(summary.to_string().contains("; no neighbour at 601 node-ticks"), "{summary}");
+    assert!(outcome.rows[700].true_nu[0].is_nan() && outcome.rows[300].true_nu[0].is_finite());
+}
+
+#[test]
+fn who_joins_in_a_partition_recovers_from_its_end() {
+    let comes = "{ at = '200ms', kind = 'crash', node = 5 }, { at = '350ms', kind = 'join', node = 5 }";
+    let scenario = ring(
+        &format!("{HALVES}, {MENDED}, {comes}"),
+        &[APART, &["expect.recovered_within='200ms'"]].concat(),
+    );
+    let outcome = outcome(&scenario);
+    let last = outcome.rows.iter().rposition(is_outside).expect("they are driven apart");
+    assert!(last > 600 && is_outside(&outcome.rows[599]), "{last}");
+    let summary = outcome.judge(&scenario, Fidelity::Loopback);
+    let found = summary.expect.iter().find(|expectation| expectation.name == "recovered_within");
+    // Not from 350 ms on, when it came.
+    assert_eq!(found.and_then(|expectation| expectation.value), Some((last - 600) as f64 / 1e3), "{summary}");
+}
+
 #[test]
 fn an_edge_of_its_own_funnel_is_gone_with_its_node() {
     let run = outcome(&ring("{ at = '400ms', kind = 'crash', node = 2 }", &["coupling.kind=edge-wise"]));

@@ -302,7 +302,7 @@ fn every_node_tick_of_an_hour_of_twelve_clocks_is_recorded_or_counted_as_missed(
     world.run(conductor.meet()).unwrap();
     world.run(conductor.start()).unwrap();
     let begin = world.now();
-    world.fate.rates = Rates { lost: 1e-4, ..Rates::default() };
+    world.fate.rates = Rates { lost: 1e-4, doubled: 1e-4, ..Rates::default() };
     let (mut unrecorded, mut ran, mut k) = ([0; NODES], 0_u64, 0);
     while world.now() < begin + HOUR {
         world.run(conductor.advance()).unwrap();

@@ -10,6 +10,8 @@ use std::time::Duration;
 
 /// How long a node that has said nothing is left alone before it is asked again who it is: it may have been booting.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// How many times a request is sent within the time for its answer.
+pub(super) const TIMES: u32 = 3;
 /// How long a look at a line may take.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -235,12 +237,27 @@ impl Contact {
     pub(super) async fn ask_who<T>(
         &mut self,
         limit: Duration,
-        pick: impl Fn(Received) -> Option<T>,
+        pick: impl FnMut(Received) -> Option<T>,
+    ) -> Result<T, HubError> {
+        self.ask(&Request::Hello, (limit, ASK_AGAIN), "identity", pick).await
+    }
+
+    /// Sends a request that may be repeated, and sends it again where no answer comes: the line may have spoilt it, or the answer.
+    ///
+    /// # Errors
+    /// No answer within `limit`, with a new request `every` so often; the node is gone, or an interrupt.
+    pub(super) async fn ask<T>(
+        &mut self,
+        request: &Request,
+        (limit, every): (Duration, Duration),
+        awaited: &'static str,
+        mut pick: impl FnMut(Received) -> Option<T>,
     ) -> Result<T, HubError> {
         let whole = Deadline::after(limit, self.outside.now());
         loop {
-            self.request(&Request::Hello).await?;
-            match self.wait_for(ASK_AGAIN.min(limit), "identity", &pick).await {
+            self.request(request).await?;
+            let left = Duration::from_nanos(whole.end.saturating_sub(self.outside.now()));
+            match self.wait_for(every.min(left), awaited, &mut pick).await {
                 Err(HubError::NoAnswer { .. }) if self.outside.now() < whole.end => {}
                 Err(HubError::NoAnswer { node, awaited, .. }) => {
                     return Err(HubError::NoAnswer { node, awaited, waited: limit });

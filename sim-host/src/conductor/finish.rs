@@ -1,5 +1,6 @@
 //! The regular end of a run: all nodes are told to stop, and asked what they have to report.
 
+use super::contact::TIMES;
 use super::{Conductor, HubError, Received, STOP};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::report::Report;
@@ -42,7 +43,6 @@ impl Conductor {
         let Some(node) = self.nodes.get_mut(index).filter(|node| node.away.is_none()) else {
             return Ok(None);
         };
-        node.contact.request(&Request::Report).await?;
         let mut faults = Vec::new();
         let pick = |received| match received {
             Received::Message(message @ Message::Fault { .. }) => {
@@ -51,7 +51,8 @@ impl Conductor {
             }
             received => report(received),
         };
-        let reported = node.contact.wait_for(self.patience.answer, "report", pick).await;
+        let patience = (self.patience.answer, self.patience.answer / TIMES);
+        let reported = node.contact.ask(&Request::Report, patience, "report", pick).await;
         self.note_warnings(index, &faults);
         reported.map(Some)
     }

@@ -1,5 +1,6 @@
 //! What nodes say, whoever has carried it: taken for what it is, refused and named where it cannot be so, and put on the bus.
 
+use super::line::DOUBLES;
 use super::{Conductor, OTHER_COMPONENT, OTHER_TICK, Relayed};
 use crate::engine::NodeEvent;
 use funnelnet_node::Event;
@@ -54,7 +55,12 @@ impl Conductor {
             return false;
         };
         let bit = 1 << component.get();
-        if node.states & bit != 0 && next.to_bits() != x.to_bits() {
+        if node.states & bit != 0 {
+            if next.to_bits() == x.to_bits() {
+                // On CAN: a line has told its doubles apart.
+                self.doubts.note(id, DOUBLES, tick, || "a state".to_owned());
+                return false;
+            }
             let value = format!("{next} and {x}");
             self.doubts.note(id, "sent two states of one tick", tick, || value);
         }

@@ -1,11 +1,15 @@
 //! What comes from a node's serial line: bytes in, what the node has said out.
 
+use super::doubles::Doubles;
 use super::sound::Sound;
 use funnelnet_protocol::Refusal;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::serial::{Deframer, Frame, HOST};
 use funnelnet_protocol::service::{Body, Reply};
 use std::collections::VecDeque;
+
+/// What the line of a node does on which a frame comes again, with nothing lost.
+pub(super) const DOUBLES: &str = "has a line that doubles frames";
 
 /// What a node said.
 pub enum Received {
@@ -27,6 +31,7 @@ pub struct Line {
     has_its_id: bool,
     /// What it has said whole and cannot mean, and nobody has taken: what it did, and the value.
     doubts: Vec<(&'static str, String)>,
+    doubles: Doubles,
 }
 
 impl Line {
@@ -41,6 +46,7 @@ impl Line {
             refused: (0, None),
             has_its_id: false,
             doubts: Vec::new(),
+            doubles: Doubles::default(),
         }
     }
 
@@ -60,6 +66,10 @@ impl Line {
     fn on_frame(&mut self, source: u8, received: Received) {
         // Passed on, and told by that one itself.
         if matches!(received, Received::Message(Message::Fault { .. })) && source != self.id {
+            return;
+        }
+        if let Some(what) = self.doubles.of(&received) {
+            self.doubts.push((DOUBLES, what.to_owned()));
             return;
         }
         match told(&received) {
@@ -82,6 +92,7 @@ impl Line {
     pub fn replace(&mut self) {
         self.deframer = Deframer::new();
         self.has_its_id = false;
+        self.doubles = Doubles::default();
         self.received.clear();
     }
 

@@ -1,7 +1,7 @@
 //! One node of the network.
 
 use super::absence::Away;
-use super::contact::{Contact, Seat};
+use super::contact::{Contact, Seat, TIMES};
 use super::task::Outside;
 use super::{HubError, Received};
 use crate::presence::Presence;
@@ -93,12 +93,13 @@ impl Member {
         config: &NodeConfig,
         patience: Duration,
     ) -> Result<(), HubError> {
-        self.contact.request(&Request::Configure(config.clone())).await?;
+        let request = Request::Configure(config.clone());
         let configured = |received| match received {
             Received::Reply(Reply::Configured(answer)) => Some(answer),
             _ => None,
         };
-        let answer = self.contact.wait_for(patience, "configured", configured).await?;
+        let answer =
+            self.contact.ask(&request, (patience, patience / TIMES), "configured", configured).await?;
         answer.map_err(|reason| HubError::Refused { node: config.id, reason })?;
         // What it said before belongs to another run.
         self.contact.expect_its_own();

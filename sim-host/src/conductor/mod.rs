@@ -11,6 +11,7 @@ mod claims;
 mod commission;
 mod contact;
 mod deadline;
+mod doubles;
 pub(crate) mod doubt;
 mod error;
 mod finish;

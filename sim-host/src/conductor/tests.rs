@@ -196,3 +196,43 @@ fn a_task_that_is_dropped_leaves_nothing_to_the_next() {
     line.say(0, [identity(), reply(&Reply::Configured(Ok(())))].concat());
     line.run(conductor.meet()).unwrap();
 }
+
+#[test]
+fn a_request_whose_answer_is_spoilt_is_sent_again() {
+    let (mut conductor, mut line) = (conductor(1), Played::default());
+    let mut spoilt = reply(&Reply::Configured(Ok(())));
+    spoilt[3] ^= 0x40;
+    line.say(0, [identity(), spoilt].concat());
+    line.say(300 * MS, reply(&Reply::Configured(Ok(()))));
+    line.run(conductor.meet()).unwrap();
+    let asked: Vec<_> = line.written.iter().map(|(at, _)| at / MS).collect();
+    assert_eq!(asked, [0, 0, 166], "who it is, and its configuration twice");
+}
+
+#[test]
+fn who_never_answers_a_request_is_given_up_in_the_time_for_one_answer() {
+    let (mut conductor, mut line) = (conductor(1), Played::default());
+    line.say(0, identity());
+    let error = line.run(conductor.meet()).unwrap_err();
+    assert_eq!(error.to_string(), "node 1 did not answer: no configured within 0.5 s");
+    assert_eq!((line.now / MS, line.written.len()), (500, 4));
+}
+
+#[test]
+fn frames_that_a_line_doubles_are_named_and_harm_nothing() {
+    let telemetry =
+        |tick| reply(&Reply::Telemetry(Telemetry { tick, component: 0, nu: 0.5, psi: 10.0, u: 0.0 }));
+    let block = |tick| [state(tick + 1, 1.0), telemetry(tick)].concat();
+    let each = |tick| [state(tick + 1, 1.0), state(tick + 1, 1.0), telemetry(tick), telemetry(tick)].concat();
+    for doubled in [|block: Vec<u8>, _: Vec<u8>| [block.clone(), block].concat(), |_, each| each] {
+        let (mut conductor, mut line) = started();
+        for tick in 0..3 {
+            line.say(line.now, doubled(block(tick), each(tick)));
+            line.run(conductor.advance()).unwrap();
+            assert_eq!(conductor.presence(), [Presence::Ran]);
+            assert_eq!((conductor.observations()[0].tick, conductor.observations()[0].nu), (tick, 0.5));
+        }
+        let [said] = &conductor.contradictions()[..] else { panic!("{:?}", conductor.contradictions()) };
+        assert!(said.starts_with("node 1 has a line that doubles frames: a state at tick 0, "), "{said}");
+    }
+}

@@ -175,11 +175,11 @@ fn measured(findings: &Findings) -> Check {
         faults.push("no diffusive term was known at any tick".to_owned());
     }
     for (name, value) in [
-        ("the largest |nu| / psi", findings.max_ratio),
+        ("the largest |nu| / psi", Some(findings.max_ratio)),
         ("the largest spread", findings.max_spread),
         ("the largest input", findings.max_input),
     ] {
-        if value.is_nan() {
+        if value.is_some_and(f64::is_nan) {
             faults.push(format!("{name} is not a number"));
         }
     }

@@ -45,16 +45,18 @@ pub struct Findings {
     pub breaches: u64,
     /// Node-ticks of which the term is not known, since a state in it is not; per component.
     pub unknown: u64,
+    /// Node-ticks of nodes without a neighbour that is there: there is no term to be judged; per component.
+    pub uncoupled: u64,
     /// Node-ticks that were judged; per component.
     pub judged: u64,
     /// First tick with a breach, and the index of its node.
     pub first_breach: Option<(u64, usize)>,
-    /// The largest `max x - min x` at any tick, state units.
-    pub max_spread: f64,
-    /// The same at the last tick.
-    pub final_spread: f64,
-    /// The largest `|u|`, state units / s.
-    pub max_input: f64,
+    /// The largest `max x - min x` at any tick, state units; none where two nodes were never known at one tick.
+    pub max_spread: Option<f64>,
+    /// The same at the last tick; none where one of the nodes that are on is not known there, or is alone.
+    pub final_spread: Option<f64>,
+    /// The largest `|u|`, state units / s; none where no node ran a tick.
+    pub max_input: Option<f64>,
     /// What was found at ticks that events disturb, and is not in the figures above; none where nothing is expected of the recovery.
     pub during_events: Option<DuringEvents>,
     /// Longest time from the end of an event to the last tick outside, s; none where it is not asked for or not known.
@@ -78,6 +80,8 @@ pub struct Worst {
     pub breaches: u64,
     /// Ticks of which the term is not known.
     pub unknown: u64,
+    /// Ticks without a neighbour that was there.
+    pub uncoupled: u64,
     /// Ticks that were judged.
     pub judged: u64,
 }
@@ -144,15 +148,14 @@ impl<'a> Judge<'a> {
             None => self.findings.take(moment.k, ratios),
         }
         if let Some(recovery) = &mut self.recovery {
-            recovery.tick(moment.k, ratios.breaches > 0);
+            recovery.tick(moment.k, (ratios.judged > 0).then_some(ratios.breaches > 0));
         }
         let spread = spread(moment, self.scenario.components());
         let input = input(moment, self.scenario.components());
-        self.findings.max_input = larger(self.findings.max_input, input);
-        if let Some(spread) = spread {
-            self.findings.max_spread = larger(self.findings.max_spread, spread);
-        }
-        self.windows.tick(moment, ratios.largest, spread, input, reference);
+        raise(&mut self.findings.max_input, input);
+        raise(&mut self.findings.max_spread, spread);
+        let ratio = (ratios.judged > 0).then_some(ratios.largest);
+        self.windows.tick(moment, ratio, spread, input, reference);
         if moment.k == self.scenario.time.ticks {
             self.end(moment);
         }
@@ -160,8 +163,8 @@ impl<'a> Judge<'a> {
 
     /// Takes a tick, which has been judged, as the last one.
     pub fn end(&mut self, moment: &Moment<'_>) {
-        let spread = spread(moment, self.scenario.components());
-        self.findings.final_spread = spread.unwrap_or(f64::NAN);
+        let whole = moment.presence.iter().all(|presence| presence.is_known() || *presence == Presence::Off);
+        self.findings.final_spread = spread(moment, self.scenario.components()).filter(|_| whole);
         self.findings.last = self.known(moment);
         let components = self.scenario.components();
         let off = moment.presence.iter().map(|presence| *presence == Presence::Off);
@@ -231,6 +234,11 @@ impl<'a> Judge<'a> {
         for (at, ((nu, psi), worst)) in terms.enumerate() {
             let index = at / components;
             if is_off(moment, index) {
+                continue;
+            }
+            if !self.truth.is_coupled(index, moment.presence) {
+                self.findings.uncoupled += 1;
+                worst.uncoupled += 1;
                 continue;
             }
             if !self.truth.is_known(index, moment.presence) {
@@ -310,7 +318,15 @@ fn is_off(moment: &Moment<'_>, index: usize) -> bool {
     moment.presence.get(index) == Some(&Presence::Off)
 }
 
-/// `max x - min x` over the nodes that are known, of the component in which they are farthest apart; `None` where none is known.
+/// Takes a value as the largest so far, where it is known.
+fn raise(largest: &mut Option<f64>, value: Option<f64>) {
+    if let Some(value) = value {
+        *largest = Some(largest.map_or(value, |most| larger(most, value)));
+    }
+}
+
+/// `max x - min x` over the nodes that are known, of the component in which they are farthest apart; `None` where fewer than two are known:
+/// one alone is in step with nobody.
 fn spread(moment: &Moment<'_>, components: usize) -> Option<f64> {
     let apart = |component: usize| {
         let states = || {
@@ -319,14 +335,14 @@ fn spread(moment: &Moment<'_>, components: usize) -> Option<f64> {
         };
         largest(f64::NEG_INFINITY, states()) - smallest(f64::INFINITY, states())
     };
-    let any = moment.presence.iter().any(|presence| presence.is_known());
-    any.then(|| largest(0.0, (0..components).map(apart)))
+    let known = moment.presence.iter().filter(|presence| presence.is_known()).count();
+    (known > 1).then(|| largest(0.0, (0..components).map(apart)))
 }
 
-/// The largest input that nodes have applied at the tick.
-fn input(moment: &Moment<'_>, components: usize) -> f64 {
+/// The largest input that nodes have applied at the tick; `None` where none has run it.
+fn input(moment: &Moment<'_>, components: usize) -> Option<f64> {
     let ran = |&(at, _): &(usize, &f64)| moment.presence.get(at / components) == Some(&Presence::Ran);
-    largest(0.0, moment.u.iter().enumerate().filter(ran).map(|(_, u)| u.abs()))
+    moment.u.iter().enumerate().filter(ran).map(|(_, u)| u.abs()).reduce(larger)
 }
 
 #[cfg(test)]

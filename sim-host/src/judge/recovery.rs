@@ -2,6 +2,9 @@
 //!
 //! From the begin of an event to `expect.recovered_within` after its end, node-ticks count by themselves. An event that begins while the
 //! network is still outside takes nothing over: the one before goes on being measured.
+//!
+//! An event that ends within another one, or as another one begins, has not ended for the network: its time runs from the end of the last
+//! event that covers it. A node that joins in a partition has nobody to come to before the links are mended.
 
 use crate::scenario::{Scenario, TimeSpec};
 use std::ops::Range;
@@ -30,8 +33,8 @@ pub(super) struct Recovery {
     open: Vec<Open>,
     /// Whether a node was outside at the last tick.
     outside: bool,
-    /// Longest time from the end of an event to the last tick outside, ns.
-    longest: u64,
+    /// Longest time from the end of an event to the last tick outside, ns; none once no term was known after an event.
+    longest: Option<u64>,
 }
 
 /// An event that has ended.
@@ -39,6 +42,8 @@ struct Open {
     end_ns: u64,
     /// Time of the last tick outside since, ns.
     outside_at: Option<u64>,
+    /// A term was known since.
+    is_seen: bool,
 }
 
 impl Recovery {
@@ -46,11 +51,11 @@ impl Recovery {
     pub(super) fn of(scenario: &Scenario) -> Option<Self> {
         let within = scenario.expect.recovered_within_ns?;
         let disturbances = scenario.course().disturbances(&scenario.events);
-        let events: Option<Vec<(u64, u64)>> = disturbances
-            .iter()
-            .map(|disturbance| Some((scenario.time.first_tick(disturbance.from_ns), disturbance.end_ns?)))
-            .collect();
-        let events = events.filter(|events| !events.is_empty())?;
+        let spans: Option<Vec<Range<u64>>> =
+            disturbances.iter().map(|disturbance| Some(disturbance.from_ns..disturbance.end_ns?)).collect();
+        let spans = spans.filter(|spans| !spans.is_empty())?;
+        let begins = spans.iter().map(|span| scenario.time.first_tick(span.start));
+        let events: Vec<(u64, u64)> = begins.zip(covered(&spans)).collect();
         let range =
             |&(from, end_ns): &(u64, u64)| from..scenario.time.first_tick(end_ns.saturating_add(within));
         Some(Self::new(scenario.time, &events, joined(events.iter().map(range))))
@@ -61,7 +66,7 @@ impl Recovery {
         let (mut begins, mut ends): (Vec<u64>, Vec<u64>) = events.iter().copied().unzip();
         begins.sort_unstable_by(|a, b| b.cmp(a));
         ends.sort_unstable_by(|a, b| b.cmp(a));
-        Self { time, begins, ends, disturbed, open: Vec::new(), outside: false, longest: 0 }
+        Self { time, begins, ends, disturbed, open: Vec::new(), outside: false, longest: Some(0) }
     }
 
     /// Whether events disturb tick `k`.
@@ -70,8 +75,8 @@ impl Recovery {
         self.disturbed.get(at).is_some_and(|range| range.contains(&k))
     }
 
-    /// Takes tick `k`, at which a node was outside or none was.
-    pub(super) fn tick(&mut self, k: u64, outside: bool) {
+    /// Takes tick `k`, at which a node was outside or none was; `None` where no term was known.
+    pub(super) fn tick(&mut self, k: u64, outside: Option<bool>) {
         let now = self.time.at_ns(k);
         let mut begins = false;
         while self.begins.pop_if(|from| *from <= k).is_some() {
@@ -81,10 +86,14 @@ impl Recovery {
             self.close();
         }
         while let Some(end_ns) = self.ends.pop_if(|end_ns| *end_ns <= now) {
-            self.open.push(Open { end_ns, outside_at: None });
+            self.open.push(Open { end_ns, outside_at: None, is_seen: false });
         }
-        if outside {
-            self.open.iter_mut().for_each(|open| open.outside_at = Some(now));
+        let Some(outside) = outside else { return };
+        for open in &mut self.open {
+            open.is_seen = true;
+            if outside {
+                open.outside_at = Some(now);
+            }
         }
         self.outside = outside;
     }
@@ -92,17 +101,28 @@ impl Recovery {
     fn close(&mut self) {
         for open in self.open.drain(..) {
             let took = open.outside_at.map_or(0, |at| at.saturating_sub(open.end_ns));
-            self.longest = self.longest.max(took);
+            // Where nobody is left to be outside, nothing has recovered.
+            self.longest = self.longest.filter(|_| open.is_seen).map(|longest| longest.max(took));
         }
     }
 
     /// The longest time from the end of an event to the last tick outside, s; `None` where the run ended before an event did, or
-    /// with a node outside.
+    /// with a node outside, or where no term was known after an event.
     pub(super) fn finish(mut self) -> Option<f64> {
         let recovered = self.ends.is_empty() && (!self.outside || self.open.is_empty());
         self.close();
-        recovered.then_some(self.longest as f64 / 1e9)
+        self.longest.filter(|_| recovered).map(|longest| longest as f64 / 1e9)
     }
+}
+
+/// When each of `spans` has ended for the network: the end of the last one that covers it. They are in the order of their begins.
+fn covered(spans: &[Range<u64>]) -> Vec<u64> {
+    let joined = joined(spans.iter().cloned());
+    let end = |span: &Range<u64>| {
+        let at = joined.partition_point(|whole| whole.end < span.end);
+        joined.get(at).map_or(span.end, |whole| whole.end)
+    };
+    spans.iter().map(end).collect()
 }
 
 /// Ranges, in the order of their starts, as ranges that are apart from each other.
@@ -129,7 +149,7 @@ mod tests {
 
     fn took(events: &[(u64, u64)], ticks: u64, outside: impl Fn(u64) -> bool) -> Option<f64> {
         let mut recovery = recovery(events);
-        (0..ticks).for_each(|k| recovery.tick(k, outside(k)));
+        (0..ticks).for_each(|k| recovery.tick(k, Some(outside(k))));
         recovery.finish()
     }
 
@@ -147,11 +167,29 @@ mod tests {
     }
 
     #[test]
+    fn where_nobody_is_left_to_be_outside_nothing_has_recovered() {
+        let took = |known: fn(u64) -> bool| {
+            let mut recovery = recovery(&[(10, 20)]);
+            (0..100).for_each(|k| recovery.tick(k, known(k).then_some(k == 30)));
+            recovery.finish()
+        };
+        assert_eq!([took(|k| k < 20), took(|k| k < 40), took(|_| true)], [None, Some(0.01), Some(0.01)]);
+    }
+
+    #[test]
     fn an_event_that_comes_while_the_network_is_outside_hides_nothing() {
         // Outside from the first event to tick 60, across the second one.
         assert_eq!(took(&[(10, 10), (40, 40)], 100, |k| (10..=60).contains(&k)), Some(0.05));
         // Inside again before the second one.
         assert_eq!(took(&[(10, 10), (40, 40)], 100, |k| (10..30).contains(&k) || k == 55), Some(0.019));
+    }
+
+    #[test]
+    fn an_event_ends_with_the_last_one_that_covers_it() {
+        // A join in a partition, one at its end, and one after it; two partitions that overlap.
+        assert_eq!(covered(&[10..50, 20..20, 50..50, 60..60]), [50, 50, 50, 60]);
+        assert_eq!(covered(&[10..50, 20..20, 30..80, 90..95]), [80, 80, 80, 95]);
+        assert_eq!(covered(&[5..5, 10..50]), [5, 50]);
     }
 
     #[test]

@@ -32,7 +32,7 @@ fn terms_are_those_of_the_states_whatever_nodes_have_heard() {
     let found = findings(&scenario, &[(0, [0.0, 1.0, 0.0], RAN), (10, [0.0, 3.0, 1.0], RAN)]);
     // nu_2 = 0.5 (0 - 3) + 0.5 (1 - 3).
     assert_eq!((found.max_ratio, found.breaches, found.first_breach), (1.25, 1, Some((10, 1))));
-    assert_eq!((found.max_spread, found.final_spread, found.max_input), (3.0, 3.0, 7.0));
+    assert_eq!((found.max_spread, found.final_spread, found.max_input), (Some(3.0), Some(3.0), Some(7.0)));
     assert_eq!((found.last, found.unknown, found.judged), (vec![0.0, 3.0, 1.0], 0, 6));
 }
 
@@ -40,14 +40,14 @@ fn terms_are_those_of_the_states_whatever_nodes_have_heard() {
 fn the_largest_spread_is_not_the_final_one() {
     let scenario = scenario(PATH, &[]);
     let found = findings(&scenario, &[(4, [0.0, 1.0, 0.0], RAN), (10, [0.0, 0.25, 0.0], RAN)]);
-    assert_eq!((found.max_spread, found.final_spread), (1.0, 0.25));
+    assert_eq!((found.max_spread, found.final_spread), (Some(1.0), Some(0.25)));
 }
 
 #[test]
 fn a_value_that_is_not_a_number_is_a_breach_and_stays_the_largest() {
     let scenario = scenario(PATH, &[]);
     let found = findings(&scenario, &[(0, [0.0, f64::NAN, 0.0], RAN), (10, [0.0; 3], RAN)]);
-    assert!(found.max_ratio.is_nan() && found.max_spread.is_nan(), "{found:?}");
+    assert!(found.max_ratio.is_nan() && found.max_spread.is_some_and(f64::is_nan), "{found:?}");
     assert_eq!(found.breaches, 3);
 }
 
@@ -59,11 +59,12 @@ fn a_term_with_an_unknown_state_in_it_is_counted_and_not_judged() {
         let found = findings(&scenario, &[(10, [1e9, 0.0, 1.0], presence)]);
         // Node 3 hears only node 2.
         assert_eq!((found.unknown, found.judged, found.max_ratio), (2, 1, 0.25), "{unknown:?}");
-        assert_eq!(found.final_spread, 1.0);
+        // Nobody knows how far away the third one is at the end.
+        assert_eq!((found.max_spread, found.final_spread), (Some(1.0), None));
         assert!(found.last[0].is_nan() && found.last[1..] == [0.0, 1.0]);
     }
     let nobody = findings(&scenario, &[(10, [0.0; 3], [Presence::Absent; 3])]);
-    assert!(nobody.judged == 0 && nobody.final_spread.is_nan(), "{nobody:?}");
+    assert!(nobody.judged == 0 && nobody.final_spread.is_none() && nobody.max_input.is_none(), "{nobody:?}");
 }
 
 #[test]
@@ -73,7 +74,7 @@ fn a_stopped_node_keeps_its_state_and_its_edges() {
     let found = findings(&scenario, &[(10, [9.0, 0.0, 0.0], presence)]);
     assert_eq!((found.max_ratio, found.breaches), (2.25, 2));
     // What it was told last drives nothing any more.
-    assert_eq!(found.max_input, 7.0);
+    assert_eq!(found.max_input, Some(7.0));
 }
 
 #[test]
@@ -131,7 +132,8 @@ fn every_node_has_figures_of_its_own() {
         &scenario,
         &[(0, [0.0, 5.0, 0.0], RAN), (1, [0.0, 1.0, 0.0], RAN), (10, [0.0, 3.0, 1.0], away)],
     );
-    let worst = |max_ratio, breaches, unknown, judged| Worst { max_ratio, breaches, unknown, judged };
+    let worst =
+        |max_ratio, breaches, unknown, judged| Worst { max_ratio, breaches, unknown, judged, uncoupled: 0 };
     // nu_1 = 2.5 and 0.5, nu_2 = -5 and -1, nu_3 = 2.5, 0.5 and 1, in a funnel of 2.
     assert_eq!(found.worst, [worst(1.25, 1, 1, 2), worst(2.5, 1, 1, 2), worst(1.25, 1, 0, 3)]);
     assert_eq!(found.breaches, 3);
@@ -149,7 +151,10 @@ fn a_node_that_is_off_has_no_state_and_no_edge() {
     assert!(judge.terms()[0].is_nan());
     let found = judge.finish();
     assert_eq!((found.unknown, found.judged, found.breaches, found.max_ratio), (0, 2, 0, 0.5));
-    assert_eq!((found.final_spread, found.max_input, found.off), (2.0, 1.0, vec![true, false, false]));
+    assert_eq!(
+        (found.final_spread, found.max_input, found.off),
+        (Some(2.0), Some(1.0), vec![true, false, false])
+    );
 }
 
 #[test]
@@ -176,4 +181,23 @@ fn only_disturbed_ticks_are_excused() {
     assert_eq!(outside(4, 7), (2, 4, 4, Some(0.002)));
     assert_eq!(outside(3, 5), (3, 2, 4, Some(0.0)));
     assert_eq!(outside(9, 11), (4, 0, 4, None));
+}
+
+#[test]
+fn who_has_no_neighbour_left_has_no_term_that_could_pass() {
+    let window = "expect={window=[{from='6ms',to='10ms',funnel_ratio=1.0,spread=9.0,emergent_error=9.0,max_input=9.0}]}";
+    let scenario = scenario(PATH, &[window]);
+    let hub_gone = [Presence::Ran, Presence::Off, Presence::Ran];
+    let found = findings(&scenario, &[(0, [0.0, 1.0, 0.0], RAN), (8, [0.0, f64::NAN, 3.0], hub_gone)]);
+    assert_eq!((found.judged, found.unknown, found.uncoupled), (3, 0, 2));
+    assert_eq!((found.worst[0].judged, found.worst[0].uncoupled), (1, 1));
+    let [figures] = found.windows.as_slice() else { panic!("{found:?}") };
+    // How far they are apart is known all the same.
+    assert_eq!((figures.funnel_ratio, figures.spread, figures.max_input), (None, Some(3.0), Some(1.0)));
+    let nobody = findings(&scenario, &[(8, [f64::NAN; 3], [Presence::Off; 3])]);
+    assert_eq!(nobody.windows, [WindowFigures::default()]);
+    // One alone agrees with nobody.
+    let alone = [Presence::Ran, Presence::Off, Presence::Off];
+    let found = findings(&scenario, &[(10, [1.0, f64::NAN, f64::NAN], alone)]);
+    assert_eq!((found.final_spread, found.windows[0].spread, found.judged), (None, None, 0));
 }

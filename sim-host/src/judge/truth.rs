@@ -35,14 +35,19 @@ impl Truth {
             && self.neighbours(index).iter().all(|&(other, _)| known(other) || is_off(other, presence))
     }
 
+    /// Whether a node has a neighbour that is there. A term of no edges is zero whatever the node does, and measures nothing.
+    pub(super) fn is_coupled(&self, index: usize, presence: &[Presence]) -> bool {
+        self.neighbours(index).iter().any(|&(other, _)| !is_off(other, presence))
+    }
+
     /// Writes `sum_j alpha_ij (x_j - x_i)` by index and then by component, state units; with edge-wise coupling the term of the edge where
-    /// it is largest. NaN where it is not known.
+    /// it is largest. NaN where it is not known, or has no edge.
     pub(super) fn terms(&self, x: &[f64], presence: &[Presence], terms: &mut [f64]) {
         let components = self.components;
         for (at, slot) in terms.iter_mut().enumerate() {
             let (index, component) = (at / components, at % components);
             *slot = match x.get(at) {
-                Some(&own) if self.is_known(index, presence) => {
+                Some(&own) if self.is_known(index, presence) && self.is_coupled(index, presence) => {
                     let other =
                         |other: usize| x.get(other * components + component).copied().unwrap_or(f64::NAN);
                     let there = self.neighbours(index).iter().filter(|&&(j, _)| !is_off(j, presence));

@@ -1,6 +1,6 @@
 //! `[[expect.window]]`: figures of a part of the run only.
 
-use super::Moment;
+use super::{Moment, raise};
 use crate::emergent::EmergentTrajectory;
 use crate::extremes::larger;
 use crate::scenario::{Scenario, Window};
@@ -48,9 +48,9 @@ impl<'a> Windows<'a> {
     pub(super) fn tick(
         &mut self,
         moment: &Moment<'_>,
-        ratio: f64,
+        ratio: Option<f64>,
         spread: Option<f64>,
-        input: f64,
+        input: Option<f64>,
         reference: Option<&[f64]>,
     ) {
         let inside = |window: &Window| (window.from_tick..=window.to_tick).contains(&moment.k);
@@ -60,22 +60,17 @@ impl<'a> Windows<'a> {
         let components = self.scenario.components();
         let t = self.scenario.time.at_s(moment.k);
         let emergent =
-            self.emergent.as_mut().map(|emergent| distance(moment, components, emergent.advance(t)));
-        let reference = reference.map(|exact| distance(moment, components, exact));
+            self.emergent.as_mut().and_then(|emergent| distance(moment, components, emergent.advance(t)));
+        let reference = reference.and_then(|exact| distance(moment, components, exact));
         for (window, figures) in self.windows.iter().zip(&mut self.figures) {
             if !inside(window) {
                 continue;
             }
-            let raise = |slot: &mut Option<f64>, value: Option<f64>| {
-                if let Some(value) = value {
-                    *slot = Some(slot.map_or(value, |most| larger(most, value)));
-                }
-            };
-            raise(&mut figures.funnel_ratio, Some(ratio));
+            raise(&mut figures.funnel_ratio, ratio);
             raise(&mut figures.spread, spread);
             raise(&mut figures.emergent_error, emergent);
             raise(&mut figures.reference_error, reference);
-            raise(&mut figures.max_input, Some(input));
+            raise(&mut figures.max_input, input);
         }
     }
 
@@ -84,9 +79,9 @@ impl<'a> Windows<'a> {
     }
 }
 
-/// The largest distance of a known state to a point, or to the states of a reference, state units.
-fn distance(moment: &Moment<'_>, components: usize, point: &[f64]) -> f64 {
+/// The largest distance of a known state to a point, or to the states of a reference, state units; `None` where none is known.
+fn distance(moment: &Moment<'_>, components: usize, point: &[f64]) -> Option<f64> {
     let known = |&(at, _): &(usize, (&f64, &f64))| super::is_known(moment, at / components);
     let apart = moment.x.iter().zip(point.iter().cycle()).enumerate().filter(known);
-    apart.map(|(_, (x, point))| (x - point).abs()).fold(0.0, larger)
+    apart.map(|(_, (x, point))| (x - point).abs()).reduce(larger)
 }

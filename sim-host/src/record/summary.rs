@@ -76,6 +76,8 @@ pub struct FunnelSummary {
     pub during_events: Option<DuringEventsSummary>,
     /// Node-ticks of which the term is not known, since a state in it was not recorded.
     pub unknown: u64,
+    /// Node-ticks of nodes without a neighbour that was there: they have no term.
+    pub uncoupled: u64,
     /// Where a node has reopened its funnel, the largest ratio by its own; else `null`.
     pub reopened_ratio: Option<f64>,
     /// The same as nodes believe it; `null` where no `f32` node ran.

@@ -23,7 +23,10 @@ impl fmt::Display for Summary {
 pub fn failures(summary: &Summary) -> Vec<String> {
     let expectations = summary.expect.iter().filter(|expectation| !expectation.pass);
     let expectations = expectations.map(|Expectation { name, limit, value, .. }| {
-        let value = value.map_or("not measured".to_owned(), |value| value.to_string());
+        let value = value.map_or("not measured".to_owned(), |value| match value.is_nan() {
+            true => "not a number".to_owned(),
+            false => value.to_string(),
+        });
         format!("failed: {name} = {value} must stay below {limit}")
     });
     let checks = summary.checks.iter().filter(|check| !check.pass);
@@ -47,11 +50,16 @@ fn behaviour(summary: &Summary) -> Vec<Line> {
     let mut lines = Vec::new();
     lines.extend(summary.funnel.as_ref().map(|funnel| ("funnel", funnels(funnel))));
     lines.extend(summary.sync.map(|sync| ("sync", agreement(&sync))));
-    lines.push(("input", format!("largest |u| {}", figure(summary.max_input, 4))));
+    lines.push(("input", format!("largest |u| {}", known(summary.max_input, 4))));
     lines.extend(summary.emergent.iter().flat_map(predictions));
-    let error = |error: f64| format!("largest error {}", figure(error, 4));
+    let error = |error: f64| format!("largest error {}", known(error, 4));
     lines.extend(summary.reference.map(|reference| ("reference", error(reference.max_error))));
     lines
+}
+
+/// Its digits, or that it is not known.
+fn known(value: f64, digits: usize) -> String {
+    if value.is_nan() { "not known".to_owned() } else { figure(value, digits) }
 }
 
 /// Lines on what carried the states, and how that differs from loopback.
@@ -80,7 +88,10 @@ fn record(summary: &Summary) -> Vec<Line> {
 /// Lines on what was expected, and which checks have failed.
 fn verdict(summary: &Summary) -> Vec<Line> {
     let expectation = |Expectation { name, limit, value, pass }: &Expectation| {
-        let value = value.map_or("not measured".to_owned(), |value| figure(value, 4));
+        let value = value.map_or("not measured".to_owned(), |value| match value.is_nan() {
+            true => "not a number".to_owned(),
+            false => figure(value, 4),
+        });
         (if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"))
     };
     let mut lines: Vec<Line> = summary.expect.iter().map(expectation).collect();
@@ -95,25 +106,28 @@ fn verdict(summary: &Summary) -> Vec<Line> {
 
 /// Says how the funnels held, and what nodes believe of them where that is something else.
 fn funnels(funnel: &FunnelSummary) -> String {
-    let mut text = format!("largest |nu|/psi {}, breaches {}", figure(funnel.max_ratio, 4), funnel.breaches);
+    let mut text = format!("largest |nu|/psi {}, breaches {}", known(funnel.max_ratio, 4), funnel.breaches);
     if let Some(believed) = funnel.believed {
-        let [true_ratio, ratio] = [funnel.max_ratio, believed.max_ratio].map(|ratio| figure(ratio, 4));
+        let [true_ratio, ratio] = [funnel.max_ratio, believed.max_ratio].map(|ratio| known(ratio, 4));
         if true_ratio != ratio || funnel.breaches != believed.breaches {
             text += &format!("; nodes believe {ratio}, {}", believed.breaches);
         }
     }
     if let Some(during) = funnel.during_events {
-        let ratio = figure(during.max_ratio, 4);
+        let ratio = known(during.max_ratio, 4);
         text += &format!("; during events {ratio}, {}", during.breaches);
     }
     if funnel.unknown > 0 {
         text += &format!("; not known at {} node-ticks", funnel.unknown);
     }
+    if funnel.uncoupled > 0 {
+        text += &format!("; no neighbour at {} node-ticks", funnel.uncoupled);
+    }
     text
 }
 
 fn agreement(sync: &SyncSummary) -> String {
-    let [last, most, bound] = [sync.final_spread, sync.max_spread, sync.bound].map(|value| figure(value, 4));
+    let [last, most, bound] = [sync.final_spread, sync.max_spread, sync.bound].map(|value| known(value, 4));
     let bound = if sync.bound.is_nan() { "no bound".to_owned() } else { format!("bound {bound}") };
     format!("final spread {last}, {bound}; largest spread {most}")
 }
@@ -121,8 +135,10 @@ fn agreement(sync: &SyncSummary) -> String {
 /// Lines on how far from the predictions the states ended, where these are known.
 fn predictions(emergent: &EmergentSummary) -> impl Iterator<Item = Line> {
     let distance = |name, error: Option<f64>, symbol: &str, end: &Option<PerComponent>| {
-        let (error, end) = (error?, end.as_ref()?);
-        Some((name, format!("final distance {} to {symbol}{}", figure(error, 4), each(&end.0))))
+        let (error, end) = (known(error.unwrap_or(f64::NAN), 4), end.as_ref()?);
+        let unresolved = emergent.unresolved.as_ref().map(|why| format!(", which is not resolved: {why}"));
+        let unresolved = unresolved.unwrap_or_default();
+        Some((name, format!("final distance {error} to {symbol}{}{unresolved}", each(&end.0))))
     };
     let lines = [
         distance("emergent", emergent.final_error, "xi = ", &emergent.xi_final),

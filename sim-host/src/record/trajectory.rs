@@ -27,6 +27,8 @@ pub struct Row {
     pub xi: Vec<f64>,
     /// The blended dynamics by component, in state units; empty where they are not known.
     pub blended: Vec<f64>,
+    /// Deliveries that were lost since the row before; no column.
+    pub lost: u64,
 }
 
 /// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).

@@ -1,6 +1,7 @@
 //! How far apart the nodes are, beside the bound that the funnels give, and how far from the emergent trajectory: on a logarithmic axis,
 //! where a narrow funnel can be seen.
 
+use funnelnet_law::math;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::VPos;
@@ -11,7 +12,7 @@ use super::curve::Curve;
 use super::legend::{self, Entry, Stroke};
 use super::style::{BOUNDARY, FAINT, INK, at, colour, font, line, px, shrink};
 use super::thin::thin;
-use super::trace::{Drawn, Trace};
+use super::trace::{Drawn, Trace, Wanted};
 use super::{PlotError, axis, marks, text};
 
 const SIZE: (u32, u32) = (1000, 460);
@@ -21,6 +22,8 @@ const LEGEND: u32 = 150;
 const DEEPEST: f64 = 1e-9;
 /// A bound that begins so many times as wide as all that is measured is cut.
 const FAR: f64 = 1e3;
+/// The height that a line of text takes, in pixels.
+const LINE: u32 = 20;
 /// Marks that are named; of more, only the lines.
 const NAMED: usize = 8;
 
@@ -29,7 +32,7 @@ const NAMED: usize = 8;
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
 pub fn agreement_svg(trace: &Trace) -> Result<String, PlotError> {
-    let trace = &trace.drawn()?;
+    let trace = &trace.drawn(Wanted::Together)?;
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (px(SIZE.0), px(SIZE.1))).into_drawing_area();
@@ -125,10 +128,13 @@ fn picture<DB: DrawingBackend>(
     for (n, mark) in trace.marks.iter().enumerate() {
         mark.draw(&mut chart, (&trace.span, heights), INK)?;
         if n < NAMED {
-            let words = mark.label();
-            marks::label(&mut chart, &trace.span, (mark.from, heights.start), VPos::Bottom, words)?;
+            // One below the other: marks at the same time would cover each other.
+            let share = 1.0 - f64::from(LINE * (n as u32 + 1)) / f64::from(SIZE.1);
+            let y = heights.start * math::pow(heights.end / heights.start, share);
+            marks::label(&mut chart, &trace.span, (mark.from, y), VPos::Top, mark.label())?;
         }
     }
+    trace.losses.draw(&mut chart, heights.start)?;
     for (points, style, stroke) in curves(trace) {
         let pieces = clip(thin(&axis.raised(points)), heights);
         Curve { pieces, style, stroke }.draw(&mut chart)?;
@@ -159,5 +165,5 @@ fn entries(trace: &Drawn) -> Vec<Entry> {
         known(points).then(|| Entry { label: name.to_owned(), style, stroke })
     };
     let curves = curves(trace).into_iter().zip(names).filter_map(entry);
-    curves.chain(marks::entries(trace.marks.iter())).collect()
+    curves.chain(marks::entries(trace.marks.iter())).chain(trace.losses.entry()).collect()
 }

@@ -2,18 +2,35 @@
 
 /// Rows at most that are kept as they are.
 const ROWS: usize = 2048;
-/// Groups of several rows at most: about as many as a picture has columns of pixels.
-const GROUPS: usize = 1024;
+/// Groups of several rows at most. Each keeps its extremes at their times, so that two or three columns of pixels may share one.
+const GROUPS: usize = 512;
 /// Rows of an open group that are kept before they are reduced.
 const PENDING: usize = 64;
 
-/// One row of `C` curves that share their times.
+/// One row of `C` curves that share their times. A picture has no more digits than f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample<const C: usize> {
     /// Time, in s.
     pub(super) t: f64,
     /// By curve; NaN where one is not known.
-    pub(super) values: [f64; C],
+    pub(super) values: [f32; C],
+}
+
+impl<const C: usize> Sample<C> {
+    /// At time `t` (s).
+    pub(super) fn at(t: f64, values: [f64; C]) -> Self {
+        Self { t, values: values.map(rounded) }
+    }
+}
+
+/// The nearest f32 that is no more than `value` where it says so: what is finite stays finite, and a ratio inside stays inside.
+fn rounded(value: f64) -> f32 {
+    let near = value as f32;
+    match () {
+        () if value.is_finite() && near.is_infinite() => f32::MAX.copysign(near),
+        () if value.abs() < 1.0 && near.abs() >= 1.0 => 1.0f32.next_down().copysign(near),
+        () => near,
+    }
 }
 
 /// The envelope of `C` curves. Fewer rows than [`ROWS`] are kept as they are. More are grouped, twice as many in each group whenever
@@ -105,9 +122,16 @@ mod tests {
     fn envelope(rows: u64, curves: impl Fn(u64) -> [f64; 2]) -> Envelope<2> {
         let mut envelope = Envelope::default();
         for k in 0..rows {
-            envelope.push(Sample { t: k as f64, values: curves(k) });
+            envelope.push(Sample::at(k as f64, curves(k)));
         }
         envelope
+    }
+
+    #[test]
+    fn rounding_makes_nothing_infinite_and_no_breach() {
+        assert_eq!([1e300, -1e300, f64::INFINITY].map(rounded), [f32::MAX, f32::MIN, f32::INFINITY]);
+        assert!(rounded(1.0 - 1e-12) < 1.0 && rounded(-1.0 + 1e-12) > -1.0 && rounded(1.0) == 1.0);
+        assert!(rounded(f64::NAN).is_nan() && rounded(0.1) == 0.1);
     }
 
     #[test]
@@ -134,7 +158,7 @@ mod tests {
             for spike in [-5.0, 5.0, f64::INFINITY] {
                 let with = envelope(100_000, |k| [0.5, if k == at { spike } else { (k % 3) as f64 }]);
                 let samples: Vec<_> = with.samples().collect();
-                let found = samples.iter().filter(|sample| sample.values[1] == spike);
+                let found = samples.iter().filter(|sample| f64::from(sample.values[1]) == spike);
                 assert_eq!(found.map(|sample| sample.t).collect::<Vec<_>>(), [at as f64]);
                 assert_eq!((samples[0].t, samples[samples.len() - 1].t), (0.0, 99_999.0));
                 assert!(samples.is_sorted_by(|a, b| a.t < b.t));

@@ -4,9 +4,9 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::legend::{self, Entry, Stroke};
-use super::panel::{CELL, Panel};
-use super::style::{BREACH, INK, NODES, at, colour, font, line, px, shrink};
-use super::trace::{Drawn, Node, Trace};
+use super::panel::{CELL, Features, Panel};
+use super::style::{BREACH, INK, at, colour, font, line, px, shrink};
+use super::trace::{Drawn, Trace, Wanted};
 use super::{PlotError, marks, text};
 
 /// Space at the left and right of the heading, in pixels.
@@ -22,14 +22,15 @@ const WHICH: u32 = 22;
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
 pub fn funnels_svg(trace: &Trace) -> Result<String, PlotError> {
-    let trace = &trace.drawn()?;
-    let shown = shown(&trace.nodes);
-    let panels: Vec<Panel<'_>> =
-        shown.iter().enumerate().map(|(k, node)| Panel::new(trace, node, colour(k))).collect();
-    let columns = panels.len().clamp(1, 3);
-    let rows = panels.len().div_ceil(columns);
+    let (recorded, trace) = (trace, &trace.drawn(Wanted::Funnels)?);
+    // One after the other, and again as they are drawn: all at once would take as much memory as all else.
+    let nodes = || recorded.urgent().into_iter().filter_map(|index| recorded.node(index)).enumerate();
+    let features: Vec<Features> =
+        nodes().map(|(k, node)| Panel::new(trace, &node, colour(k)).features()).collect();
+    let columns = features.len().clamp(1, 3);
+    let rows = features.len().div_ceil(columns);
     let width = CELL.0 * columns as u32;
-    let heading = Heading::new(trace, &panels, width);
+    let heading = Heading::new(trace, &features, width);
     let size = (width, heading.height() + CELL.1 * rows as u32);
     let mut svg = String::new();
     {
@@ -37,27 +38,12 @@ pub fn funnels_svg(trace: &Trace) -> Result<String, PlotError> {
         root.fill(&WHITE).map_err(PlotError::new)?;
         let (head, body) = root.split_vertically(px(heading.height()));
         heading.draw(&head)?;
-        for (cell, panel) in body.split_evenly((rows, columns)).iter().zip(&panels) {
-            panel.draw(cell)?;
+        for (cell, (k, node)) in body.split_evenly((rows, columns)).iter().zip(nodes()) {
+            Panel::new(trace, &node, colour(k)).draw(cell)?;
         }
         root.present().map_err(PlotError::new)?;
     }
     Ok(shrink(svg, size))
-}
-
-/// The nodes to show, by id.
-fn shown(nodes: &[Node]) -> Vec<&Node> {
-    // What is not a number comes before any number, and what is not known at all before what is known to be inside.
-    let urgency = |node: &Node| match node.worst().0 {
-        worst if worst.max_ratio.is_nan() => f64::INFINITY,
-        worst if worst.judged == 0 => 1.0,
-        worst => worst.max_ratio,
-    };
-    let mut shown: Vec<&Node> = nodes.iter().collect();
-    shown.sort_by(|a, b| urgency(b).total_cmp(&urgency(a)));
-    shown.truncate(NODES);
-    shown.sort_by_key(|n| (n.id, n.component));
-    shown
 }
 
 /// What stands above the panels.
@@ -70,7 +56,7 @@ struct Heading {
 }
 
 impl Heading {
-    fn new(trace: &Drawn, panels: &[Panel<'_>], width: u32) -> Self {
+    fn new(trace: &Drawn, panels: &[Features], width: u32) -> Self {
         let room = width - 2 * MARGIN;
         let (all, shown) = (trace.nodes.len(), panels.len());
         let kind = if trace.components() == 1 { "nodes" } else { "components of nodes" };
@@ -101,22 +87,22 @@ impl Heading {
 }
 
 /// The legend: what is in at least one of the panels.
-fn entries(trace: &Drawn, panels: &[Panel<'_>]) -> Vec<Entry> {
+fn entries(trace: &Drawn, panels: &[Features]) -> Vec<Entry> {
     let entry = |label: &str, style, stroke| Entry { label: label.to_owned(), style, stroke };
     let mut entries = vec![
         entry("\u{3BD}, true", line(colour(0), 2), Stroke::Solid),
         entry("inside \u{3C8} of the scenario", line(INK, 1), Stroke::Band),
     ];
-    if panels.iter().any(Panel::has_breach) {
+    if panels.iter().any(|panel| panel.has_breach) {
         entries.push(entry("outside", line(BREACH, 3), Stroke::Solid));
     }
-    if panels.iter().any(Panel::has_own_nu) {
+    if panels.iter().any(|panel| panel.has_own_nu) {
         entries.push(entry("\u{3BD} as the node believes", line(INK, 1), Stroke::Solid));
     }
-    if panels.iter().any(Panel::has_own_psi) {
+    if panels.iter().any(|panel| panel.has_own_psi) {
         entries.push(entry("\u{3C8} as the node has it", line(INK, 1), Stroke::Dashed));
     }
-    let marks = trace.marks.iter().filter(|mark| panels.iter().any(|panel| panel.id() == mark.id));
+    let marks = trace.marks.iter().filter(|mark| panels.iter().any(|panel| panel.id == mark.id));
     entries.extend(marks::entries(marks));
     entries
 }

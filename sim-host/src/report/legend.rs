@@ -26,6 +26,8 @@ pub(super) enum Stroke {
     Cross,
     /// A time without curves.
     Shade,
+    /// Marks along the lower edge.
+    Rug,
 }
 
 impl Stroke {
@@ -34,7 +36,7 @@ impl Stroke {
         match self {
             Self::Dashed => Some((7, 4)),
             Self::Dotted => Some((2, 3)),
-            Self::Solid | Self::Band | Self::Cross | Self::Shade => None,
+            Self::Solid | Self::Band | Self::Cross | Self::Shade | Self::Rug => None,
         }
     }
 }
@@ -110,6 +112,9 @@ impl Entry {
                 path(at(x + 18, y - 8), at(x + 18, y + 8), self.style)?;
                 area.draw(&Cross::new(at(x + 18, y), px(5), line(INK, 2))).map_err(PlotError::new)
             }
+            Stroke::Rug => [6, 10, 18, 20, 29]
+                .into_iter()
+                .try_for_each(|along| path(at(x + along, y - 2), at(x + along, y + 7), self.style)),
             Stroke::Shade => {
                 area.draw(&Rectangle::new(corners, INK.mix(0.12).filled())).map_err(PlotError::new)?;
                 path(at(x + 4, y - 7), at(x + 4, y + 7), self.style)

@@ -11,6 +11,7 @@ mod curve;
 mod envelope;
 mod funnels;
 mod legend;
+mod losses;
 mod marks;
 mod notes;
 mod overlay;

@@ -48,6 +48,9 @@ pub(super) fn notes(trace: &Drawn, node: &Node) -> String {
     if worst.unknown > 0 {
         notes.push(format!("not known at {}", at(worst.unknown)));
     }
+    if worst.uncoupled > 0 {
+        notes.push(format!("no neighbour at {}", at(worst.uncoupled)));
+    }
     if node.psi.first().is_some_and(|psi| psi.is_infinite()) {
         notes.push("\u{3C8} begins infinite".to_owned());
     }

@@ -52,6 +52,14 @@ pub(super) struct Panel<'a> {
     own_psi: Vec<f64>,
 }
 
+/// What a legend of several panels has to know of one.
+pub(super) struct Features {
+    pub(super) id: usize,
+    pub(super) has_breach: bool,
+    pub(super) has_own_nu: bool,
+    pub(super) has_own_psi: bool,
+}
+
 /// The vertical axis.
 enum Scale {
     Band(Range<f64>),
@@ -75,20 +83,19 @@ impl<'a> Panel<'a> {
         Self { trace, node, span: trace.span.clone(), colour, scale, own_nu, own_psi }
     }
 
-    pub(super) fn id(&self) -> usize {
-        self.node.id
+    /// What the legend has to know of it.
+    pub(super) fn features(&self) -> Features {
+        let any = |values: &[f64]| values.iter().any(|v| !v.is_nan());
+        Features {
+            id: self.node.id,
+            has_breach: self.has_breach(),
+            has_own_nu: any(&self.own_nu),
+            has_own_psi: any(&self.own_psi),
+        }
     }
 
-    pub(super) fn has_breach(&self) -> bool {
+    fn has_breach(&self) -> bool {
         self.node.worst().0.breaches > 0
-    }
-
-    pub(super) fn has_own_nu(&self) -> bool {
-        self.own_nu.iter().any(|v| !v.is_nan())
-    }
-
-    pub(super) fn has_own_psi(&self) -> bool {
-        self.own_psi.iter().any(|v| !v.is_nan())
     }
 
     pub(super) fn draw<DB: DrawingBackend>(&self, cell: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {

@@ -10,7 +10,7 @@ use super::curve::Curve;
 use super::legend::{self, Entry, Stroke};
 use super::style::{CROWD, FAINT, INK, NODES, at, colour, font, line, px, shrink};
 use super::thin::thin;
-use super::trace::{Drawn, Node, Trace};
+use super::trace::{Drawn, Node, Trace, Wanted};
 use super::{PlotError, axis, marks, text};
 
 const WIDTH: u32 = 1000;
@@ -52,7 +52,8 @@ pub fn inputs_svg(trace: &Trace) -> Result<String, PlotError> {
 }
 
 fn svg(trace: &Trace, what: Quantity) -> Result<String, PlotError> {
-    let trace = &trace.drawn()?;
+    let wanted = if what == Quantity::States { Wanted::States } else { Wanted::Inputs };
+    let trace = &trace.drawn(wanted)?;
     let components = trace.components();
     let height = if components == 1 { SCALAR } else { COMPONENT };
     let size = (WIDTH, TITLE + height * components as u32);
@@ -113,6 +114,7 @@ impl Plot<'_> {
             .draw()
             .map_err(PlotError::new)?;
         self.mark(&mut chart, &heights)?;
+        self.trace.losses.draw(&mut chart, heights.start)?;
         for (node, points) in &curves {
             let style = line(ink(self.trace, node), if has_colours(self.trace) { 2 } else { 1 });
             Curve::solid(clip(thin(points), &heights), style).draw(&mut chart)?;
@@ -133,7 +135,7 @@ impl Plot<'_> {
     fn points(&self, node: &Node) -> Vec<(f64, f64)> {
         match self.what {
             Quantity::States => self.trace.states(node),
-            Quantity::Inputs => self.trace.points(node, &node.u),
+            Quantity::Inputs => self.trace.inputs(node),
         }
     }
 
@@ -161,7 +163,7 @@ impl Plot<'_> {
             .filter_map(|(name, components, stroke)| Some((name, components.get(self.component)?, stroke)))
     }
 
-    /// A cross where the state of a node ends.
+    /// A cross where the curve of a node ends.
     fn crosses<DB, CT>(
         &self,
         chart: &mut ChartContext<'_, DB, CT>,
@@ -172,9 +174,13 @@ impl Plot<'_> {
         CT: CoordTranslate<From = (f64, f64)>,
     {
         let span = &self.trace.span;
-        for node in self.nodes().filter(|_| self.what == Quantity::States) {
-            if let Some((t, x)) = self.trace.stop(node) {
-                let at = (t.clamp(span.start, span.end), x.clamp(heights.start, heights.end));
+        for node in self.nodes() {
+            let end = match self.what {
+                Quantity::States => self.trace.stop(node),
+                Quantity::Inputs => self.trace.last_input(node),
+            };
+            if let Some((t, y)) = end {
+                let at = (t.clamp(span.start, span.end), y.clamp(heights.start, heights.end));
                 marks::cross(chart, at, ink(self.trace, node))?;
             }
         }
@@ -285,6 +291,7 @@ fn entries(trace: &Drawn, what: Quantity) -> Vec<Entry> {
         |(name, _, stroke): Predicted<'_>| Entry { label: name.to_owned(), style: line(BLACK, 2), stroke };
     entries.extend(predictions(trace).filter(|_| what == Quantity::States).map(black));
     entries.extend(marks::entries(trace.marks.iter()));
+    entries.extend(trace.losses.entry());
     entries
 }
 
@@ -305,7 +312,7 @@ mod tests {
         for (t, blended) in [(0.0, 0.0), (1.0, end)] {
             trace.push(&Row { t, x: vec![-1.0, 1.0], blended: vec![blended], ..Row::default() });
         }
-        heights(&trace.drawn().unwrap(), Quantity::States)
+        heights(&trace.drawn(Wanted::States).unwrap(), Quantity::States)
     }
 
     #[test]
@@ -322,7 +329,7 @@ mod tests {
             let u = if k == 0 { 1e6 } else { f64::from(k % 5) };
             trace.push(&Row { t: f64::from(k), x: vec![0.0], u: vec![u], ..Row::default() });
         }
-        let heights = heights(&trace.drawn().unwrap(), Quantity::Inputs);
+        let heights = heights(&trace.drawn(Wanted::Inputs).unwrap(), Quantity::Inputs);
         assert!(heights.contains(&4.0) && heights.contains(&0.0) && heights.end < 20.0, "{heights:?}");
     }
 }

@@ -79,7 +79,7 @@ fn five_agents_are_drawn_whole_and_thin() {
         assert!(states.contains(label), "{label}");
     }
     assert_eq!(funnels.matches("largest |").count(), 5);
-    assert!(lengths(&states)[4] > 1500 && lengths(&states)[0] <= thin::POINTS + 2, "{:?}", lengths(&states));
+    assert!(lengths(&states)[4] > 1000 && lengths(&states)[0] <= thin::POINTS + 2, "{:?}", lengths(&states));
     assert!(!states.contains("NaN") && !funnels.contains("NaN"));
 }
 
@@ -173,7 +173,13 @@ fn the_largest_ratio_is_that_of_all_ticks_where_the_judge_has_it() {
     let rows: Vec<_> =
         (0..3).map(|k| (f64::from(k), vec![0.0, 1.0], vec![1.0, -1.0], vec![1.0, -1.0])).collect();
     let mut trace = told(&rows);
-    let worst = |max_ratio, breaches| crate::judge::Worst { max_ratio, breaches, unknown: 0, judged: 2001 };
+    let worst = |max_ratio, breaches| crate::judge::Worst {
+        max_ratio,
+        breaches,
+        unknown: 0,
+        uncoupled: 0,
+        judged: 2001,
+    };
     trace.judged(&[worst(1.25, 1), worst(f64::NAN, 7)]);
     let (_, funnels) = draw("judged", &trace);
     assert!(funnels.contains("= 1.250\n") && !funnels.contains("at the rows"), "the rows show 0.5");
@@ -435,8 +441,41 @@ fn inputs_end_where_a_node_stops_or_is_away() {
     let inputs = inputs_svg(&trace).unwrap();
     assert!(inputs.contains("node 1 stopped") && inputs.contains("node 2 away"));
     assert_eq!(drawn(&inputs, style::colour(0), 2).iter().filter(|&&points| points == 51).count(), 2);
+    // A cross in both components, and the legend.
+    assert_eq!(drawn(&inputs, style::colour(0), 2).iter().filter(|&&points| points == 2).count(), 5);
     assert_eq!(
         drawn(&inputs, style::colour(1), 2).iter().filter(|&&points| [20, 60].contains(&points)).count(),
         4
     );
+}
+
+#[test]
+fn an_input_is_held_until_a_stop_between_two_rows() {
+    let mut trace = vectors();
+    trace.mark(1, 5.05, None, MarkKind::Stopped);
+    let inputs = inputs_svg(&trace).unwrap();
+    assert_eq!(drawn(&inputs, style::colour(0), 2).iter().filter(|&&points| points == 52).count(), 2);
+}
+
+#[test]
+fn lost_frames_are_marked_where_they_were_lost_and_nowhere_else() {
+    let picture = |lost: fn(i32) -> u64| {
+        let mut trace = Trace::new("losses");
+        for k in 0..5000 {
+            let row = Row { t: f64::from(k), x: vec![0.0, 1.0], nu: vec![1.0, -1.0], ..Row::default() };
+            trace.push(&Row { psi: vec![2.0; 2], u: vec![0.0; 2], lost: lost(k), ..row });
+        }
+        [states_svg(&trace).unwrap(), inputs_svg(&trace).unwrap(), agreement_svg(&trace).unwrap()]
+    };
+    let marks = |svg: &String| drawn(svg, style::INK, 1).len();
+    let none = picture(|_| 0);
+    for (svg, without) in picture(|k| u64::from(k % 1000 == 7)).iter().zip(&none) {
+        well_formed(svg).unwrap();
+        assert!(svg.contains("frames lost") && !without.contains("frames lost"));
+        // And five in the legend.
+        assert_eq!(marks(svg) - marks(without), 10);
+    }
+    for (svg, without) in picture(|_| 1).iter().zip(&none) {
+        assert!(marks(svg) - marks(without) <= 1029, "{}", marks(svg) - marks(without));
+    }
 }

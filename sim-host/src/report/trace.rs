@@ -8,7 +8,9 @@ use crate::record::Row;
 
 use super::PlotError;
 use super::envelope::{Envelope, Sample};
+use super::losses::Losses;
 use super::marks::{Kind, Mark};
+use super::style::NODES;
 use super::text::plain;
 
 /// The recorded rows of a run, by node, as plots need them: however many they are, it keeps no more than their envelopes.
@@ -23,8 +25,8 @@ pub struct Trace {
     span: (f64, f64),
     /// One per node and component.
     nodes: Vec<Recorded>,
-    /// `xi` and the blended dynamics, by component.
-    predictions: Vec<Envelope<2>>,
+    /// `xi` and the blended dynamics, by component, from a value on.
+    predictions: Vec<(f64, Envelope<2>)>,
     /// Spread, its bound, and the error to `xi`.
     agreement: Envelope<3>,
     /// Bound of the spread for a widest funnel of 1; not known where there is none.
@@ -32,11 +34,14 @@ pub struct Trace {
     /// Largest spread at any tick, and that at the end, where they are known.
     spread: Option<(f64, f64)>,
     marks: Vec<Mark>,
+    losses: Losses,
 }
 
 /// What is kept of one component of one node: state, true term, its funnel, both as the node believes them, both ratios, and the input.
 #[derive(Debug, Clone, Default)]
 struct Recorded {
+    /// Its first state, from which on the others are kept: far from zero f32 would have too few digits.
+    base: f64,
     curves: Envelope<8>,
     /// What is true at the rows.
     rows: Worst,
@@ -66,7 +71,37 @@ pub(super) struct Drawn {
     /// Largest spread at any tick, and that at the end, where they are known.
     pub(super) of_all_ticks: Option<(f64, f64)>,
     pub(super) marks: Vec<Mark>,
+    pub(super) losses: Losses,
 }
+
+/// What is drawn of the nodes. What is not has no points: a picture needs no more memory than its curves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// States, and how wide the funnels are.
+    States,
+    /// Inputs, and the states that nodes stopped with.
+    Inputs,
+    /// What they have come to, one by one: their curves are looked at one after the other ([`Trace::node`]).
+    Funnels,
+    /// What they have come to together.
+    Together,
+}
+
+impl Wanted {
+    /// Whether a curve of [`Recorded`] is drawn.
+    fn has(self, curve: usize) -> bool {
+        match self {
+            Self::States => [X, PSI].contains(&curve),
+            Self::Inputs => [X, U].contains(&curve),
+            Self::Funnels | Self::Together => false,
+        }
+    }
+}
+
+/// Places of the curves of [`Recorded`].
+const X: usize = 0;
+const PSI: usize = 2;
+const U: usize = 7;
 
 /// The curves of one component of one node.
 #[derive(Debug, Clone, Default)]
@@ -95,24 +130,28 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// The curves of the `index`-th entry of a row.
-    fn new(index: usize, components: usize, recorded: &Recorded) -> Self {
+    /// The curves of the `index`-th entry of a row, as far as they are drawn.
+    fn new(index: usize, components: usize, recorded: &Recorded, is_drawn: impl Fn(usize) -> bool) -> Self {
         let (id, component) = (index / components + 1, index % components);
         let label = if components == 1 { format!("node {id}") } else { format!("node {id}, x{component}") };
-        let column = |curve: usize| recorded.curves.samples().map(|sample| sample.values[curve]).collect();
+        let column = |curve: usize| -> Vec<f64> {
+            let base = if curve == X { recorded.base } else { 0.0 };
+            let values = recorded.curves.samples().map(|sample| base + f64::from(sample.values[curve]));
+            if is_drawn(curve) { values.collect() } else { Vec::new() }
+        };
         Self {
             id,
             component,
             label,
-            t: recorded.curves.samples().map(|sample| sample.t).collect(),
-            x: column(0),
+            t: recorded.curves.samples().filter(|_| is_drawn(X)).map(|sample| sample.t).collect(),
+            x: column(X),
             nu: column(1),
-            psi: column(2),
+            psi: column(PSI),
             own_nu: column(3),
             own_psi: column(4),
             ratio: column(5),
             own_ratio: column(6),
-            u: column(7),
+            u: column(U),
             rows: recorded.rows,
             ticks: recorded.ticks,
         }
@@ -134,14 +173,14 @@ fn ratio(nu: f64, psi: f64) -> f64 {
     if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi }
 }
 
-/// The largest distance of two nodes that are known, in the component in which it is largest; NaN where none is known.
+/// The largest distance of two nodes that are known, in the component in which it is largest; NaN where fewer than two are.
 fn spread(x: &[f64], components: usize) -> f64 {
     let apart = |component: usize| {
         let states = || x.iter().skip(component).step_by(components).copied().filter(|x| !x.is_nan());
         states().fold(f64::NEG_INFINITY, f64::max) - states().fold(f64::INFINITY, f64::min)
     };
-    let any = x.iter().any(|x| !x.is_nan());
-    if any { (0..components).map(apart).fold(0.0, larger) } else { f64::NAN }
+    let known = x.iter().step_by(components).filter(|x| !x.is_nan()).count();
+    if known > 1 { (0..components).map(apart).fold(0.0, larger) } else { f64::NAN }
 }
 
 /// The largest distance of a node that is known to `xi`; NaN where that, or every node, is not known.
@@ -185,34 +224,41 @@ impl Trace {
     /// drawn. A row without true terms has only one kind, and these are the true ones.
     pub fn push(&mut self, row: &Row) {
         if self.rows == 0 {
-            self.nodes = vec![Recorded::default(); row.x.len()];
-            self.predictions = vec![Envelope::default(); self.components.max(1)];
+            let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
+            let recorded = |&x: &f64| Recorded { base: finite(x), ..Recorded::default() };
+            self.nodes = row.x.iter().map(recorded).collect();
+            let base = |component: usize| finite(row.xi.get(component).copied().unwrap_or(0.0));
+            self.predictions =
+                (0..self.components.max(1)).map(|component| (base(component), Envelope::default())).collect();
             self.span = (row.t, row.t);
         }
         self.rows += 1;
         self.span.1 = row.t;
         let entry = |table: &[f64], at: usize| table.get(at).copied().unwrap_or(f64::NAN);
-        for (component, prediction) in self.predictions.iter_mut().enumerate() {
+        for (component, (base, prediction)) in self.predictions.iter_mut().enumerate() {
             let values = [entry(&row.xi, component), entry(&row.blended, component)];
-            prediction.push(Sample { t: row.t, values });
+            prediction.push(Sample::at(row.t, values.map(|value| value - *base)));
         }
         let judged = !row.true_nu.is_empty();
         let (nu, psi) = if judged { (&row.true_nu, &row.asked_psi) } else { (&row.nu, &row.psi) };
-        // Where every state is known, so is every term.
-        let known = row.x.iter().all(|x| !x.is_nan());
+        // Where every state is known, a term is not a number for an infinite one; for finite ones it may be that of a node without neighbours.
+        let known = row.x.iter().all(|x| !x.is_nan()) && row.x.iter().any(|x| x.is_infinite());
         for (at, node) in self.nodes.iter_mut().enumerate() {
             let [x, nu, psi] = [&row.x, nu, psi].map(|table| entry(table, at));
             let (own_nu, own_psi) = (entry(&row.nu, at), entry(&row.psi, at));
             let (ratio, own_ratio) = (ratio(nu, psi), ratio(own_nu, own_psi));
-            let values = [x, nu, psi, own_nu, own_psi, ratio, own_ratio, entry(&row.u, at)];
-            node.curves.push(Sample { t: row.t, values });
+            let values = [x - node.base, nu, psi, own_nu, own_psi, ratio, own_ratio, entry(&row.u, at)];
+            node.curves.push(Sample::at(row.t, values));
             node.rows.take((known || !ratio.is_nan()).then_some(ratio.abs()));
         }
         let widest = psi.iter().copied().fold(0.0, larger);
-        let bound = self.bound.map_or(f64::NAN, |bound| bound * widest);
+        // It is that of the whole graph.
+        let is_whole = row.x.iter().all(|x| !x.is_nan());
+        let bound = self.bound.filter(|_| is_whole).map_or(f64::NAN, |bound| bound * widest);
         let components = self.components.max(1);
         let values = [spread(&row.x, components), bound, error(&row.x, &row.xi)];
-        self.agreement.push(Sample { t: row.t, values });
+        self.agreement.push(Sample::at(row.t, values));
+        self.losses.push(row.t, row.lost);
     }
 
     /// The largest spread at any tick, and that at the end, state units.
@@ -239,21 +285,28 @@ impl Trace {
         }
     }
 
-    /// What there is to draw.
+    /// What there is to draw for a picture of what is `wanted`.
     ///
     /// # Errors
     /// [`PlotError`] if there are rows at fewer than two times.
-    pub(super) fn drawn(&self) -> Result<Drawn, PlotError> {
+    pub(super) fn drawn(&self, wanted: Wanted) -> Result<Drawn, PlotError> {
         if !self.has_span() {
             return Err(PlotError::new("it needs rows at two times or more"));
         }
         let components = self.components.max(1);
-        let nodes = self.nodes.iter().enumerate();
-        let prediction = |curve: usize| {
-            let points = |of: &Envelope<2>| of.samples().map(|s| (s.t, s.values[curve])).collect();
-            self.predictions.iter().map(points).collect()
+        let node = |(index, recorded): (usize, &Recorded)| {
+            Node::new(index, components, recorded, |curve| wanted.has(curve))
         };
-        let agreement = |curve: usize| self.agreement.samples().map(|s| (s.t, s.values[curve])).collect();
+        let prediction = |curve: usize| {
+            let points = |(base, of): &(f64, Envelope<2>)| {
+                of.samples().map(|s| (s.t, base + f64::from(s.values[curve]))).collect()
+            };
+            self.predictions.iter().filter(|_| wanted == Wanted::States).map(points).collect()
+        };
+        let agreement = |curve: usize| {
+            let samples = self.agreement.samples().filter(|_| wanted == Wanted::Together);
+            samples.map(|s| (s.t, f64::from(s.values[curve]))).collect()
+        };
         Ok(Drawn {
             spread: agreement(0),
             bound: agreement(1),
@@ -263,11 +316,39 @@ impl Trace {
             unit: self.unit.clone(),
             components,
             span: self.span.0..self.span.1,
-            nodes: nodes.map(|(index, recorded)| Node::new(index, components, recorded)).collect(),
+            nodes: self.nodes.iter().enumerate().map(node).collect(),
             xi: prediction(0),
             blended: prediction(1),
             marks: self.marks.clone(),
+            losses: self.losses.clone(),
         })
+    }
+
+    /// All curves of one component of one node, by their place in a row.
+    pub(super) fn node(&self, index: usize) -> Option<Node> {
+        Some(Node::new(index, self.components.max(1), self.nodes.get(index)?, |_| true))
+    }
+
+    /// Places of the nodes and components that came nearest to the boundary, as many as are shown each by itself.
+    pub(super) fn urgent(&self) -> Vec<usize> {
+        let urgency = |index: &usize| match self.nodes[*index].worst() {
+            // What is not a number comes before any number, and what is not known at all before what is known to be inside.
+            worst if worst.max_ratio.is_nan() => f64::INFINITY,
+            worst if worst.judged == 0 => 1.0,
+            worst => worst.max_ratio,
+        };
+        let mut all: Vec<usize> = (0..self.nodes.len()).collect();
+        all.sort_by(|a, b| urgency(b).total_cmp(&urgency(a)));
+        all.truncate(NODES);
+        all.sort_unstable();
+        all
+    }
+}
+
+impl Recorded {
+    /// What came of it: of all ticks where that is known, else of the rows.
+    fn worst(&self) -> Worst {
+        self.ticks.unwrap_or(self.rows)
     }
 }
 
@@ -322,6 +403,27 @@ impl Drawn {
         points
     }
 
+    /// The points of the inputs of `node`. What it applied last it has applied until it stopped.
+    pub(super) fn inputs(&self, node: &Node) -> Vec<(f64, f64)> {
+        let mut points = self.points(node, &node.u);
+        if let Some(end) = self.last_input(node) {
+            let at = points.partition_point(|p| p.0 < end.0);
+            match points.get_mut(at).filter(|p| p.0 == end.0) {
+                Some(point) => *point = end,
+                None => points.insert(at, end),
+            }
+        }
+        points
+    }
+
+    /// When `node` stopped, and what it applied last.
+    pub(super) fn last_input(&self, node: &Node) -> Option<(f64, f64)> {
+        let mark = self.marks_of(node.id).find(|mark| mark.kind == Kind::Stopped)?;
+        let before = node.t.partition_point(|&t| t <= mark.from);
+        let last = node.u.get(..before)?.iter().rev().copied().find(|u| !u.is_nan())?;
+        Some((mark.from, last))
+    }
+
     /// When `node` stopped, and its state there, where it is known.
     pub(super) fn stop(&self, node: &Node) -> Option<(f64, f64)> {
         let mark = self.marks_of(node.id).find(|mark| mark.kind == Kind::Stopped)?;
@@ -347,7 +449,7 @@ mod tests {
 
     /// The known points of the states of the node.
     fn states(trace: &Trace) -> Vec<(f64, f64)> {
-        let drawn = trace.drawn().unwrap();
+        let drawn = trace.drawn(Wanted::States).unwrap();
         drawn.states(&drawn.nodes[0]).into_iter().filter(|p| !p.1.is_nan()).collect()
     }
 
@@ -378,10 +480,10 @@ mod tests {
             asked_psi: vec![2.0; 2],
             ..Row::default()
         };
-        let worst = |trace: &Trace| trace.drawn().unwrap().nodes[0].worst().0;
+        let worst = |trace: &Trace| trace.drawn(Wanted::Together).unwrap().nodes[0].worst().0;
         trace.push(&row(0.0, [0.0, 1.0]));
         trace.push(&row(1.0, [0.0, f64::NAN]));
-        assert_eq!(worst(&trace), Worst { max_ratio: 0.5, breaches: 0, unknown: 1, judged: 1 });
+        assert_eq!(worst(&trace), Worst { max_ratio: 0.5, breaches: 0, unknown: 1, uncoupled: 0, judged: 1 });
         trace.push(&row(2.0, [f64::INFINITY, f64::INFINITY]));
         let worst = worst(&trace);
         assert!(worst.max_ratio.is_nan() && worst.breaches == 1, "{worst:?}");

@@ -37,6 +37,8 @@ pub struct Collector<'a> {
     reference_error: ReferenceSummary,
     outcome: Outcome,
     rows: &'a mut dyn Rows,
+    /// Deliveries that were lost so far, and how many of them before the last row.
+    lost: (u64, u64),
     /// Of the tick, by index and then by component.
     x: Vec<f64>,
     u: Vec<f64>,
@@ -62,9 +64,15 @@ impl<'a> Collector<'a> {
             reference_error: reference.map(ReferenceSummary::beside).unwrap_or_default(),
             outcome: Outcome::default(),
             rows,
+            lost: (0, 0),
             x: Vec::new(),
             u: Vec::new(),
         }
+    }
+
+    /// Takes how many deliveries were lost up to the tick that is taken next.
+    pub fn lost(&mut self, so_far: u64) {
+        self.lost.0 = so_far;
     }
 
     /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
@@ -149,7 +157,10 @@ impl<'a> Collector<'a> {
     fn row(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
         let t = self.scenario.time.at_s(k);
         let prediction = self.predictor.advance(t);
-        self.rows.take(row(t, seen, presence, prediction, &self.judge))
+        let (so_far, before) = self.lost;
+        self.lost.1 = so_far;
+        let row = row(t, seen, presence, prediction, &self.judge);
+        self.rows.take(Row { lost: so_far.saturating_sub(before), ..row })
     }
 
     /// What each node says of itself at the tick.
@@ -245,5 +256,6 @@ fn row(
         asked_psi: judge.psi().to_vec(),
         xi: prediction.xi.clone(),
         blended: prediction.blended.clone(),
+        lost: 0,
     }
 }

@@ -67,6 +67,7 @@ pub(super) fn drive<N: Network>(
         seen.clear();
         seen.extend_from_slice(network.observations());
         presence = network.presence(k);
+        collector.lost(network.traffic().lost);
         collector.tick(k, &seen, &presence)?;
         collector.hear(&network.take_heard())?;
         network.tell(&mut log);

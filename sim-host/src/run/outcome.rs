@@ -6,7 +6,7 @@ use super::options::Fidelity;
 use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::extremes::largest;
+use crate::extremes::larger;
 use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
 use crate::record::{
     BelievedSummary, BenchSummary, BusSummary, DuringEventsSummary, EmergentSummary, Expectation,
@@ -141,8 +141,8 @@ impl Outcome {
             trace_hash: self.hash.map(|hash| hash.to_string()),
             funnel: Some(self.funnel()),
             sync: Some(SyncSummary {
-                final_spread: self.findings.final_spread,
-                max_spread: self.findings.max_spread,
+                final_spread: self.findings.final_spread.unwrap_or(f64::NAN),
+                max_spread: self.findings.max_spread.unwrap_or(f64::NAN),
                 // The bound is that of the whole graph.
                 bound: if self.findings.off.contains(&true) {
                     f64::NAN
@@ -151,7 +151,7 @@ impl Outcome {
                 },
                 lambda2: scenario.graph.lambda2(),
             }),
-            max_input: self.findings.max_input,
+            max_input: self.findings.max_input.unwrap_or(f64::NAN),
             expect: self.expectations(scenario, &emergent),
             checks: self.checks(scenario),
             emergent: Some(emergent),
@@ -174,17 +174,23 @@ impl Outcome {
         };
         let reopened = self.counters.iter().any(|counters| counters.reopened > 0);
         FunnelSummary {
-            max_ratio: self.max_ratio,
+            max_ratio: self.ratio().unwrap_or(f64::NAN),
             breaches: self.breaches,
             during_events: self.findings.during_events.map(|during| DuringEventsSummary {
-                max_ratio: during.max_ratio,
+                max_ratio: if during.judged > 0 { during.max_ratio } else { f64::NAN },
                 breaches: during.breaches,
                 node_ticks: during.judged,
             }),
             unknown: self.findings.unknown,
+            uncoupled: self.findings.uncoupled,
             reopened_ratio: self.believed.filter(|_| reopened).map(|believed| believed.max_ratio),
             believed: self.believed.map(believed),
         }
+    }
+
+    /// The largest true ratio, where a term was known at all: zero would pass.
+    fn ratio(&self) -> Option<f64> {
+        (self.findings.judged > 0).then_some(self.max_ratio)
     }
 
     fn count(&self) -> CounterSummary {
@@ -236,7 +242,7 @@ impl Outcome {
         let known = |values: &[f64]| (!values.is_empty()).then(|| PerComponent(values.to_vec()));
         // The distance to what was not resolved is no measurement.
         let known_error = |values: &[f64]| !values.is_empty() && prediction.unresolved.is_none();
-        let error = |values: &[f64]| known_error(values).then(|| self.distance(values));
+        let error = |values: &[f64]| if known_error(values) { self.distance(values) } else { None };
         EmergentSummary {
             unresolved: prediction.unresolved.clone(),
             final_error: error(&prediction.xi),
@@ -249,33 +255,33 @@ impl Outcome {
         }
     }
 
-    /// The largest distance of a state at the end to a point; NaN where one is not known. A node that an event keeps off has none.
-    fn distance(&self, point: &[f64]) -> f64 {
+    /// The largest distance of a state at the end to a point; `None` where one is not known, or none is there. A node that an event keeps off
+    /// has none.
+    fn distance(&self, point: &[f64]) -> Option<f64> {
         let states = self.last.iter().zip(point.iter().cycle()).enumerate();
         let on = states.filter(|(at, _)| !self.findings.off.get(*at).is_some_and(|off| *off));
-        largest(0.0, on.map(|(_, (x, point))| (x - point).abs()))
+        let farthest = on.map(|(_, (x, point))| (x - point).abs()).reduce(larger);
+        farthest.filter(|distance| !distance.is_nan())
     }
 
     fn expectations(&self, scenario: &Scenario, emergent: &EmergentSummary) -> Vec<Expectation> {
         let (expect, findings) = (&scenario.expect, &self.findings);
-        // Where no term is known there is no ratio; zero would pass.
-        let ratio = (findings.judged > 0).then_some(self.max_ratio);
         let final_value = expect.final_value.map(|expected| {
             let value = self.distance(&vec![expected.is; scenario.components()]);
-            Expectation::below("final_value", expected.within, Some(value))
+            Expectation::below("final_value", expected.within, value)
         });
         let reference = self.reference.zip(expect.reference_error);
         let reference = reference.and_then(|(reference, limit)| reference.measured(limit));
         let before = judged([
-            ("funnel_ratio".to_owned(), expect.funnel_ratio, ratio),
-            ("final_spread".to_owned(), expect.final_spread, Some(findings.final_spread)),
+            ("funnel_ratio".to_owned(), expect.funnel_ratio, self.ratio()),
+            ("final_spread".to_owned(), expect.final_spread, findings.final_spread),
             ("emergent_error".to_owned(), expect.emergent_error, emergent.final_error),
             ("blended_error".to_owned(), expect.blended_error, emergent.blended_error),
             ("reference_error".to_owned(), expect.reference_error, reference),
         ]);
         let within = expect.recovered_within_ns.map(|ns| ns as f64 / 1e9);
         let after = judged([
-            ("max_input".to_owned(), expect.max_input, Some(findings.max_input)),
+            ("max_input".to_owned(), expect.max_input, findings.max_input),
             ("recovered_within".to_owned(), within, findings.recovered_s),
         ]);
         let windows = expect.windows.iter().zip(&findings.windows).enumerate();

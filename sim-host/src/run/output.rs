@@ -155,7 +155,8 @@ pub fn trace(scenario: &Scenario, outcome: &Outcome) -> Trace {
 /// Adds to the rows of a picture what is known only at the end.
 fn mark(trace: &mut Trace, scenario: &Scenario, outcome: &Outcome) {
     trace.judged(&outcome.findings.worst);
-    trace.spread(outcome.findings.max_spread, outcome.findings.final_spread);
+    let known = |spread: Option<f64>| spread.unwrap_or(f64::NAN);
+    trace.spread(known(outcome.findings.max_spread), known(outcome.findings.final_spread));
     for stop in outcome.stops(scenario) {
         trace.mark(usize::from(stop.id), stop.at_s, None, MarkKind::Stopped);
     }

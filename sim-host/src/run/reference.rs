@@ -141,6 +141,7 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
         asked_psi: table(&solution.psi, k),
         xi: Vec::new(),
         blended: Vec::new(),
+        lost: 0,
     };
     solution.times.iter().enumerate().map(row)
 }
