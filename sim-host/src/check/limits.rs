@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::forecast::Forecast;
-use super::shorter;
+use super::{longest, shorter};
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
 use crate::scenario::{Affine, Sine, format_duration};
@@ -73,13 +73,15 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     shorter::set(found.advise(Status::Warn, advice), subject.scenario, seconds)
 }
 
-/// The tick that leaves room in the funnel, resolves the fields, and does not throw the start out, s; none where any tick does.
+/// The tick that leaves room in the funnel, resolves the fields, and does not throw the start out, s: by following the law where that is cheap, else by
+/// the formula. None where any tick does.
 fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
     let tick = subject.scenario.time.tick_s();
     let resolved = FAST / emergent::fastest(subject.scenario);
     let kicked = tick * kick::SMALL / kick::largest(subject.scenario).1;
     let some = taken != 0.0 || kicked.is_finite();
-    some.then(|| [tick * taken.sqrt().recip(), resolved, kicked].into_iter().fold(f64::INFINITY, smaller))
+    let formula = [tick * taken.sqrt().recip(), resolved, kicked].into_iter().fold(f64::INFINITY, smaller);
+    some.then(|| longest::by_law(subject, formula, resolved).unwrap_or(formula))
 }
 
 /// The fastest sine of a field, rad/s. One without amplitude drives nothing.

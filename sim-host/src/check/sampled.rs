@@ -6,6 +6,7 @@
 mod bounds;
 mod bus;
 mod member;
+mod window;
 
 use super::extremes;
 use crate::extremes::{beyond, larger, largest};
@@ -16,9 +17,10 @@ pub(super) use bounds::undisturbed;
 use bus::Bus;
 use funnelnet_node::params;
 use member::Member;
+pub(super) use window::Watched;
 
 /// What is followed at least, s, as long as it is cheap.
-const START: f64 = 0.1;
+pub(super) const START: f64 = 0.1;
 /// Work that is spent, in edges and ticks; it depends on the scenario only, so that `check` says the same on every machine.
 const WORK: usize = 25_000_000;
 /// Work of one component of a node, and of an end of an edge where the bus loses or delays, beside that of an edge.
@@ -71,6 +73,16 @@ pub(super) struct Followed {
     pub floored: Option<(usize, f64)>,
     /// By index and then by component (state units).
     pub last: Vec<f64>,
+    /// The parts of the run for which the scenario has expectations of their own, in its order.
+    pub windows: Vec<Watched>,
+}
+
+/// How far the law is followed, beside what is affordable.
+#[derive(Clone, Copy, PartialEq)]
+enum Until {
+    End,
+    /// To the first breach: all that a trial needs to know.
+    Breach,
 }
 
 /// Whether the law of a scenario can be followed here.
@@ -93,7 +105,32 @@ pub(super) fn follow(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
     follow_for(scenario, degrees, Bounds::of(scenario), WORK)
 }
 
+/// The same up to the first breach.
+pub(super) fn follow_to_breach(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
+    follow_until(scenario, degrees, Bounds::of(scenario), WORK, Until::Breach)
+}
+
+/// Whether following a whole run takes no more than so many hundredths of what is spent on one.
+pub(super) fn is_cheap(scenario: &Scenario, hundredths: usize) -> bool {
+    affordable(scenario, WORK / 100 * hundredths) == scenario.time.ticks
+}
+
+/// Whether everything comes at once and as it was sent.
+pub(super) fn hears_perfectly(scenario: &Scenario) -> bool {
+    Bus::is_perfect(scenario)
+}
+
 fn follow_for(scenario: &Scenario, degrees: &[f64], bounds: Bounds, work: usize) -> Option<Followed> {
+    follow_until(scenario, degrees, bounds, work, Until::End)
+}
+
+fn follow_until(
+    scenario: &Scenario,
+    degrees: &[f64],
+    bounds: Bounds,
+    work: usize,
+    until: Until,
+) -> Option<Followed> {
     if !known(scenario) {
         return None;
     }
@@ -112,13 +149,15 @@ fn follow_for(scenario: &Scenario, degrees: &[f64], bounds: Bounds, work: usize)
         left: None,
         floored: None,
         last: Vec::new(),
+        windows: scenario.expect.windows.iter().map(Watched::new).collect(),
     };
     for k in 0..=ticks {
         let t = scenario.time.at_s(k);
         network.listen(k);
-        network.judge(t, &mut followed);
+        network.judge(k, t, &mut followed);
         // The inputs of the last tick move no state that is looked at.
-        if followed.lost.is_some() || k == ticks {
+        let enough = until == Until::Breach && followed.left.is_some();
+        if followed.lost.is_some() || enough || k == ticks {
             break;
         }
         network.advance(k, &mut followed);
@@ -171,10 +210,12 @@ impl<'s> Network<'s> {
         self.bus.carry(k, &mut self.members);
     }
 
-    fn judge(&mut self, t: f64, followed: &mut Followed) {
+    fn judge(&mut self, k: u64, t: f64, followed: &mut Followed) {
+        let mut most = 0.0;
         for (index, member) in self.members.iter_mut().enumerate() {
             let ratio = member.ratio(t, self.asked);
             followed.worst.note(ratio, index, t);
+            most = larger(most, ratio);
             let inside = ratio < 1.0;
             if !inside && followed.left.is_none() {
                 followed.left = Some(t);
@@ -188,6 +229,9 @@ impl<'s> Network<'s> {
                 followed.floored = Some((index, t));
             }
         }
+        for window in followed.windows.iter_mut().filter(|window| window.is_open(k)) {
+            window.note(t, most, &self.members);
+        }
         let (low, high) = extremes(self.states());
         let within = larger(low.abs(), high.abs()) <= params::LARGEST && followed.worst.ratio < LOST;
         if !within {
@@ -198,7 +242,11 @@ impl<'s> Network<'s> {
     fn advance(&mut self, k: u64, followed: &mut Followed) {
         let (t, tick) = (self.scenario.time.at_s(k), self.scenario.time.tick_s());
         for member in &mut self.members {
-            followed.input = larger(followed.input, member.advance(k, t));
+            let input = member.advance(k, t);
+            followed.input = larger(followed.input, input);
+            for window in followed.windows.iter_mut().filter(|window| window.is_open(k)) {
+                window.input = larger(window.input, input);
+            }
             let moved = largest(0.0, member.parts.iter().map(|part| part.dx.abs()));
             followed.slope = larger(followed.slope, moved / tick);
         }
