@@ -39,27 +39,34 @@ fn main() -> ExitCode {
 }
 
 /// One design, checked and run.
-struct Design {
-    left: bool,
-    clean: bool,
+#[derive(Clone, Debug)]
+pub struct Design {
+    /// It leaves its funnel by more than 1 %.
+    pub left: bool,
+    /// No finding is WARN or FAIL.
+    pub clean: bool,
     by_formula: bool,
     calm: bool,
-    cure: Option<Cured>,
+    /// What its advice makes of it, where it is warned of and leaves.
+    pub cure: Option<Cured>,
 }
 
 /// What its own advice makes of a design that is warned of and leaves.
-#[derive(Clone, Copy, PartialEq)]
-enum Cured {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cured {
     /// Inside, after so many rounds.
     After(u32),
     /// Still outside, or nothing is advised any more; whether the start is named as the cause.
-    Not { start_is_named: bool },
+    Not {
+        /// A finding says so.
+        start_is_named: bool,
+    },
 }
 
 /// Rounds of advice.
 const ROUNDS: u32 = 3;
 
-fn tried(seed: u64, index: u64) -> Result<Design, String> {
+pub fn tried(seed: u64, index: u64) -> Result<Design, String> {
     let text = design(&mut stream(seed, Purpose::Graph, index));
     let scenario =
         Scenario::parse(&text, Path::new("design.toml"), &[]).map_err(|error| format!("{error}\n{text}"))?;

@@ -148,7 +148,7 @@ fn shorter(scenario: &Scenario) -> impl Iterator<Item = Vec<Setting>> {
     ticks.map(|tick| vec![Setting::new("time.tick", format_duration(tick))])
 }
 
-/// A wider funnel for all, where one number is that of all; then with half the tick as well.
+/// A wider funnel for all, where one number is that of all.
 fn wider(scenario: &Scenario) -> Vec<Vec<Setting>> {
     let factor = scenario.nodes.first().map_or(1.0, |node| node.funnel.factor);
     let alike = scenario.nodes.iter().all(|node| node.funnel.factor.total_cmp(&factor).is_eq());
@@ -167,7 +167,10 @@ pub(super) fn settle(subject: &Subject<'_>, findings: &mut [Finding]) {
         let Some(advice) = finding.advice.take() else { continue };
         finding.advice = Some(match &subject.followed {
             Some(now) => tried(subject, now, advice),
-            None => Advice { text: format!("{} (not tried: the law is not followed here)", advice.text), ..advice },
+            None => Advice {
+                text: format!("{} (not tried: the law is not followed here)", advice.text),
+                ..advice
+            },
         });
     }
 }
@@ -178,9 +181,10 @@ const SETTLED: [&str; 1] = ["sampled"];
 fn tried(subject: &Subject<'_>, now: &Followed, advice: Advice) -> Advice {
     let Some(setting) = advice.setting.clone() else { return advice };
     match show(subject, now, std::slice::from_ref(&setting)) {
-        Shown::Keeps => {
-            Advice { text: format!("{} (tried: the law, followed with it, stays inside)", advice.text), ..advice }
-        }
+        Shown::Keeps => Advice {
+            text: format!("{} (tried: the law, followed with it, stays inside)", advice.text),
+            ..advice
+        },
         Shown::Helps(ratio) => {
             let text = format!("{} (tried: |nu|/psi is still {})", advice.text, figure(ratio));
             instead(subject, Advice { text, ..advice })
@@ -203,7 +207,9 @@ fn tried(subject: &Subject<'_>, now: &Followed, advice: Advice) -> Advice {
 fn instead(subject: &Subject<'_>, advice: Advice) -> Advice {
     match subject.cure() {
         Some(cure) => advice.with(cure),
-        None => Advice { text: format!("{}; nothing that was tried keeps the funnel", advice.text), ..advice },
+        None => {
+            Advice { text: format!("{}; nothing that was tried keeps the funnel", advice.text), ..advice }
+        }
     }
 }
 

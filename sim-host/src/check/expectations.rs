@@ -53,7 +53,8 @@ fn of_window(subject: &Subject<'_>, window: &Window, index: usize) -> Vec<Findin
     judge("spread", window.spread, seen.map(|seen| seen.spread));
     judge("max_input", window.max_input, seen.map(|seen| seen.input));
     let from_xi = seen.filter(|seen| !seen.reach.is_empty()).and_then(|seen| {
-        let forecast = subject.forecast.as_ref().filter(|forecast| forecast.grid.reaches(subject.scenario))?;
+        let forecast =
+            subject.forecast.as_ref().filter(|forecast| forecast.grid.reaches(subject.scenario))?;
         let apart = seen.reach.iter().map(|&(t, low, high)| {
             let xi = forecast.xi_at(t);
             larger((low - xi).abs(), (high - xi).abs())

@@ -31,7 +31,12 @@ pub(super) fn finding(subject: &Subject<'_>) -> Finding {
         return advised(found, Status::Fail, &why, subject);
     }
     if !inside {
-        return advised(found, Status::Warn, &format!("node {} leaves its funnel{}", worst.node + 1, cause(subject, followed)), subject);
+        return advised(
+            found,
+            Status::Warn,
+            &format!("node {} leaves its funnel{}", worst.node + 1, cause(subject, followed)),
+            subject,
+        );
     }
     if tight(subject, followed) {
         let why = format!("node {} comes close to leaving its funnel at the start", followed.start.node + 1);

@@ -4,15 +4,17 @@
 
 use super::sampled;
 use super::subject::Subject;
-use crate::extremes::smaller;
+use crate::extremes::{larger, smaller};
 use crate::scenario::{Scenario, TimeSpec};
 
 /// From one tick to the next.
-const STEP: f64 = 1.08;
+const STEP: f64 = 1.2;
 /// The most ticks that are tried.
-const MOST: usize = 60;
+const MOST: usize = 40;
 /// Halvings of the last step.
-const HALVINGS: usize = 3;
+const HALVINGS: usize = 4;
+/// A tick that is so many times shorter than the formula names is surely none that leaves a funnel.
+const FAR: f64 = 8.0;
 /// Hundredths of the work of a run that one tick may take.
 const SHARE: usize = 12;
 
@@ -25,7 +27,7 @@ pub(super) fn by_law(subject: &Subject<'_>, estimate: f64, most: f64) -> Option<
         return None;
     }
     // Upwards from where the law surely keeps its funnels: the first tick that does not is the end, whatever longer ones do.
-    let mut low = if subject.keeps() { now } else { smaller(now, estimate) / 2.0 };
+    let mut low = if subject.keeps() { larger(now, estimate / FAR) } else { smaller(now, estimate) / 2.0 };
     let mut tries = 0;
     while !keeps(subject, low)? {
         (low, tries) = (low / 2.0, tries + 1);

@@ -129,7 +129,10 @@ fn mean(subject: &Subject<'_>) -> Option<String> {
 /// Times that nobody has looked at.
 fn looked_at(subject: &Subject<'_>) -> Option<String> {
     match &subject.followed {
-        None => Some("the law is not followed here: how far a tick this long shifts the states from xi is not known".to_owned()),
+        None => Some(
+            "the law is not followed here: how far a tick this long shifts the states from xi is not known"
+                .to_owned(),
+        ),
         Some(followed) if !followed.whole && followed.lost.is_none() => Some(format!(
             "the law was followed for {} s of {} s: how far a tick this long shifts the states from xi later is not known",
             figure(followed.until),

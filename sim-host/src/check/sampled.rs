@@ -5,6 +5,7 @@
 
 mod bounds;
 mod bus;
+mod edges;
 mod member;
 mod window;
 
@@ -15,6 +16,7 @@ use bounds::Bend;
 pub(crate) use bounds::Bounds;
 pub(super) use bounds::undisturbed;
 use bus::Bus;
+use edges::Edges;
 use funnelnet_node::params;
 use member::Member;
 pub(super) use window::Watched;
@@ -87,8 +89,12 @@ enum Until {
 
 /// Whether the law of a scenario can be followed here.
 fn known(scenario: &Scenario) -> bool {
-    let law = matches!(scenario.coupling, Coupling::NodeWise | Coupling::ElementWise)
-        || (scenario.coupling == Coupling::MaxGain && scenario.components() == 1);
+    let law = match scenario.coupling {
+        Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain => true,
+        // What both ends believe of an edge is one thing only where everything comes in time.
+        Coupling::EdgeWise => Bus::is_perfect(scenario),
+        _ => false,
+    };
     law && scenario.nodes.len() <= LARGEST_RUN && scenario.nodes.iter().all(|node| node.gain.keeps_funnels())
 }
 
@@ -173,6 +179,8 @@ struct Network<'s> {
     scenario: &'s Scenario,
     members: Vec<Member<'s>>,
     bus: Bus<'s>,
+    /// Where the coupling is edge-wise.
+    edges: Option<Edges>,
     /// The narrowest funnel that the designer asks for (state units).
     asked: f64,
 }
@@ -188,6 +196,7 @@ impl<'s> Network<'s> {
             scenario,
             members: members.map(|(node, &degree)| Member::new(scenario, node, degree, bounds)).collect(),
             bus: Bus::new(scenario, bounds),
+            edges: (scenario.coupling == Coupling::EdgeWise).then(|| Edges::new(scenario)).flatten(),
             asked,
         }
     }
@@ -199,6 +208,9 @@ impl<'s> Network<'s> {
     /// Diffusive terms, true ones and those that nodes believe in.
     fn listen(&mut self, k: u64) {
         self.members.iter_mut().for_each(Member::begin);
+        if let Some(edges) = &mut self.edges {
+            return edges.carry(k, self.scenario.time.at_s(k), &mut self.members);
+        }
         let edges = &self.scenario.graph.edges;
         for edge in edges {
             for component in 0..self.scenario.components() {

@@ -24,6 +24,9 @@ fn the_law_that_is_followed_is_that_of_the_run() {
         ("five-agents.toml", &["agent.noise=0.2"]),
         ("vector-oscillators.toml", &[]),
         ("infinite-start.toml", &[]),
+        ("vector-max-gain.toml", &[]),
+        ("economic-dispatch.toml", &[]),
+        ("five-agents.toml", &["coupling.kind=edge-wise"]),
     ] {
         let scenario = gallery(file, &[sets, &["time.duration=3s"]].concat());
         let (followed, run) = (of(&scenario), simulate(&scenario, &options(Fidelity::Loopback)).unwrap());
