@@ -411,7 +411,10 @@ fn program_field(part: Part) -> ConfigField {
 }
 
 /// A field that is not finite at the start would stop the node at its first tick.
-fn check_finite_at_start<F: Real>(config: &NodeConfig, field: &impl VectorField<F>) -> Result<(), ConfigError> {
+fn check_finite_at_start<F: Real>(
+    config: &NodeConfig,
+    field: &impl VectorField<F>,
+) -> Result<(), ConfigError> {
     let start: State<F> = collect(config.initial_state.iter().map(|&x| F::from_f32(x)));
     let largest = f64::from(f32::MAX);
     (0..start.len()).try_for_each(|index| {

@@ -8,15 +8,19 @@ mod assumptions;
 mod bounds;
 mod bus;
 mod capacity;
+mod cures;
 mod events;
 mod expectations;
 mod followed;
 mod forecast;
 mod kick;
 mod limits;
+mod longest;
 mod nodes;
 mod noise;
 mod predictions;
+mod premises;
+mod resonance;
 mod sampled;
 mod shorter;
 mod start;
@@ -60,6 +64,20 @@ pub struct Advice {
     /// For programs, where one setting would do.
     #[serde(flatten)]
     pub setting: Option<Setting>,
+    /// What has to be set beside it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub also: Vec<Setting>,
+}
+
+impl Advice {
+    fn new(text: String) -> Self {
+        Self { text, setting: None, also: Vec::new() }
+    }
+
+    /// Every setting that it comes to, in the order in which they belong together.
+    pub fn settings(&self) -> impl Iterator<Item = &Setting> {
+        self.setting.iter().chain(&self.also)
+    }
 }
 
 /// One value of a scenario, as `--set` takes it: `key=value`.
@@ -101,7 +119,7 @@ impl Finding {
 
     /// The same, standing otherwise, with what to change.
     fn advise(self, status: Status, advice: String) -> Self {
-        Self { status, advice: Some(Advice { text: advice, setting: None }), ..self }
+        Self { status, advice: Some(Advice::new(advice)), ..self }
     }
 
     /// The same, with the setting that its advice comes to.
@@ -159,6 +177,7 @@ pub fn check(scenario: &Scenario) -> Report {
         Some(forecast) => {
             findings.extend(limits::findings(&subject, forecast));
             findings.extend(predictions::findings(&subject, forecast));
+            findings.extend(resonance::finding(&subject, forecast));
             if !forecast.grid.reaches(scenario) {
                 findings.iter_mut().for_each(|finding| partial(finding, forecast));
             }
@@ -171,6 +190,8 @@ pub fn check(scenario: &Scenario) -> Report {
     findings.extend(bus::findings(&subject));
     findings.extend(bounds::finding(&subject));
     findings.extend(expectations::findings(&subject));
+    cures::settle(&subject, &mut findings);
+    premises::lower(&subject, &mut findings);
     findings.extend(events::finding(scenario));
     events::unsettle(scenario, &mut findings);
     findings.push(capacity::finding(scenario));
@@ -199,7 +220,7 @@ fn partial(finding: &mut Finding, forecast: &Forecast) {
     if finding.status == Status::Ok && ALONG_XI.contains(&finding.name) {
         finding.status = Status::Note;
         let text = format!("looked at up to {} s only", figure(forecast.grid.end()));
-        finding.advice = Some(Advice { text, setting: None });
+        finding.advice = Some(Advice::new(text));
     }
 }
 

@@ -2,6 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use sim_host::check::{Finding, Report, Status, check};
+use sim_host::interrupt::Interrupt;
+use sim_host::run::{Fidelity, RunOptions, Verbosity, simulate};
 use sim_host::scenario::{Override, Scenario};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -177,4 +179,145 @@ fn a_tick_that_sets_no_limit_is_said_without_an_infinite_funnel() {
     let still = five(&["agent.dynamics={kind='affine',slope=-1,offset=1}"]);
     let text = find(&still, "narrowest-funnel").text.clone();
     assert!(!text.contains("inf"), "{text}");
+}
+
+fn gallery(file: &str, sets: &[String]) -> Scenario {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios").join(file);
+    let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    Scenario::load(&path, &sets).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// What is advised helps, and what does not help is not advised.
+#[test]
+fn cures_are_tried_before_they_are_advised() {
+    for (file, sets) in [
+        // More damping makes it worse.
+        ("narrow-star.toml", &["bus.loss=0.4", "time.duration=5s"][..]),
+        // A round of 4 ms is long enough for every frame, and too long for the funnel.
+        ("narrow-ring.toml", &["bus.latency=2ms", "time.duration=4s"]),
+        ("narrow-ring.toml", &["bus.latency=1ms", "time.duration=4s"]),
+        ("five-agents.toml", &["coupling.u_max=3", "time.duration=4s"]),
+        ("narrow-complete.toml", &["time.tick=4ms", "time.duration=4s"]),
+    ] {
+        let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).collect();
+        let report = check(&gallery(file, &sets));
+        assert!(matches!(find(&report, "sampled").status, Status::Warn | Status::Fail), "{report}");
+        let open = report.findings.iter().filter(|found| matches!(found.status, Status::Warn | Status::Fail));
+        let mut advised = 0;
+        for found in open {
+            let Some(advice) = &found.advice else { continue };
+            let settings: Vec<_> =
+                advice.settings().map(|set| format!("{}={}", set.key, set.value)).collect();
+            if settings.is_empty() {
+                continue;
+            }
+            advised += 1;
+            let cured = check(&gallery(file, &[sets.as_slice(), &settings].concat()));
+            let ratio = value(&cured, "sampled", "ratio");
+            assert!(ratio < 1.0, "{file} {sets:?} {settings:?} of {}: {ratio}", found.name);
+        }
+        let says_none = report.to_string().contains("nothing that was tried");
+        assert!(advised > 0 || says_none, "{file} {sets:?}: {report}");
+        println!("{file} {sets:?}: {advised} advised");
+    }
+}
+
+/// The longest tick that is named is where the run crosses its funnel.
+#[test]
+fn the_longest_tick_is_that_of_the_run() {
+    for file in ["narrow-ring.toml", "narrow-star.toml"] {
+        let of = |sets: &[&str]| {
+            let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).collect();
+            check(&gallery(file, &sets))
+        };
+        let named = value(&of(&["time.duration=4s"]), "narrowest-funnel", "longest_tick_s");
+        let at = |tick: f64| {
+            let tick_us = (tick * 1e6) as u64;
+            let run = format!("time.duration={}us", tick_us * (4e6 / tick_us as f64) as u64);
+            run_ratio(&gallery(file, &[format!("time.tick={tick_us}us"), run]))
+        };
+        let (below, above) = (at(0.99 * named), at(1.1 * named));
+        assert!(below < 1.0 && above > 1.0, "{file}: {named} s, {below} below and {above} above");
+    }
+}
+
+fn run_ratio(scenario: &Scenario) -> f64 {
+    let outcome = simulate(scenario, &options()).unwrap_or_else(|error| panic!("{}", error.message));
+    outcome.judge(scenario, Fidelity::Loopback).funnel.map_or(f64::NAN, |funnel| funnel.max_ratio)
+}
+
+fn options() -> RunOptions {
+    RunOptions {
+        on: Fidelity::Loopback,
+        out: None,
+        every_ticks: Some(1_000_000),
+        json: None,
+        junit: None,
+        image: PathBuf::new(),
+        bench: None,
+        verbosity: Verbosity::Quiet,
+        interrupt: Interrupt::default(),
+        repeat: String::new(),
+    }
+}
+
+#[test]
+fn windows_are_held_against_what_the_law_does_there() {
+    let windows = |ratio: f64| {
+        format!(
+            "expect.windows=[{{ from = \"2s\", to = \"4s\", funnel_ratio = {ratio}, spread = 5.0, emergent_error = 5.0 }}]"
+        )
+    };
+    let of = |ratio| check(&gallery("five-agents.toml", &["time.duration=5s".to_owned(), windows(ratio)]));
+    let found = |report: &Report| -> Vec<(Status, f64)> {
+        let all = report.findings.iter().filter(|found| found.name == "expect-windows");
+        all.map(|found| (found.status, found.values["predicted"].as_f64().unwrap())).collect()
+    };
+    let report = of(1.0);
+    let held = found(&report);
+    assert_eq!(held.len(), 3, "{report}");
+    assert!(held.iter().all(|(status, _)| *status == Status::Ok), "{report}");
+    assert!(held[0].1 > 0.5 && held[2].1 > 0.1, "{held:?}");
+    assert_eq!(found(&of(0.5 * held[0].1))[0].0, Status::Fail);
+}
+
+#[test]
+fn a_sine_near_the_slowest_mode_is_noted() {
+    let of = |frequency: f64| {
+        let sets = [
+            "time.duration=2s".to_owned(),
+            format!("node.1.dynamics.sines=[{{ amplitude = 1.0, frequency = {frequency} }}]"),
+            "time.tick=10ms".to_owned(),
+        ];
+        check(&gallery("five-agents.toml", &sets))
+    };
+    // lambda_2 of the normalised ring of five is 1 - cos 72 degrees.
+    let mode = ((1.0 - 0.309_017) / 1.1f64).sqrt() / 0.01;
+    for (frequency, noted) in [(mode, true), (mode / 3.0, true), (mode / 10.0, false), (mode * 2.0, false)] {
+        let report = of(frequency);
+        let found = report.findings.iter().any(|found| found.name == "resonance");
+        assert_eq!(found, noted, "{frequency}: {report}");
+    }
+}
+
+/// A prediction of where the network goes is as good as its premises.
+#[test]
+fn premises_that_do_not_hold_lower_a_prediction() {
+    let of = |file: &str, sets: &[&str]| {
+        let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).collect();
+        let report = check(&gallery(file, &sets));
+        let found = find(&report, "prediction");
+        (found.status, found.advice.as_ref().map_or(String::new(), |advice| advice.text.clone()))
+    };
+    // Over in a second, and forgotten within four.
+    let (status, why) = of("five-agents.toml", &["time.duration=1s"]);
+    assert!(status == Status::Note && why.contains("time constants"), "{why}");
+    assert_eq!(of("five-agents.toml", &[]).0, Status::Ok);
+    // Nothing forgets the start, and what loss does to the mean stays.
+    let still = "agent.dynamics={kind='affine',slope=0,offset=0}";
+    let (status, why) = of("average.toml", &["bus.loss=0.1", still]);
+    assert!(status != Status::Ok && why.contains("move the mean"), "{why}");
+    // A tick that is far too long for the funnel.
+    let (status, why) = of("narrow-ring.toml", &["time.tick=20ms"]);
+    assert!(status == Status::Note && why.contains("from xi"), "{why}");
 }

@@ -59,7 +59,7 @@ fn is_damped(subject: &Subject<'_>) -> bool {
 fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
     if is_damped(subject) {
         let advice = format!(
-            "a narrow funnel is left now and then, whatever the damping; up to {} was seen to be harmless",
+            "a narrow funnel is left now and then, whatever the damping; it is less so with a loss of {}",
             share(HARMLESS_LOSS)
         );
         return found.advise(Status::Warn, advice).set("bus.loss", format!("{HARMLESS_LOSS}"));

@@ -6,6 +6,7 @@ use super::sampled::Followed;
 use super::subject::Subject;
 use super::{Finding, Status, extremes, figure};
 use crate::extremes::{larger, largest};
+use crate::scenario::Window;
 
 /// Part by which a prediction may miss its limit before it counts as missed.
 const MISSED: f64 = 1.05;
@@ -34,11 +35,34 @@ pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
         let found = judged("expect-final-value", "final_value", value.within, missed);
         Finding { text: format!("{} (from {})", found.text, figure(value.is)), ..found }
     }));
-    if !expect.windows.is_empty() {
-        let text = format!("{} of expect.windows: parts of a run are not predicted", expect.windows.len());
-        let values = json!({ "windows": expect.windows.len() });
-        found.push(Finding::new("expect-windows", "Expected", text, values).stands(Status::NotChecked));
+    for (index, window) in expect.windows.iter().enumerate() {
+        found.extend(of_window(subject, window, index));
     }
+    found
+}
+
+/// The same for a part of the run.
+fn of_window(subject: &Subject<'_>, window: &Window, index: usize) -> Vec<Finding> {
+    let seen = subject.run().and_then(|run| run.windows.get(index));
+    let mut found = Vec::new();
+    let mut judge = |key: &str, limit: Option<f64>, value: Option<f64>| {
+        let key = format!("windows.{index}.{key}");
+        found.extend(limit.map(|limit| judged("expect-windows", &key, limit, value)));
+    };
+    judge("funnel_ratio", window.funnel_ratio, seen.map(|seen| seen.ratio));
+    judge("spread", window.spread, seen.map(|seen| seen.spread));
+    judge("max_input", window.max_input, seen.map(|seen| seen.input));
+    let from_xi = seen.filter(|seen| !seen.reach.is_empty()).and_then(|seen| {
+        let forecast =
+            subject.forecast.as_ref().filter(|forecast| forecast.grid.reaches(subject.scenario))?;
+        let apart = seen.reach.iter().map(|&(t, low, high)| {
+            let xi = forecast.xi_at(t);
+            larger((low - xi).abs(), (high - xi).abs())
+        });
+        Some(largest(0.0, apart))
+    });
+    judge("emergent_error", window.emergent_error, from_xi);
+    judge("reference_error", window.reference_error, None);
     found
 }
 

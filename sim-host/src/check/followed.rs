@@ -2,19 +2,12 @@
 
 use serde_json::json;
 
-use super::sampled::{self, Followed, Worst};
+use super::cures::cause;
+use super::sampled::{Followed, Worst};
 use super::subject::Subject;
 use super::text::plural;
-use super::{Finding, Status, extremes, figure};
-use crate::extremes::larger;
-use crate::scenario::{Breach, LARGEST_RUN, Scenario, TimeSpec, format_duration};
-use funnelnet_law::range::SHORTEST_TICK_NS;
-use funnelnet_law::start::SlowStart;
-
-/// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
-const TIGHT_START: f64 = 0.95;
-/// How far a start is above what the law settles at, at least, to count as tight.
-const ABOVE_STEADY: f64 = 0.02;
+use super::{Advice, Finding, Status, extremes, figure};
+use crate::scenario::{Breach, LARGEST_RUN, Scenario};
 
 pub(super) fn finding(subject: &Subject<'_>) -> Finding {
     let Some(followed) = &subject.followed else { return none_here(subject.scenario) };
@@ -38,7 +31,12 @@ pub(super) fn finding(subject: &Subject<'_>) -> Finding {
         return advised(found, Status::Fail, &why, subject);
     }
     if !inside {
-        return advised(found, Status::Warn, &format!("node {} leaves its funnel", worst.node + 1), subject);
+        return advised(
+            found,
+            Status::Warn,
+            &format!("node {} leaves its funnel{}", worst.node + 1, cause(subject, followed)),
+            subject,
+        );
     }
     if tight(subject, followed) {
         let why = format!("node {} comes close to leaving its funnel at the start", followed.start.node + 1);
@@ -76,49 +74,20 @@ fn said(subject: &Subject<'_>, followed: &Followed) -> Finding {
 
 /// Whether the start is closer to the funnel's edge than the fields ask for.
 fn tight(subject: &Subject<'_>, followed: &Followed) -> bool {
-    let steady = subject.forecast.as_ref().map_or(0.0, |forecast| {
-        let ratios = forecast.nodes.iter().map(|node| 1.0 - node.margin);
-        crate::extremes::largest(0.0, ratios)
-    });
-    let calm = followed.start.ratio < larger(TIGHT_START, steady + ABOVE_STEADY);
+    let calm = followed.start.ratio < subject.calm_start();
     !calm
 }
 
-/// The tick, of a half and a quarter of the scenario's, that keeps every node inside: for as long at least as it takes to leave the funnel now.
-fn better(subject: &Subject<'_>) -> Option<String> {
-    let TimeSpec { tick_ns, ticks, round, start } = subject.scenario.time;
-    if round > 1 {
-        // A shorter round is a matter of the bus as well.
-        return None;
-    }
-    let left = subject.followed.as_ref().and_then(|followed| followed.left).unwrap_or(0.0);
-    let allowed =
-        |parts: &u64| tick_ns.is_multiple_of(*parts) && tick_ns / parts >= u64::from(SHORTEST_TICK_NS);
-    [2, 4].into_iter().filter(allowed).find_map(|parts| {
-        let start = SlowStart::new(start.ticks().saturating_mul(parts as u16));
-        let time = TimeSpec { tick_ns: tick_ns / parts, ticks: ticks.saturating_mul(parts), round, start };
-        let scenario = Scenario { time, ..subject.scenario.clone() };
-        let followed = sampled::follow(&scenario, &subject.degrees)?;
-        let inside = followed.lost.is_none() && followed.worst.ratio < 1.0 && followed.until > left;
-        inside.then(|| format_duration(time.tick_ns))
-    })
-}
-
-/// With the shorter tick that cures it, where one was found.
+/// With what cures it, where something was found that does.
 fn advised(found: Finding, status: Status, why: &str, subject: &Subject<'_>) -> Finding {
-    match better(subject) {
-        Some(tick) => found
-            .advise(
-                status,
-                format!("{why}; with a tick of {tick} it stays inside, as far as that was followed"),
-            )
-            .set("time.tick", tick),
-        None => {
-            let cure =
-                "no tick that was tried cures it: widen the funnel, or look at fields, noise, loss and delay";
-            found.advise(status, format!("{why}; {cure}"))
-        }
-    }
+    let advice = Advice::new(why.to_owned());
+    let advice = match subject.cure() {
+        Some(cure) => advice.with(cure),
+        None => Advice::new(format!(
+            "{why}; nothing that was tried keeps the funnel (shorter ticks, rounds, damping, wider funnels): look at fields, noise and loss"
+        )),
+    };
+    Finding { status, advice: Some(advice), ..found }
 }
 
 /// Where the law is not followed.

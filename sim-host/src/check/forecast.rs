@@ -101,6 +101,17 @@ impl Forecast {
         }
     }
 
+    /// `xi` at time `t` (s), between the steps on a straight line (state units).
+    pub fn xi_at(&self, t: f64) -> f64 {
+        let place = (t / self.grid.step).max(0.0);
+        let before = (place as usize).min(self.xi.len().saturating_sub(1));
+        let after = (before + 1).min(self.xi.len().saturating_sub(1));
+        match (self.xi.get(before), self.xi.get(after)) {
+            (Some(low), Some(high)) => low + (place - before as f64).min(1.0) * (high - low),
+            _ => f64::NAN,
+        }
+    }
+
     /// `xi` at the end of the grid (state units).
     pub fn xi_end(&self) -> f64 {
         self.xi.last().copied().unwrap_or(0.0)

@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use super::forecast::Forecast;
-use super::shorter;
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
-use crate::scenario::{Dynamics, format_duration};
+use super::{longest, shorter};
+use crate::scenario::format_duration;
 use crate::{emergent, extremes, extremes::smaller};
 
 /// Part of the longest tick that is advised.
@@ -32,7 +32,8 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let seen = &forecast.nodes[index];
     let floor = if seen.taken == 0.0 { 0.0 } else { seen.taken * seen.taken_of };
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
-    let longest = longest_tick(subject, seen.taken);
+    let found = Longest::of(subject, seen.taken);
+    let (longest, by_formula) = (found.map(|found| found.seconds), found.map(|found| found.by_formula));
     let text = match longest {
         None => {
             format!("{name} holds any funnel once the states have met: no field drifts from the emergent one")
@@ -55,6 +56,7 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let values = json!({
         "node": node, "narrowest": seen.floor, "psi_min": subject.narrowest(index), "predicted_ratio": ratio,
         "share": seen.taken, "t": seen.taken_at, "longest_tick_s": longest,
+        "longest_tick_by_formula_s": by_formula,
     });
     let found = Finding::new("narrowest-funnel", "Tick", text, values);
     if seen.taken < 1.0 {
@@ -73,13 +75,28 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     shorter::set(found.advise(Status::Warn, advice), subject.scenario, seconds)
 }
 
-/// The tick that leaves room in the funnel, resolves the fields, and does not throw the start out, s; none where any tick does.
-fn longest_tick(subject: &Subject<'_>, taken: f64) -> Option<f64> {
-    let tick = subject.scenario.time.tick_s();
-    let resolved = FAST / emergent::fastest(subject.scenario);
-    let kicked = tick * kick::SMALL / kick::largest(subject.scenario).1;
-    let some = taken != 0.0 || kicked.is_finite();
-    some.then(|| [tick * taken.sqrt().recip(), resolved, kicked].into_iter().fold(f64::INFINITY, smaller))
+/// The longest tick that leaves room in the funnel, resolves the fields, and does not throw the start out, s.
+#[derive(Clone, Copy)]
+struct Longest {
+    by_formula: f64,
+    /// By following the law where that is cheap, else the same.
+    seconds: f64,
+}
+
+impl Longest {
+    /// None where any tick does.
+    fn of(subject: &Subject<'_>, taken: f64) -> Option<Self> {
+        let tick = subject.scenario.time.tick_s();
+        let resolved = FAST / emergent::fastest(subject.scenario);
+        let kicked = tick * kick::SMALL / kick::largest(subject.scenario).1;
+        let some = taken != 0.0 || kicked.is_finite();
+        let terms = [tick * taken.sqrt().recip(), resolved, kicked];
+        let by_formula = terms.into_iter().fold(f64::INFINITY, smaller);
+        some.then(|| Self {
+            by_formula,
+            seconds: longest::by_law(subject, by_formula, resolved).unwrap_or(by_formula),
+        })
+    }
 }
 
 /// The fields against the tick: the node advances its state by a midpoint step, so that it sees a sine once per tick.

@@ -5,7 +5,9 @@
 
 mod bounds;
 mod bus;
+mod edges;
 mod member;
+mod window;
 
 use super::extremes;
 use crate::extremes::{beyond, larger, largest};
@@ -14,11 +16,13 @@ use bounds::Bend;
 pub(crate) use bounds::Bounds;
 pub(super) use bounds::undisturbed;
 use bus::Bus;
+use edges::Edges;
 use funnelnet_node::params;
 use member::Member;
+pub(super) use window::Watched;
 
 /// What is followed at least, s, as long as it is cheap.
-const START: f64 = 0.1;
+pub(super) const START: f64 = 0.1;
 /// Work that is spent, in edges and ticks; it depends on the scenario only, so that `check` says the same on every machine.
 const WORK: usize = 25_000_000;
 /// Work of one component of a node, and of an end of an edge where the bus loses or delays, beside that of an edge.
@@ -71,12 +75,26 @@ pub(super) struct Followed {
     pub floored: Option<(usize, f64)>,
     /// By index and then by component (state units).
     pub last: Vec<f64>,
+    /// The parts of the run for which the scenario has expectations of their own, in its order.
+    pub windows: Vec<Watched>,
+}
+
+/// How far the law is followed, beside what is affordable.
+#[derive(Clone, Copy, PartialEq)]
+enum Until {
+    End,
+    /// To the first breach: all that a trial needs to know.
+    Breach,
 }
 
 /// Whether the law of a scenario can be followed here.
 fn known(scenario: &Scenario) -> bool {
-    let law = matches!(scenario.coupling, Coupling::NodeWise | Coupling::ElementWise)
-        || (scenario.coupling == Coupling::MaxGain && scenario.components() == 1);
+    let law = match scenario.coupling {
+        Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain => true,
+        // What both ends believe of an edge is one thing only where everything comes in time.
+        Coupling::EdgeWise => Bus::is_perfect(scenario) && scenario.time.start.is_none(),
+        _ => false,
+    };
     law && scenario.nodes.len() <= LARGEST_RUN && scenario.nodes.iter().all(|node| node.gain.keeps_funnels())
 }
 
@@ -93,7 +111,32 @@ pub(super) fn follow(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
     follow_for(scenario, degrees, Bounds::of(scenario), WORK)
 }
 
+/// The same up to the first breach.
+pub(super) fn follow_to_breach(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
+    follow_until(scenario, degrees, Bounds::of(scenario), WORK, Until::Breach)
+}
+
+/// Whether following a whole run takes no more than so many hundredths of what is spent on one.
+pub(super) fn is_cheap(scenario: &Scenario, hundredths: usize) -> bool {
+    affordable(scenario, WORK / 100 * hundredths) == scenario.time.ticks
+}
+
+/// Whether everything comes at once and as it was sent.
+pub(super) fn hears_perfectly(scenario: &Scenario) -> bool {
+    Bus::is_perfect(scenario)
+}
+
 fn follow_for(scenario: &Scenario, degrees: &[f64], bounds: Bounds, work: usize) -> Option<Followed> {
+    follow_until(scenario, degrees, bounds, work, Until::End)
+}
+
+fn follow_until(
+    scenario: &Scenario,
+    degrees: &[f64],
+    bounds: Bounds,
+    work: usize,
+    until: Until,
+) -> Option<Followed> {
     if !known(scenario) {
         return None;
     }
@@ -112,13 +155,15 @@ fn follow_for(scenario: &Scenario, degrees: &[f64], bounds: Bounds, work: usize)
         left: None,
         floored: None,
         last: Vec::new(),
+        windows: scenario.expect.windows.iter().map(Watched::new).collect(),
     };
     for k in 0..=ticks {
         let t = scenario.time.at_s(k);
         network.listen(k);
-        network.judge(t, &mut followed);
+        network.judge(k, t, &mut followed);
         // The inputs of the last tick move no state that is looked at.
-        if followed.lost.is_some() || k == ticks {
+        let enough = until == Until::Breach && followed.left.is_some();
+        if followed.lost.is_some() || enough || k == ticks {
             break;
         }
         network.advance(k, &mut followed);
@@ -134,6 +179,8 @@ struct Network<'s> {
     scenario: &'s Scenario,
     members: Vec<Member<'s>>,
     bus: Bus<'s>,
+    /// Where the coupling is edge-wise.
+    edges: Option<Edges>,
     /// The narrowest funnel that the designer asks for (state units).
     asked: f64,
 }
@@ -149,6 +196,7 @@ impl<'s> Network<'s> {
             scenario,
             members: members.map(|(node, &degree)| Member::new(scenario, node, degree, bounds)).collect(),
             bus: Bus::new(scenario, bounds),
+            edges: (scenario.coupling == Coupling::EdgeWise).then(|| Edges::new(scenario)).flatten(),
             asked,
         }
     }
@@ -162,6 +210,9 @@ impl<'s> Network<'s> {
         let start = self.scenario.time.start;
         let stretches = k > 0 && k == u64::from(start.slow_ticks());
         self.members.iter_mut().for_each(|member| member.begin(start.pace(k as u32)));
+        if let Some(edges) = &mut self.edges {
+            return edges.carry(k, self.scenario.time.at_s(k), &mut self.members);
+        }
         if stretches {
             self.bus.stretch();
         }
@@ -176,10 +227,12 @@ impl<'s> Network<'s> {
         self.bus.carry(k, &mut self.members);
     }
 
-    fn judge(&mut self, t: f64, followed: &mut Followed) {
+    fn judge(&mut self, k: u64, t: f64, followed: &mut Followed) {
+        let mut most = 0.0;
         for (index, member) in self.members.iter_mut().enumerate() {
             let ratio = member.ratio(t, self.asked);
             followed.worst.note(ratio, index, t);
+            most = larger(most, ratio);
             let inside = ratio < 1.0;
             if !inside && followed.left.is_none() {
                 followed.left = Some(t);
@@ -193,6 +246,9 @@ impl<'s> Network<'s> {
                 followed.floored = Some((index, t));
             }
         }
+        for window in followed.windows.iter_mut().filter(|window| window.is_open(k)) {
+            window.note(t, most, &self.members);
+        }
         let (low, high) = extremes(self.states());
         let within = larger(low.abs(), high.abs()) <= params::LARGEST && followed.worst.ratio < LOST;
         if !within {
@@ -203,7 +259,11 @@ impl<'s> Network<'s> {
     fn advance(&mut self, k: u64, followed: &mut Followed) {
         let (t, tick) = (self.scenario.time.at_s(k), self.scenario.time.period_s(k));
         for member in &mut self.members {
-            followed.input = larger(followed.input, member.advance(k, t));
+            let input = member.advance(k, t);
+            followed.input = larger(followed.input, input);
+            for window in followed.windows.iter_mut().filter(|window| window.is_open(k)) {
+                window.input = larger(window.input, input);
+            }
             let moved = largest(0.0, member.parts.iter().map(|part| part.dx.abs()));
             followed.slope = larger(followed.slope, moved / tick);
         }

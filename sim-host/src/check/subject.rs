@@ -1,5 +1,8 @@
 //! What every finding looks at, computed once.
 
+use std::cell::OnceCell;
+
+use super::cures::{self, Cure};
 use super::forecast::Forecast;
 use super::sampled::{self, Followed};
 use super::widths::Widths;
@@ -22,7 +25,13 @@ pub(super) struct Subject<'s> {
     pub forecast: Option<Forecast>,
     /// None where the sampled law of the coupling is not followed here.
     pub followed: Option<Followed>,
+    cure: OnceCell<Option<Cure>>,
 }
+
+/// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
+const TIGHT_START: f64 = 0.95;
+/// How far a start is above what the law settles at, at least, to count as tight.
+const ABOVE_STEADY: f64 = 0.02;
 
 impl<'s> Subject<'s> {
     pub fn of(scenario: &'s Scenario) -> Self {
@@ -35,6 +44,7 @@ impl<'s> Subject<'s> {
             ratios: initial_ratios(scenario),
             forecast: follows_the_paper(scenario).then(|| Forecast::of(scenario, &widths, &degrees)),
             followed: sampled::follow(scenario, &degrees),
+            cure: OnceCell::new(),
             degrees,
             widths,
             scenario,
@@ -68,6 +78,20 @@ impl<'s> Subject<'s> {
     /// Whether the law keeps every node inside its funnel over the whole run; not where it was not followed so far.
     pub fn keeps(&self) -> bool {
         self.run().is_some_and(|followed| followed.worst.ratio < 1.0)
+    }
+
+    /// What keeps every node inside its funnel where the scenario does not, as far as anything was found that does.
+    pub fn cure(&self) -> Option<&Cure> {
+        self.cure.get_or_init(|| cures::search(self)).as_ref()
+    }
+
+    /// The ratio in the first tenth of a second from which on a start counts as close to the funnel's edge.
+    pub fn calm_start(&self) -> f64 {
+        let steady = self.forecast.as_ref().map_or(0.0, |forecast| {
+            let ratios = forecast.nodes.iter().map(|node| 1.0 - node.margin);
+            largest(0.0, ratios)
+        });
+        larger(TIGHT_START, steady + ABOVE_STEADY)
     }
 
     /// The narrowest funnel that f32 resolves at a node; 0 where nothing is known of the states to come (state units).

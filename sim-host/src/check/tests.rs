@@ -371,7 +371,7 @@ fn the_tick_holds_what_the_fields_leave() {
     let most = (0..9000).map(|part| excess(f64::from(part) * 1e-4)).fold(0.0, f64::max);
     near(value(&report, "narrowest-funnel", "narrowest"), most, 1e-3);
     near(value(&report, "narrowest-funnel", "share"), most, 1e-3);
-    near(value(&report, "narrowest-funnel", "longest_tick_s"), 1e-3 / most.sqrt(), 1e-3);
+    near(value(&report, "narrowest-funnel", "longest_tick_by_formula_s"), 1e-3 / most.sqrt(), 1e-3);
     assert_eq!(value(&report, "narrowest-funnel", "node"), 1.0);
     assert_eq!(find(&pair(&["time.tick=100ms"]), "narrowest-funnel").status, Status::Warn);
     // A narrow funnel counts when it is narrow: the same floor, in a funnel that has closed to it.

@@ -5,10 +5,13 @@
 //! the estimate. The move is what the tolerance allows at the start. It makes sure that the two come apart where errors grow, even where
 //! the steps happen to make none: both would otherwise stay on an equilibrium that no real network stays on.
 
+use super::coordinates::System;
 use super::error::ReferenceError;
 use super::options::ReferenceOptions;
-use super::problem::ReferenceProblem;
+use super::problem::{CoupledProblem, ReferenceProblem};
 use super::solution::ReferenceSolution;
+use super::states::States;
+use super::unknowns::Unknowns;
 use super::{check, start_from};
 use crate::extremes::{beyond, larger, largest, smaller};
 use std::ops::ControlFlow;
@@ -53,11 +56,39 @@ pub fn solve_estimated(
     options: &ReferenceOptions,
     on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<ReferenceSolution, ReferenceError> {
-    check(problem, times, options)?;
+    problem.validate()?;
+    estimated(&System::new(problem), &problem.x0, times, options, on_step)
+}
+
+/// The same for any coupling: in the better unknowns where it has them.
+///
+/// # Errors
+/// Those of [`solve_with`](super::solve_with).
+pub fn solve_coupled(
+    problem: &CoupledProblem,
+    times: &[f64],
+    options: &ReferenceOptions,
+    on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<ReferenceSolution, ReferenceError> {
+    problem.validate()?;
+    match problem.as_scalar() {
+        Some(scalar) => solve_estimated(&scalar, times, options, on_step),
+        None => estimated(&States::new(problem), &problem.x0, times, options, on_step),
+    }
+}
+
+fn estimated(
+    system: &dyn Unknowns,
+    x0: &[f64],
+    times: &[f64],
+    options: &ReferenceOptions,
+    on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<ReferenceSolution, ReferenceError> {
+    check(times, options)?;
     let end = times.last().copied().unwrap_or(0.0);
     let compared: Vec<f64> = (0..=COMPARED).map(|k| end * (k as f64 / COMPARED as f64)).collect();
     let merged = Merged::of(times, &compared);
-    let first = start_from(problem, &merged.times, options, 0.0, &mut |t| on_step(0.5 * t));
+    let first = start_from(system, &merged.times, options, 0.0, &mut |t| on_step(0.5 * t));
     let (mut solution, x) = match first {
         Ok(both) => merged.split(both),
         Err(ReferenceError::Unresolved { at, psi, ratio, reason, partial }) => {
@@ -70,8 +101,8 @@ pub fn solve_estimated(
         Err(other) => return Err(other),
     };
     let looser = ReferenceOptions { tolerance: smaller(LOOSER * options.tolerance, LOOSEST), ..*options };
-    let shift = options.tolerance * largest(1.0, problem.x0.iter().map(|x| x.abs()));
-    let other = start_from(problem, &compared, &looser, shift, &mut |t| on_step(0.5 * (end + t)));
+    let shift = options.tolerance * largest(1.0, x0.iter().map(|x| x.abs()));
+    let other = start_from(system, &compared, &looser, shift, &mut |t| on_step(0.5 * (end + t)));
     solution.estimate = Some(match other {
         Ok(other) => {
             let rows = x.chunks_exact(solution.nodes).zip(other.x.chunks_exact(solution.nodes));

@@ -1,32 +1,25 @@
 //! Drives diffsol's BDF through the coordinates of [`System`], one stretch of the funnel after the other.
 
-use funnelnet_law::Gain;
 use std::ops::ControlFlow;
 
 use diffsol::error::{DiffsolError, OdeSolverError};
 use diffsol::{FaerContext, FaerMat, FaerVec, OdeBuilder, OdeSolverMethod, Vector};
 
-use super::coordinates::{Point, System};
+use super::coordinates::LOCAL_SHARE;
 use super::error::ReferenceError;
 use super::lu::RowPivotingLu;
 use super::options::ReferenceOptions;
 use super::solution::ReferenceSolution;
+use super::unknowns::{Seen, Unknowns};
 use crate::extremes::{larger, largest, smallest};
 
 /// A stretch of the run ends when the widest funnel is this many times narrower than at its beginning, as
 /// long as the tolerance on the inputs still depends on the width.
 const STRETCH: f64 = 10.0;
-/// Below this relative tolerance rounding errors in the right-hand side stall the step control.
-const FINEST: f64 = 2e-13;
-/// Local error per step over the error asked for: errors of many steps add up (measured: 10 to 170 times the
-/// local tolerance on Example 3 of the paper over 20 s).
-const LOCAL_SHARE: f64 = 1.0 / 30.0;
-/// The largest `|sum nu| / sum psi` that passes for a solution.
-const DEFECT: f64 = 1e-5;
 
 /// The state of a run between accepted steps.
 pub(super) struct Run<'a> {
-    pub(super) system: &'a System<'a>,
+    pub(super) system: &'a dyn Unknowns,
     pub(super) options: &'a ReferenceOptions,
     /// The output times that are still to come.
     pub(super) ahead: &'a [f64],
@@ -35,6 +28,8 @@ pub(super) struct Run<'a> {
     pub(super) solution: ReferenceSolution,
     pub(super) t: f64,
     pub(super) y: Vec<f64>,
+    /// By how much all states were moved at the start (state units).
+    pub(super) shift: f64,
 }
 
 /// Why a stretch ended before the run did.
@@ -50,7 +45,7 @@ impl Run<'_> {
         on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
     ) -> Result<ReferenceSolution, ReferenceError> {
         self.write_rows_at_start();
-        self.watch(&self.system.at(self.t, &self.y));
+        self.watch(&self.system.seen(self.t, &self.y));
         while !self.ahead.is_empty() {
             match self.stretch(on_step) {
                 Ok(()) => {}
@@ -65,7 +60,7 @@ impl Run<'_> {
     /// Integrates until the funnel is much narrower, or to the end.
     fn stretch(&mut self, on_step: &mut dyn FnMut(f64) -> ControlFlow<()>) -> Result<(), Stop> {
         let system = self.system;
-        let (relative, absolute) = self.tolerances();
+        let (relative, absolute) = system.tolerances(self.options, self.t, &self.y);
         let (t0, y0) = (self.t, self.y.clone());
         let mut problem = OdeBuilder::<FaerMat<f64>>::new()
             .context(FaerContext::default())
@@ -84,8 +79,14 @@ impl Run<'_> {
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
         let mut solver = problem.bdf::<RowPivotingLu>().map_err(why)?;
         let narrow =
-            if relative < self.options.tolerance * LOCAL_SHARE { widest(system, t0) / STRETCH } else { 0.0 };
-        while !self.ahead.is_empty() && widest(system, self.t) > narrow {
+            if relative < self.options.tolerance * LOCAL_SHARE { system.widest(t0) / STRETCH } else { 0.0 };
+        // No step goes across a kink.
+        let kink = system.next_kink(t0).filter(|kink| *kink < self.end);
+        if let Some(kink) = kink {
+            solver.set_stop_time(kink).map_err(why)?;
+        }
+        let before = |t: f64| kink.is_none_or(|kink| t < kink);
+        while !self.ahead.is_empty() && system.widest(self.t) > narrow && before(self.t) {
             solver.step().map_err(why)?;
             self.accept(solver.state().t, solver.state().y.clone_as_vec())?;
             self.write_rows(|t| solver.interpolate(t).map(|y: FaerVec<f64>| y.clone_as_vec()).map_err(why))?;
@@ -101,15 +102,12 @@ impl Run<'_> {
         if t <= self.t {
             return Err(Stop::Solver("the step is too small to advance the time".into()));
         }
-        let point = self.system.at(t, &y);
+        let point = self.system.seen(t, &y);
         if !y.iter().chain(&point.x).all(|v| v.is_finite()) {
             return Err(Stop::Solver("the solution is not finite".into()));
         }
-        // Written so that what is not a number is a defect.
-        let closes = point.sigma.abs() <= DEFECT;
-        if !closes {
-            let defect = point.sigma;
-            return Err(Stop::Solver(format!("the diffusive terms add up to {defect:e} psi instead of 0")));
+        if let Some(reason) = self.system.refuses(&point) {
+            return Err(Stop::Solver(reason));
         }
         (self.t, self.y) = (t, y);
         self.solution.steps += 1;
@@ -120,26 +118,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The relative tolerance, and the absolute ones per unknown, that keep the error of the states near the
-    /// one asked for: an error `du` of an input is one of `psi du / mu'(s)` in `nu`, and at most
-    /// `deviation_gain` times that in a state.
-    fn tolerances(&self) -> (f64, Vec<f64>) {
-        let tolerance = self.options.tolerance * LOCAL_SHARE;
-        let reach = self.system.network.deviation_gain().max(1e-3);
-        let point = self.system.at(self.t, &self.y);
-        let scale = 1.0 + largest(0.0, point.x.iter().map(|x| x.abs()));
-        let slack = |psi: f64| (scale / (psi * reach)).min(1.0);
-        let relative = (tolerance * slack(widest(self.system, self.t) / 4.0)).max(FINEST);
-        let input = |(gain, &psi): (&Gain<f64>, &f64)| {
-            let wanted = tolerance * slack(psi);
-            gain.slope_at_zero() * wanted.max(FINEST)
-        };
-        let inputs = self.system.problem.gains.iter().zip(&point.psi).map(input);
-        (relative, std::iter::once(tolerance).chain(inputs).collect())
-    }
-
     /// Notes the largest ratio and defect at the present state. The last step may lead beyond the end, where nobody asks for them.
-    fn watch(&mut self, point: &Point) {
+    fn watch(&mut self, point: &Seen) {
         if self.t <= self.end {
             self.solution.max_defect = larger(self.solution.max_defect, point.sigma.abs());
             self.solution.note_ratio(self.t, &point.ratio);
@@ -148,7 +128,12 @@ impl Run<'_> {
 
     fn write_rows_at_start(&mut self) {
         while let Some((&t, rest)) = self.ahead.split_first().filter(|(t, _)| **t <= self.t) {
-            self.solution.push_row(t, &self.system.at(t, &self.y), &self.y[1..]);
+            let seen = if t < self.t {
+                self.system.before_start(t, self.shift)
+            } else {
+                self.system.seen(t, &self.y)
+            };
+            self.solution.push_row(t, seen);
             self.ahead = rest;
         }
     }
@@ -156,11 +141,11 @@ impl Run<'_> {
     fn write_rows(&mut self, interpolate: impl Fn(f64) -> Result<Vec<f64>, Stop>) -> Result<(), Stop> {
         while let Some((&t, rest)) = self.ahead.split_first().filter(|(t, _)| **t <= self.t) {
             let y = interpolate(t)?;
-            let point = self.system.at(t, &y);
-            self.solution.push_row(t, &point, &y[1..]);
+            let seen = self.system.seen(t, &y);
             if rest.is_empty() {
-                self.solution.note_ratio(t, &point.ratio);
+                self.solution.note_ratio(t, &seen.ratio);
             }
+            self.solution.push_row(t, seen);
             self.ahead = rest;
         }
         Ok(())
@@ -172,7 +157,7 @@ impl Run<'_> {
     }
 
     fn unresolved(mut self, reason: String) -> ReferenceError {
-        let point = self.system.at(self.t, &self.y);
+        let point = self.system.seen(self.t, &self.y);
         self.solution.resolved_until = self.t;
         ReferenceError::Unresolved {
             at: self.t,
@@ -182,10 +167,6 @@ impl Run<'_> {
             partial: Box::new(self.solution),
         }
     }
-}
-
-fn widest(system: &System, t: f64) -> f64 {
-    largest(0.0, system.problem.funnels.iter().map(|f| f.width(t)))
 }
 
 fn why(error: DiffsolError) -> Stop {

@@ -1,10 +1,12 @@
 //! The continuous-time closed loop in `f64`, as exact as a stiff adaptive solver makes it: what every other
 //! fidelity is measured against.
 //!
-//! diffsol's BDF integrates, and the coordinates (`coordinates.rs`) are chosen so that a state outside the
-//! funnel cannot be written down. The system is dense: time grows as `N^3`, memory as `N^2`.
+//! diffsol's BDF integrates. For the node-wise law of scalar states the coordinates (`coordinates.rs`) are chosen so that a state outside the
+//! funnel cannot be written down; every other coupling is solved in its states (`states.rs`). The system is dense: time grows as `N^3`, memory as `N^2`.
 
 mod coordinates;
+#[cfg(test)]
+mod coupled_tests;
 mod error;
 mod estimate;
 #[cfg(test)]
@@ -15,16 +17,17 @@ mod network;
 mod options;
 mod problem;
 mod solution;
+mod states;
 #[cfg(test)]
 mod tests;
+mod unknowns;
 
 use std::ops::ControlFlow;
 
 pub use error::ReferenceError;
-pub use estimate::{ErrorEstimate, solve_estimated};
+pub use estimate::{ErrorEstimate, solve_coupled, solve_estimated};
 pub use options::ReferenceOptions;
-pub use problem::ReferenceProblem;
-pub(crate) use problem::has_reference;
+pub use problem::{CoupledProblem, ReferenceProblem};
 pub use solution::ReferenceSolution;
 
 /// Solves `problem` from `t = 0` and returns the states at `times` (seconds, ascending, at least 0).
@@ -51,16 +54,12 @@ pub fn solve_with(
     options: &ReferenceOptions,
     on_step: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<ReferenceSolution, ReferenceError> {
-    check(problem, times, options)?;
-    start_from(problem, times, options, 0.0, on_step)
+    problem.validate()?;
+    check(times, options)?;
+    start_from(&coordinates::System::new(problem), times, options, 0.0, on_step)
 }
 
-fn check(
-    problem: &ReferenceProblem,
-    times: &[f64],
-    options: &ReferenceOptions,
-) -> Result<(), ReferenceError> {
-    problem.validate()?;
+fn check(times: &[f64], options: &ReferenceOptions) -> Result<(), ReferenceError> {
     check_times(times)?;
     if !(1e-12..=1e-2).contains(&options.tolerance) {
         return Err(ReferenceError::Tolerance(options.tolerance));
@@ -70,7 +69,7 @@ fn check(
 
 /// Solves a problem that was checked, with all states moved by `shift` at the start (state units), which moves no diffusive term.
 fn start_from(
-    problem: &ReferenceProblem,
+    system: &dyn unknowns::Unknowns,
     times: &[f64],
     options: &ReferenceOptions,
     shift: f64,
@@ -78,12 +77,10 @@ fn start_from(
 ) -> Result<ReferenceSolution, ReferenceError> {
     // Threads would cost more than they gain at these sizes, and make the last bits depend on their number.
     faer::set_global_parallelism(faer::Par::Seq);
-    let system = coordinates::System::new(problem);
-    let mut y = system.start()?;
-    y[0] += shift;
-    let solution = ReferenceSolution::new(problem.x0.len());
+    let (t, y) = system.start(shift)?;
+    let solution = ReferenceSolution::new(system.entries());
     let end = times.last().copied().unwrap_or(0.0);
-    integrate::Run { system: &system, options, ahead: times, end, solution, t: 0.0, y }.finish(on_step)
+    integrate::Run { system, options, ahead: times, end, solution, t, y, shift }.finish(on_step)
 }
 
 fn check_times(times: &[f64]) -> Result<(), ReferenceError> {

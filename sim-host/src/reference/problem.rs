@@ -1,9 +1,12 @@
 //! What the reference solves: the closed loop in SI units and `f64`, free of any file format.
 
 use super::error::ReferenceError;
+use crate::extremes::larger;
 use crate::scenario::Dynamics;
+use funnelnet_law::Coupling;
 use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::gain::{Gain, GainFunction};
+use funnelnet_law::math;
 
 /// The closed loop `x_i' = f_i(t, x_i) + mu_i(nu_i / psi_i(t))` with
 /// `nu_i = sum_j alpha_ij (x_j - x_i)` (the paper's node-wise funnel coupling), from `t = 0`.
@@ -37,18 +40,123 @@ pub(super) fn curvature(gain: &Gain<f64>, u: f64) -> f64 {
     -sign * gain.inverse_curvature(u)
 }
 
-/// The numbers of a funnel that has a reference.
-fn numbers(funnel: &Funnel<f64>) -> Option<[f64; 4]> {
-    match funnel.shape {
-        Shape::Exponential { start, end, rate } => Some([start, end, rate, funnel.factor]),
-        Shape::Constant { width } => Some([width, 0.0, 0.0, funnel.factor]),
-        _ => None,
+/// The closed loop of any coupling, for states of several components and inputs with limits.
+///
+/// Vectors that are one per node in [`ReferenceProblem`] are so here; `x0` is by node and then by component.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoupledProblem {
+    /// How diffusive terms become inputs.
+    pub coupling: Coupling<f64>,
+    /// Components of a state.
+    pub components: usize,
+    /// States at `t = 0`, in state units.
+    pub x0: Vec<f64>,
+    /// As in [`ReferenceProblem`].
+    pub edges: Vec<(usize, usize, f64)>,
+    /// As in [`ReferenceProblem`].
+    pub fields: Vec<Affine>,
+    /// As in [`ReferenceProblem`]; edges and trackers take those of their nodes.
+    pub gains: Vec<Gain<f64>>,
+    /// As in [`ReferenceProblem`].
+    pub funnels: Vec<Funnel<f64>>,
+    /// The lowest and the highest input of each node, where it has some (state units / s).
+    pub limits: Vec<Option<(f64, f64)>>,
+}
+
+impl CoupledProblem {
+    /// Checks shapes, ranges and connectivity.
+    ///
+    /// # Errors
+    /// As [`ReferenceProblem::validate`].
+    pub fn validate(&self) -> Result<(), ReferenceError> {
+        let nodes = self.fields.len();
+        if self.x0.len() != nodes * self.components || self.components == 0 {
+            let expected = nodes * self.components.max(1);
+            return Err(ReferenceError::Shape { what: "x0", found: self.x0.len(), expected });
+        }
+        if self.limits.len() != nodes {
+            return Err(ReferenceError::Shape { what: "limits", found: self.limits.len(), expected: nodes });
+        }
+        for (at, &value) in self.x0.iter().enumerate() {
+            require("x0", at / self.components, value, value.is_finite())?;
+        }
+        let first = self.x0.chunks_exact(self.components).map(|state| state[0]).collect();
+        self.like_scalars(first).check(self.keeps_funnels())
+    }
+
+    /// Whether every diffusive term stays inside a funnel.
+    pub(super) fn keeps_funnels(&self) -> bool {
+        self.coupling.keeps_funnels()
+            && self.gains.iter().all(Gain::keeps_funnels)
+            && self.limits.iter().all(Option::is_none)
+    }
+
+    /// The same network of scalar states.
+    fn like_scalars(&self, x0: Vec<f64>) -> ReferenceProblem {
+        ReferenceProblem {
+            x0,
+            edges: self.edges.clone(),
+            fields: self.fields.clone(),
+            gains: self.gains.clone(),
+            funnels: self.funnels.clone(),
+        }
+    }
+
+    /// The same in the form that has the better unknowns, where it is that law: node-wise, scalar, without limits.
+    #[must_use]
+    pub fn as_scalar(&self) -> Option<ReferenceProblem> {
+        let law = matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
+        (law && self.components == 1 && self.keeps_funnels()).then(|| self.like_scalars(self.x0.clone()))
     }
 }
 
-/// Whether there is a reference for a gain.
-pub(crate) fn has_reference(gain: &Gain<f64>, funnel: &Funnel<f64>) -> bool {
-    gain.keeps_funnels() && numbers(funnel).is_some()
+/// Width below which a funnel that closes at an instant stays (state units): from there on the paper's law has no solution, and this one is
+/// the emergent motion.
+const CLOSED: f64 = 1e-9;
+
+/// `psi(t)` (state units).
+pub(super) fn width(funnel: &Funnel<f64>, t: f64) -> f64 {
+    match funnel.shape {
+        Shape::FiniteTime { .. } => larger(funnel.width(t), CLOSED),
+        _ => funnel.width(t),
+    }
+}
+
+/// Its derivative (state units / s).
+pub(super) fn slope(funnel: &Funnel<f64>, t: f64) -> f64 {
+    match funnel.shape {
+        Shape::FiniteTime { .. } if funnel.width(t) <= CLOSED => 0.0,
+        _ => funnel.slope(t),
+    }
+}
+
+/// Times at which a funnel has a kink (s): where a schedule joins its parts, and where a funnel has closed.
+pub(super) fn kinks(funnels: &[Funnel<f64>]) -> impl Iterator<Item = f64> + '_ {
+    funnels.iter().filter_map(|funnel| match funnel.shape {
+        Shape::Schedule { .. } => funnel.join(),
+        Shape::FiniteTime { start, at_ns, power } => {
+            let left = math::pow(CLOSED / (funnel.factor * start), 1.0 / power);
+            Some(at_ns as f64 * 1e-9 * (1.0 - left))
+        }
+        _ => None,
+    })
+}
+
+/// The first of some times after `t`, and not so near that no step fits in between.
+pub(super) fn next_of(times: impl Iterator<Item = f64>, t: f64) -> Option<f64> {
+    let after = times.filter(|at| *at > t * (1.0 + 4.0 * f64::EPSILON)).fold(f64::INFINITY, f64::min);
+    after.is_finite().then_some(after)
+}
+
+/// The numbers of a funnel.
+fn numbers(funnel: &Funnel<f64>) -> [f64; 4] {
+    match funnel.shape {
+        Shape::Exponential { start, end, rate } => [start, end, rate, funnel.factor],
+        Shape::Constant { width } => [width, 0.0, 0.0, funnel.factor],
+        Shape::ReciprocalTime { scale } => [scale, 0.0, 0.0, funnel.factor],
+        Shape::FiniteTime { start, power, .. } => [start, power, 0.0, funnel.factor],
+        Shape::Schedule { start, eps, then, .. } => [start, eps, then.width(0.0), funnel.factor],
+    }
 }
 
 impl ReferenceProblem {
@@ -58,9 +166,14 @@ impl ReferenceProblem {
     /// [`ReferenceError::Shape`], [`Value`](ReferenceError::Value) or
     /// [`Disconnected`](ReferenceError::Disconnected).
     pub fn validate(&self) -> Result<(), ReferenceError> {
+        self.check(true)
+    }
+
+    /// The same, for gains that keep funnels or for any.
+    fn check(&self, keep: bool) -> Result<(), ReferenceError> {
         let nodes = self.x0.len();
         self.check_shapes(nodes)?;
-        self.check_nodes()?;
+        self.check_nodes(keep)?;
         self.check_edges(nodes)?;
         match unreached(nodes, &self.edges) {
             Some(node) => Err(ReferenceError::Disconnected { node }),
@@ -81,7 +194,7 @@ impl ReferenceProblem {
         }
     }
 
-    fn check_nodes(&self) -> Result<(), ReferenceError> {
+    fn check_nodes(&self, keep: bool) -> Result<(), ReferenceError> {
         for (node, &value) in self.x0.iter().enumerate() {
             require("x0", node, value, value.is_finite())?;
         }
@@ -92,10 +205,15 @@ impl ReferenceProblem {
         }
         for (node, gain) in self.gains.iter().enumerate() {
             let scale = gain.slope_at_zero();
-            require("gain scale", node, scale, scale > 0.0 && scale.is_finite() && gain.keeps_funnels())?;
+            require(
+                "gain scale",
+                node,
+                scale,
+                scale > 0.0 && scale.is_finite() && (!keep || gain.keeps_funnels()),
+            )?;
         }
         for (node, funnel) in self.funnels.iter().enumerate() {
-            for value in numbers(funnel).unwrap_or([f64::NAN; 4]) {
+            for value in numbers(funnel) {
                 require("funnel", node, value, value.is_finite() && value >= 0.0)?;
             }
             require("funnel width at t = 0", node, funnel.width(0.0), funnel.width(0.0) > 0.0)?;
@@ -147,7 +265,6 @@ fn unreached(nodes: usize, edges: &[(usize, usize, f64)]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use funnelnet_law::math;
 
     /// `mu^-1` and its slope once more, as the paper writes them.
     fn by_the_paper(gain: &Gain<f64>, u: f64) -> (f64, f64) {

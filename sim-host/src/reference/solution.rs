@@ -1,7 +1,7 @@
 //! What a reference run returns.
 
-use super::coordinates::Point;
 use super::estimate::ErrorEstimate;
+use super::unknowns::Seen;
 use crate::extremes::{beyond, largest};
 
 /// The continuous-time solution at the requested times, row-major: row `k` of a table holds one number per
@@ -11,7 +11,7 @@ use crate::extremes::{beyond, largest};
 /// `psi = 1e-12` and `x = 500` all digits of `nu` cancel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceSolution {
-    /// Number of nodes, the length of a row.
+    /// Number of nodes, or of the components of all of them: the length of a row, by node and then by component.
     pub nodes: usize,
     /// The output times that were reached, in seconds.
     pub times: Vec<f64>,
@@ -58,12 +58,12 @@ impl ReferenceSolution {
         }
     }
 
-    pub(super) fn push_row(&mut self, t: f64, point: &Point, u: &[f64]) {
+    pub(super) fn push_row(&mut self, t: f64, point: Seen) {
         self.times.push(t);
-        self.x.extend_from_slice(&point.x);
-        self.nu.extend_from_slice(&point.nu);
-        self.psi.extend_from_slice(&point.psi);
-        self.u.extend_from_slice(u);
+        self.x.extend(point.x);
+        self.nu.extend(point.nu);
+        self.psi.extend(point.psi);
+        self.u.extend(point.u);
     }
 
     pub(super) fn note_ratio(&mut self, t: f64, ratio: &[f64]) {

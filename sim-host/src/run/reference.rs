@@ -12,8 +12,8 @@ use crate::judge::{Judge, Moment};
 use crate::presence::Presence;
 use crate::progress::Progress;
 use crate::record::{ReferenceSummary, Row};
-use crate::reference::{self, ReferenceError, ReferenceOptions, ReferenceProblem, ReferenceSolution};
-use crate::scenario::{Coupling, Scenario};
+use crate::reference::{self, CoupledProblem, ReferenceError, ReferenceOptions, ReferenceSolution};
+use crate::scenario::Scenario;
 use std::ops::ControlFlow;
 
 /// States that a run of the reference is judged at, nodes times instants, at most: 512 MiB of them.
@@ -103,7 +103,7 @@ fn within_limits(scenario: &Scenario, solution: &ReferenceSolution) -> Result<()
 
 fn solve(
     scenario: &Scenario,
-    problem: &ReferenceProblem,
+    problem: &CoupledProblem,
     options: &RunOptions,
     ticks: &[u64],
 ) -> Result<ReferenceSolution, ReferenceError> {
@@ -114,7 +114,7 @@ fn solve(
         progress.at(t);
         if options.interrupt.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    reference::solve_estimated(problem, &times, &ReferenceOptions::default(), &mut on_step)
+    reference::solve_coupled(problem, &times, &ReferenceOptions::default(), &mut on_step)
 }
 
 /// How a run ends without a whole solution.
@@ -146,31 +146,21 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
     solution.times.iter().enumerate().map(row)
 }
 
-fn problem(scenario: &Scenario) -> Result<ReferenceProblem, RunError> {
+fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
     if !scenario.events.is_empty() {
         return Err(RunError::bad_input(
             "there is no reference for a scenario with an [[event]]: the continuous-time solution is that of all nodes and all links; \
              run it with --on loopback, without reference_error among its expectations",
         ));
     }
-    let coupling = scenario.coupling;
-    let law = matches!(coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
-    if scenario.components() > 1 || !law {
-        return Err(RunError::bad_input(format!(
-            "there is no reference for {} coupling of states with {} components, only for the node-wise law of scalar states; \
-             run it with --on loopback, without expect.reference_error",
-            coupling.kind(),
-            scenario.components()
-        )));
-    }
-    if !scenario.nodes.iter().all(|node| reference::has_reference(&node.gain, &node.funnel)) {
-        return Err(RunError::bad_input("there is no reference for this kind of gain or funnel yet"));
-    }
-    Ok(ReferenceProblem {
+    Ok(CoupledProblem {
+        coupling: scenario.coupling,
+        components: scenario.components(),
         x0: scenario.initial_states(),
         edges: scenario.graph.edges.iter().map(|edge| (edge.a, edge.b, edge.weight)).collect(),
         fields: scenario.nodes.iter().map(|node| node.dynamics.clone()).collect(),
         gains: scenario.nodes.iter().map(|node| node.gain.prepared()).collect(),
         funnels: scenario.nodes.iter().map(|node| node.funnel).collect(),
+        limits: vec![None; scenario.nodes.len()],
     })
 }

@@ -95,6 +95,21 @@ impl Graph {
         if self.nodes > LARGEST_DENSE {
             return 2.0;
         }
+        let largest = self.normalised_spectrum().last().copied().unwrap_or(2.0);
+        if largest.is_finite() { largest.clamp(1.0, 2.0) } else { 2.0 }
+    }
+
+    /// The second eigenvalue of `D^-1 L`, from 0 to 2; not a number for a single node, and for a graph of more than 300 nodes.
+    #[must_use]
+    pub fn normalised_lambda2(&self) -> f64 {
+        if self.nodes > LARGEST_DENSE {
+            return f64::NAN;
+        }
+        self.normalised_spectrum().get(1).copied().unwrap_or(f64::NAN)
+    }
+
+    /// The eigenvalues of `D^-1 L`, ascending.
+    fn normalised_spectrum(&self) -> Vec<f64> {
         let degrees = self.degrees();
         let mut matrix = self.laplacian();
         for (row, a) in degrees.iter().enumerate() {
@@ -102,8 +117,7 @@ impl Graph {
                 matrix[(row, column)] /= (a * b).sqrt();
             }
         }
-        let largest = spectrum_of(&matrix).last().copied().unwrap_or(2.0);
-        if largest.is_finite() { largest.clamp(1.0, 2.0) } else { 2.0 }
+        spectrum_of(&matrix)
     }
 
     /// The diffusive terms `nu_i`, the sums of `alpha_ij (x_j - x_i)`, one per node (state units).

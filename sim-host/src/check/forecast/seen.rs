@@ -31,6 +31,8 @@ pub(in crate::check) struct NodeSeen {
     pub taken: f64,
     pub taken_at: f64,
     pub taken_of: f64,
+    /// The largest share of the kept funnel that the excess itself is.
+    pub excess: f64,
     /// The largest predicted `|nu| / psi`, the sum of the steady ratio and the excess.
     pub ratio: f64,
 }
@@ -79,6 +81,7 @@ pub(super) fn along(
         taken: 0.0,
         taken_at: 0.0,
         taken_of: f64::INFINITY,
+        excess: 0.0,
         ratio: 0.0,
     };
     let mut seen = Seen {
@@ -161,6 +164,7 @@ impl NodeSeen {
         // No excess fits no margin at all.
         let floor = if excess == 0.0 { 0.0 } else { excess / margin };
         self.floor = larger(self.floor, floor);
+        self.excess = larger(self.excess, excess / kept);
         self.ratio = larger(self.ratio, 1.0 - margin + excess / kept);
         if beyond(floor / kept, self.taken) {
             (self.taken, self.taken_at) = (floor / kept, t);
@@ -240,6 +244,7 @@ mod tests {
             taken: 0.0,
             taken_at: 0.0,
             taken_of: f64::INFINITY,
+            excess: 0.0,
             ratio: 0.0,
         };
         for (t, input) in [(1.0, 2.0), (2.0, f64::NAN), (3.0, 5.0)] {

@@ -2,7 +2,7 @@
 
 use super::{Followed, WORK, follow_for};
 use crate::extremes::smaller;
-use crate::scenario::{BusModel, Scenario};
+use crate::scenario::{BusModel, Coupling, Scenario};
 use funnelnet_node::params;
 
 /// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back from far away.
@@ -60,6 +60,11 @@ impl Bounds {
 
 /// The whole run without loss, events and bounds, where it can be followed and keeps its states together.
 pub(in crate::check) fn undisturbed(scenario: &Scenario) -> Option<Followed> {
+    let is_vector = scenario.components() > 1;
+    if scenario.coupling == Coupling::EdgeWise || scenario.coupling == Coupling::MaxGain && is_vector {
+        // Nobody has tried what a bound does there.
+        return None;
+    }
     let mut calm = scenario.clone();
     (calm.bus.loss, calm.u_max, calm.events) = (0.0, None, Vec::new());
     let followed = follow_for(&calm, &scenario.graph.degrees(), Bounds::NONE, WORK)?;

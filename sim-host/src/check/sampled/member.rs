@@ -2,10 +2,11 @@
 
 use super::Bounds;
 use crate::extremes::{larger, largest};
-use crate::scenario::{NodeSpec, Scenario};
+use crate::scenario::{Coupling, NodeSpec, Scenario};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::{Guard, Widths};
 use funnelnet_law::gain::Gain;
+use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::node_wise::{Constants, Memory, NodeWise, THETA};
 use funnelnet_law::start::{PARTS, Pace};
 
@@ -26,12 +27,15 @@ pub(super) struct Part {
     /// Whether they do not follow from those of the last tick.
     pub is_disturbed: bool,
     u: f64,
+    /// What its edges ask for, with edge-wise coupling (state units / s).
+    pushed: f64,
     pub memory: Memory<f64>,
 }
 
 /// A node.
 pub(super) struct Member<'s> {
     node: &'s NodeSpec,
+    coupling: Coupling<f64>,
     tick: f64,
     /// Steps of the field in a tick.
     round: u8,
@@ -46,6 +50,8 @@ pub(super) struct Member<'s> {
     seen: f64,
     /// The funnel that it keeps, at least (state units).
     kept: f64,
+    /// The widest floor of its edges, with edge-wise coupling (state units).
+    edge_floor: f64,
     /// The state half a tick on.
     middle: Vec<f64>,
 }
@@ -56,6 +62,7 @@ impl<'s> Member<'s> {
         let part = |&x: &f64| Part { x, ..Part::default() };
         Self {
             node,
+            coupling: scenario.coupling,
             tick,
             law: NodeWise::with(node.gain.prepared(), tick, degree, Constants::damped_by(node.damping)),
             guard: match scenario.time.start.slow_ticks() {
@@ -69,13 +76,14 @@ impl<'s> Member<'s> {
             parts: node.state.iter().map(part).collect(),
             seen: 0.0,
             kept: 0.0,
+            edge_floor: 0.0,
             middle: vec![0.0; node.state.len()],
         }
     }
 
     /// Of a new tick nothing is known yet but its pace.
     pub fn begin(&mut self, pace: Pace) {
-        self.seen = 0.0;
+        (self.seen, self.edge_floor) = (0.0, 0.0);
         if pace != self.pace {
             if self.pace == Pace::Slow {
                 self.parts.iter_mut().for_each(|part| part.dx *= f64::from(PARTS));
@@ -85,7 +93,7 @@ impl<'s> Member<'s> {
             self.pace = pace;
         }
         for part in &mut self.parts {
-            (part.truth, part.nu, part.dnu) = (0.0, 0.0, 0.0);
+            (part.truth, part.nu, part.dnu, part.pushed) = (0.0, 0.0, 0.0, 0.0);
             self.seen = larger(self.seen, part.x.abs());
         }
     }
@@ -99,6 +107,19 @@ impl<'s> Member<'s> {
         self.seen = larger(self.seen, other.x.abs());
     }
 
+    /// The same of one of its edges, with the input that it asks for (state units / s) and its floor (state units).
+    pub fn takes_edge(&mut self, component: usize, nu: f64, u: f64, floor: f64) {
+        let part = &mut self.parts[component];
+        part.pushed += u;
+        part.truth = larger(part.truth, nu.abs());
+        self.edge_floor = larger(self.edge_floor, floor);
+    }
+
+    /// Its funnel at `t` (s), before flooring (state units).
+    pub fn width(&self, t: f64) -> f64 {
+        self.node.funnel.width(t)
+    }
+
     /// Whether rounding makes it keep a funnel that is clearly wider than the scenario's at `t` (s), and than `accepted` (state units).
     pub fn floors(&self, t: f64, accepted: f64) -> bool {
         self.kept > SURELY * larger(self.node.funnel.width(t), accepted)
@@ -107,7 +128,10 @@ impl<'s> Member<'s> {
     /// The largest `|nu| / psi`; the funnel is the scenario's, or what the node and the designer do not go below.
     pub fn ratio(&mut self, t: f64, asked: f64) -> f64 {
         let input = largest(0.0, self.parts.iter().map(|part| part.u.abs()));
-        self.kept = self.floor.width(self.seen, input);
+        self.kept = match self.coupling {
+            Coupling::EdgeWise => self.edge_floor,
+            _ => self.floor.width(self.seen, input),
+        };
         let psi = larger(larger(self.node.funnel.width(t), self.kept), asked);
         largest(0.0, self.parts.iter().map(|part| part.truth.abs() / psi))
     }
@@ -123,8 +147,8 @@ impl<'s> Member<'s> {
         let psi = Widths { now: width(t), ahead: width(t + theta * period) }.floored(self.kept);
         // As a node, which counts its ticks in 32 bits.
         let psi = self.guard.of(k as u32, psi);
+        self.ask(psi);
         for part in &mut self.parts {
-            part.u = self.law.step(&mut part.memory, part.nu, part.dnu, psi).u;
             let bounded = part.u.clamp(-self.limit, self.limit);
             let applied = self.node.limits.map_or(bounded, |limits| bounded.clamp(limits.low, limits.high));
             // Written so that NaN stays what it is.
@@ -141,6 +165,26 @@ impl<'s> Member<'s> {
         }
         self.parts.iter_mut().for_each(|part| part.dx = part.x - part.dx);
         largest(0.0, self.parts.iter().map(|part| part.u.abs()))
+    }
+
+    /// The input of every component, before it is bounded.
+    fn ask(&mut self, psi: Widths<f64>) {
+        match self.coupling {
+            Coupling::EdgeWise => self.parts.iter_mut().for_each(|part| part.u = part.pushed),
+            Coupling::MaxGain if self.parts.len() > 1 => {
+                let term = |part: &Part| Term { nu: part.nu, dnu: part.dnu, u: part.u, memory: part.memory };
+                let mut terms: Vec<_> = self.parts.iter().map(term).collect();
+                max_gain::step(&self.law, &mut terms, psi);
+                for (part, term) in self.parts.iter_mut().zip(&terms) {
+                    (part.u, part.memory) = (term.u, term.memory);
+                }
+            }
+            _ => {
+                for part in &mut self.parts {
+                    part.u = self.law.step(&mut part.memory, part.nu, part.dnu, psi).u;
+                }
+            }
+        }
     }
 
     fn step(&mut self, t: f64, tick: f64) {

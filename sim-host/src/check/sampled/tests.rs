@@ -26,6 +26,9 @@ fn the_law_that_is_followed_is_that_of_the_run() {
         ("narrow-ring.toml", &["time.slow_start=10ms", "coupling.guard=0.1"]),
         ("lossy-ring.toml", &["time.slow_start=20ms"]),
         ("infinite-start.toml", &[]),
+        ("vector-max-gain.toml", &[]),
+        ("economic-dispatch.toml", &[]),
+        ("five-agents.toml", &["coupling.kind=edge-wise"]),
     ] {
         let scenario = gallery(file, &[sets, &["time.duration=3s"]].concat());
         let (followed, run) = (of(&scenario), simulate(&scenario, &options(Fidelity::Loopback)).unwrap());
