@@ -40,7 +40,7 @@ listener=$!
 sleep 0.5
 bench foreign five.toml --set time.duration=1s &
 run=$!
-sleep 0.7
+while [ ! -s candump-foreign.log ]; do sleep 0.1; done
 cansend vcan0 12345678#DEADBEEF
 cansend vcan0 123#R4
 cansend vcan0 00000123#R

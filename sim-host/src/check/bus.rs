@@ -114,7 +114,7 @@ fn on_can(scenario: &Scenario) -> Option<OnCan> {
     let seconds = |ns: u64| (ns - intermission_ns) as f64 / 1e9;
     let row = |(at, worst): (usize, &Option<u64>)| {
         let (component, node) = (at / nodes, at % nodes + 1);
-        let id = Id::Base((usize::from(function::STATE) + component << 7 | node) as u16);
+        let id = Id::Base(((usize::from(function::STATE) + component) << 7 | node) as u16);
         IdentifierRow {
             id: id.to_string(),
             node: node_of(id),

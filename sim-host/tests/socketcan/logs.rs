@@ -19,25 +19,31 @@ fn sim_host(arguments: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), said.concat())
 }
 
-/// States and edges with all their bits, tick by tick: in a simulation what is sent before t = T belongs to tick 0, in lockstep what comes after its
-/// SYNC. What a host says is left out; it has no part in a simulation. The first ones are the announced states.
-fn frames_by_tick(log: &str, tick: impl Fn(usize, f64, &str) -> usize) -> Vec<BTreeSet<String>> {
-    let mut sets = vec![BTreeSet::new()];
+/// Frames of nodes with all their bits, tick by tick, and the announced edges: in a simulation what is sent before t = T belongs to tick 0, in lockstep
+/// what comes after its SYNC. A host waits for the states of a tick, and for no edge, so that these may come a tick later. What a host says is left
+/// out; it has no part in a simulation. The first states are the announced ones.
+fn frames_by_tick(
+    log: &str,
+    tick: impl Fn(usize, f64) -> usize,
+) -> (Vec<BTreeSet<String>>, BTreeSet<String>) {
+    let (mut sets, mut edges) = (vec![BTreeSet::new()], BTreeSet::new());
     let mut syncs = 0;
     for line in log.lines() {
         let (time, frame) = line.split_once(") ").unwrap();
         let (time, frame) = (time[1..].parse::<f64>().unwrap(), frame.split_once(' ').unwrap().1);
         let function = u16::from_str_radix(&frame[..3], 16).unwrap() >> 7;
         syncs += usize::from(function == 1);
-        if function >= 3 {
-            let tick = tick(syncs, time, frame);
+        if function == 12 {
+            assert!(edges.insert(frame.to_owned()), "twice: {line}");
+        } else if function >= 3 {
+            let tick = tick(syncs, time);
             while sets.len() <= tick {
                 sets.push(BTreeSet::new());
             }
             assert!(sets[tick].insert(frame.to_owned()), "twice in tick {tick}: {line}");
         }
     }
-    sets
+    (sets, edges)
 }
 
 /// The same scenario on `can` in loopback and by host nodes on `vcan`: equal states at every tick, and the same frames in it.
@@ -52,15 +58,18 @@ pub fn loopback_and_the_guest_kernel_have_the_same_frames(work: &Path) {
     let (bench, loopback) = (summary(work, "bus"), summary(work, "bus-loopback"));
     assert_eq!(bench["bench"]["bit_for_bit"], true, "{}", bench["bench"]);
     assert_eq!(bench["trace_hash"], loopback["trace_hash"]);
-    let guest = frames_by_tick(&text(work, "bus/can.log"), |syncs, _, _| syncs);
+    let (guest, edges) = frames_by_tick(&text(work, "bus/can.log"), |syncs, _| syncs);
     // Announced states have time 0; the first of a tick comes a frame later.
-    let simulated = frames_by_tick(&text(work, "bus-loopback/can.log"), |_, time, _| {
-        if time == 0.0 { 0 } else { 1 + (time / 1e-3) as usize }
-    });
+    let (simulated, simulated_edges) =
+        frames_by_tick(&text(work, "bus-loopback/can.log"), |_, time| match time {
+            0.0 => 0,
+            time => 1 + (time / 1e-3) as usize,
+        });
+    assert_eq!((&edges, edges.len()), (&simulated_edges, 2 * NODES));
     assert_eq!((guest.len(), simulated.len()), (TICKS + 2, TICKS + 1));
     for (tick, (guest, simulated)) in guest.iter().zip(&simulated).enumerate() {
         assert_eq!(guest, simulated, "tick {tick}");
-        assert!(guest.len() >= NODES, "tick {tick}: {guest:?}");
+        assert_eq!(guest.len(), NODES, "tick {tick}: {guest:?}");
     }
     the_tables_agree(&bench, &loopback);
 }
