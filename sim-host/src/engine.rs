@@ -7,15 +7,17 @@ mod world;
 pub use world::World;
 
 use crate::bus::Medium;
-use crate::bus::ideal::{IdealBus, Traffic};
+use crate::bus::Traffic;
+use crate::bus::ideal::IdealBus;
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Change;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
-use funnelnet_protocol::can::{self, CanFrame};
+use funnelnet_protocol::can::CanFrame;
 use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
+use std::collections::VecDeque;
 
 /// An event of a node, with the node's index and the engine's time (ns).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +42,10 @@ pub struct Engine<M = IdealBus<CanFrame>> {
     nodes: Vec<Node>,
     bus: M,
     noise: Noise,
+    /// Time from the tick of each node to its frames, ns; none where they go at once.
+    compute: Vec<u64>,
+    /// What nodes still compute, in the order of time.
+    later: VecDeque<Later>,
     /// Where events happen.
     world: Option<World>,
     /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
@@ -49,13 +55,27 @@ pub struct Engine<M = IdealBus<CanFrame>> {
     events: Vec<NodeEvent>,
 }
 
+/// Messages that a node will have computed at some time (ns).
+struct Later {
+    at: u64,
+    node: usize,
+    messages: Vec<Message>,
+}
+
 impl<M: Medium> Engine<M> {
     /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
     pub fn new(nodes: Vec<Node>, bus: M) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
         let wakes = vec![NEVER; nodes.len()];
-        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, world: None }
+        let (compute, later) = (Vec::new(), VecDeque::new());
+        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, compute, later, world: None }
+    }
+
+    /// With nodes that compute for so long (ns, by index) before they send.
+    pub fn with_compute(self, compute: Vec<u64>) -> Self {
+        let takes_time = compute.iter().any(|&ns| ns > 0);
+        Self { compute: if takes_time { compute } else { Vec::new() }, ..self }
     }
 
     /// With noise on the states that nodes send.
@@ -197,6 +217,7 @@ impl<M: Medium> Engine<M> {
         let first = index * fresh.components();
         self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
         *node = fresh;
+        self.later.retain(|later| later.node != index);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = NEVER;
         }
@@ -228,13 +249,44 @@ impl<M: Medium> Engine<M> {
     }
 
     fn deliver_before(&mut self, now: u64) {
-        while let Some(at) = self.bus.next_arrival().filter(|&at| at < now) {
+        loop {
+            let arrival = self.bus.next_arrival().filter(|&at| at < now);
+            if self.sends_first(now, arrival) {
+                continue;
+            }
+            let Some(at) = arrival else { return };
             let nodes = &mut self.nodes;
             self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
             for (index, count) in self.bus.take_off() {
                 self.fail(index, count, at);
             }
         }
+    }
+
+    /// Sends what a node has computed before `now`, if that is before the next arrival; whether there was something.
+    #[inline]
+    fn sends_first(&mut self, now: u64, arrival: Option<u64>) -> bool {
+        let Some(later) = self.later.front() else { return false };
+        let is_first = later.at < now && arrival.is_none_or(|at| later.at <= at);
+        if is_first {
+            self.send_later();
+        }
+        is_first
+    }
+
+    #[cold]
+    fn send_later(&mut self) {
+        let Some(Later { at, node, messages }) = self.later.pop_front() else { return };
+        messages.iter().for_each(|message| self.bus.send(at, node, message));
+        self.bus.flush(at, node);
+    }
+
+    /// Has a node send at `at` (ns) what it computes until then.
+    #[cold]
+    fn send_at(&mut self, at: u64, node: usize, messages: Vec<Message>) {
+        self.bus.computes(node, at);
+        let place = self.later.partition_point(|later| later.at <= at);
+        self.later.insert(place, Later { at, node, messages });
     }
 
     /// Stops a node that its bus has lost, as its app does.
@@ -248,16 +300,26 @@ impl<M: Medium> Engine<M> {
 
     fn poll(&mut self, index: usize, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
+        let compute = self.compute.get(index).copied().unwrap_or(0);
+        let (mut messages, mut sent) = (Vec::new(), false);
         while let Some(action) = node.poll(now) {
             match action {
                 Action::Send(message) => {
                     let message = self.noise.disturb(index, message);
-                    self.bus.send(now, index, can::encode(&message));
+                    if compute == 0 {
+                        self.bus.send(now, index, &message);
+                        sent = true;
+                    } else {
+                        messages.push(message);
+                    }
                 }
                 Action::Report(event) => self.events.push(NodeEvent { at: now, node: index, event }),
                 // Virtual nodes: nothing to drive, nothing to measure.
                 Action::Safe | Action::Sample | Action::Actuate => {}
             }
+        }
+        if sent {
+            self.bus.flush(now, index);
         }
         // All nodes have as many components.
         let first = index * node.components();
@@ -265,6 +327,9 @@ impl<M: Medium> Engine<M> {
         slots.zip(node.observations()).for_each(|(slot, &seen)| *slot = seen);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = node.poll_at().unwrap_or(NEVER);
+        }
+        if !messages.is_empty() {
+            self.send_at(now.saturating_add(compute), index, messages);
         }
     }
 }

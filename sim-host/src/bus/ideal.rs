@@ -3,8 +3,11 @@
 //! A frame reaches all listeners at the same time, as on a shared wire; each of them loses it independently. Jitter is
 //! drawn per frame from the sender's stream, loss per frame and receiver from the receiver's stream.
 
-use super::Medium;
+use super::links::{Links, Payload, flip_bit};
+use super::loss::Loser;
+use super::{Medium, Traffic};
 use crate::random::{self, Purpose};
+use crate::scenario::{LinkSpec, Loss};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
@@ -14,21 +17,12 @@ use std::collections::VecDeque;
 /// Parameters of the ideal bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IdealParams {
-    /// Probability that a receiver loses a frame, 0 to 1.
-    pub loss: f64,
+    /// How a receiver loses frames.
+    pub loss: Loss,
     /// Delay of every frame, ns.
     pub latency_ns: u64,
     /// Largest extra delay, uniformly distributed, ns.
     pub jitter_ns: u64,
-}
-
-/// Frame counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Traffic {
-    /// Frames sent.
-    pub sent: u64,
-    /// Deliveries that were lost.
-    pub lost: u64,
 }
 
 /// A frame under way.
@@ -47,24 +41,32 @@ pub struct IdealBus<P> {
     listeners: Vec<Vec<usize>>,
     /// By time of arrival, then by order of sending. New frames mostly go to the end, so that no heap is needed.
     flights: VecDeque<Flight<P>>,
-    loss: Vec<Pcg64>,
+    loss: Vec<Loser>,
     jitter: Vec<Pcg64>,
+    /// Boxed because nearly no bus has any.
+    links: Option<Box<Links<P>>>,
     traffic: Traffic,
 }
 
-impl<P> IdealBus<P> {
+impl<P: Payload> IdealBus<P> {
     /// A bus on which the nodes `listeners[i]` accept the frames of node `i`.
     pub fn new(params: IdealParams, seed: u64, listeners: Vec<Vec<usize>>) -> Self {
-        let streams =
-            |purpose| (0..listeners.len() as u64).map(|node| random::stream(seed, purpose, node)).collect();
+        let nodes = 0..listeners.len() as u64;
+        let loser = |node| Loser::new(params.loss, random::stream(seed, Purpose::Loss, node));
         Self {
             params,
             flights: VecDeque::with_capacity(2 * listeners.len()),
-            loss: streams(Purpose::Loss),
-            jitter: streams(Purpose::Jitter),
+            loss: nodes.clone().map(loser).collect(),
+            jitter: nodes.map(|node| random::stream(seed, Purpose::Jitter, node)).collect(),
+            links: None,
             traffic: Traffic::default(),
             listeners,
         }
+    }
+
+    /// With links behind it, whose random streams are of `seed`.
+    pub fn with_links(self, seed: u64, links: &[LinkSpec]) -> Self {
+        Self { links: Links::of(seed, links).map(Box::new), ..self }
     }
 
     /// Node `sender` puts a frame on the bus at `now` (ns).
@@ -96,19 +98,49 @@ impl<P> IdealBus<P> {
 
     /// When the next frame arrives, ns.
     pub fn next_arrival(&self) -> Option<u64> {
-        self.flights.front().map(|flight| flight.at)
+        let flight = self.flights.front().map(|flight| flight.at);
+        match &self.links {
+            None => flight,
+            Some(links) => flight.into_iter().chain(links.next_at()).min(),
+        }
     }
 
     /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it.
     pub fn deliver(&mut self, mut receive: impl FnMut(usize, &P)) {
+        if self.links.is_some() {
+            return self.deliver_by_links(&mut receive);
+        }
         let Some(flight) = self.flights.pop_front() else { return };
         for &listener in self.listeners.get(flight.sender).into_iter().flatten() {
-            let lost =
-                self.loss.get_mut(listener).is_some_and(|stream| random::happens(stream, self.params.loss));
+            let lost = self.loss.get_mut(listener).is_some_and(Loser::loses);
             if lost {
                 self.traffic.lost += 1;
             } else {
                 receive(listener, &flight.payload);
+            }
+        }
+    }
+
+    #[cold]
+    fn deliver_by_links(&mut self, receive: &mut dyn FnMut(usize, &P)) {
+        let Some(links) = &mut self.links else { return };
+        let flight = self.flights.front().map_or(u64::MAX, |flight| flight.at);
+        // What was sent before goes first.
+        if links.next_at().is_some_and(|at| at <= flight) {
+            let late = links.take_late();
+            let heard = |from: usize, to| self.listeners.get(from).is_some_and(|list| list.contains(&to));
+            if let Some((_, _, to, frame)) = late.filter(|&(_, from, to, _)| heard(from, to)) {
+                receive(to, &frame);
+            }
+            return;
+        }
+        let Some(Flight { at, sender, payload }) = self.flights.pop_front() else { return };
+        for &listener in self.listeners.get(sender).into_iter().flatten() {
+            if self.loss.get_mut(listener).is_some_and(Loser::loses) {
+                self.traffic.lost += 1;
+            } else {
+                let heard = |frame: &P| receive(listener, frame);
+                links.pass(at, (sender, listener), &payload, &mut self.traffic, heard);
             }
         }
     }
@@ -119,9 +151,21 @@ impl<P> IdealBus<P> {
     }
 }
 
+/// There is no checksum on the ideal bus: a bit that is wrong is a wrong value, or a frame that is refused.
+impl Payload for CanFrame {
+    fn flip(&mut self, choose: impl FnOnce(usize) -> usize) {
+        let mut data = [0; can::MAX_DATA];
+        let length = self.data().len();
+        data.iter_mut().zip(self.data()).for_each(|(to, from)| *to = *from);
+        flip_bit(&mut data, choose(8 * length));
+        *self = data.get(..length).and_then(|data| Self::new(self.id(), data)).unwrap_or(*self);
+    }
+}
+
 impl Medium for IdealBus<CanFrame> {
-    fn send(&mut self, now: u64, sender: usize, frame: CanFrame) {
-        self.send(now, sender, frame);
+    #[inline]
+    fn send(&mut self, now: u64, sender: usize, message: &Message) {
+        self.send(now, sender, can::encode(message));
     }
 
     fn next_arrival(&self) -> Option<u64> {
@@ -166,7 +210,7 @@ mod tests {
 
     #[test]
     fn loss_is_independent_at_each_receiver_and_as_frequent_as_said() {
-        let mut bus = bus(IdealParams { loss: 0.1, ..IdealParams::default() });
+        let mut bus = bus(IdealParams { loss: Loss::independent(0.1), ..IdealParams::default() });
         let mut heard = [0u32; 3];
         let (mut both, sends) = (0, 20_000);
         for frame in 0..sends {

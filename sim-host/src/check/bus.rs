@@ -39,7 +39,7 @@ fn decide_less_often(found: Finding, status: Status, why: &str, subject: &Subjec
 
 /// `c` that bounds what steep gains make of the loss.
 fn needed_damping(subject: &Subject<'_>) -> f64 {
-    let loss = subject.scenario.bus.loss;
+    let loss = subject.scenario.bus.loss.mean();
     DAMPED.into_iter().find(|(up_to, _)| loss <= *up_to).map_or(4.0, |(_, damping)| damping)
 }
 
@@ -80,24 +80,25 @@ fn real(bit_errors: f64) -> Finding {
 pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
     let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
+    let loss = bus.loss.mean();
     if bus.model != BusModel::Ideal {
         return Some(real(f64::from(bus.bit_errors) * 1e-9));
     }
-    if bus.loss == 0.0 && delay == 0 {
+    if bus.loss.is_none() && delay == 0 {
         return None;
     }
     let text = format!(
         "{} of the frames lost per receiver, delay from {} to {}",
-        share(bus.loss),
+        share(loss),
         format_duration(bus.latency_ns),
         format_duration(delay)
     );
     let (latency, jitter) = (bus.latency_ns as f64 * 1e-9, bus.jitter_ns as f64 * 1e-9);
-    let values = json!({ "loss": bus.loss, "latency_s": latency, "jitter_s": jitter });
+    let values = json!({ "loss": loss, "latency_s": latency, "jitter_s": jitter });
     let found = Finding::new("bus", "Bus", text, values);
     // What arrives with the next tick is taken after it.
     let ticks_late = |delay: u64| delay / tick_ns;
-    if bus.loss >= 1.0 {
+    if loss >= 1.0 {
         return Some(found.advise(Status::Fail, "every frame is lost: nobody ever hears anybody".to_owned()));
     }
     if ticks_late(bus.latency_ns) > u64::from(WINDOW_BACK) {
@@ -109,7 +110,7 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
         let why = "frames come a tick or more late, which a narrow funnel does not survive";
         return Some(decide_less_often(found, Status::Warn, why, subject));
     }
-    if bus.loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
+    if loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
         return Some(damp(found, subject));
     }
     if delay >= tick_ns {

@@ -8,8 +8,10 @@ use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
 use crate::bus::Medium;
-use crate::bus::can::{CanBus, SAMPLE_PER_MILLE};
-use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
+use crate::bus::Traffic;
+use crate::bus::can::{CanBus, LinkNoise, OnWire};
+use crate::bus::ideal::{IdealBus, IdealParams};
+use crate::bus::links::Payload;
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
@@ -19,7 +21,8 @@ use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::record::BusSummary;
 use crate::scenario::{BusModel, Coupling, Scenario};
-use funnelnet_can_bus::{BitErrors, BitRate, Timing};
+use funnelnet_can_bus::BitErrors;
+use funnelnet_link::{Classic, Fd};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::NodeId;
@@ -42,14 +45,22 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
         return central(scenario, options, rows);
     }
     match scenario.bus.model {
-        BusModel::Can => {
-            let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
-            in_program(scenario, options, rows, engine.with_noise(Noise::of(scenario)))
-        }
-        BusModel::Ideal | BusModel::CanFd | BusModel::Uart => {
-            in_program(scenario, options, rows, engine(scenario)?)
-        }
+        BusModel::Can => on(can_bus::<Classic>(scenario)?, scenario, options, rows),
+        BusModel::CanFd => on(can_bus::<Fd>(scenario)?, scenario, options, rows),
+        BusModel::Ideal => in_program(scenario, options, rows, engine(scenario)?),
+        BusModel::Uart => Err(RunError::bad_input("bus.model = \"uart\" is not there yet")),
     }
+}
+
+/// Runs on a medium that makes no events.
+fn on<M: Medium>(
+    medium: M,
+    scenario: &Scenario,
+    options: &RunOptions,
+    rows: &mut dyn Rows,
+) -> Result<Outcome, RunError> {
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium).with_noise(Noise::of(scenario));
+    in_program(scenario, options, rows, engine)
 }
 
 fn in_program<M: Medium>(
@@ -87,15 +98,17 @@ fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<Node>, RunError> {
 }
 
 /// The scenario's CAN bus, with as many bit errors as it asks for.
-fn can_bus(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise>, RunError> {
-    let spec = &scenario.bus;
-    let rate = BitRate::new(spec.bitrate, SAMPLE_PER_MILLE).map_err(RunError::bad_input)?;
-    let mut stream = random::stream(scenario.seed, Purpose::BitErrors, 0);
+fn can_bus<F: OnWire>(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise, F>, RunError> {
+    let (spec, seed) = (&scenario.bus, scenario.seed);
+    let timing = spec.timing().ok_or_else(|| RunError::defect("a bus without bit rates"))?;
+    let mut stream = random::stream(seed, Purpose::BitErrors, 0);
     let errors =
         BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64()).map_err(RunError::bad_input)?;
     let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
     let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
-    Ok(CanBus::new(Timing::classic(rate), errors, &ids, &listeners(scenario)))
+    let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
+    let bus = CanBus::with_format(timing, noise, &ids, &listeners(scenario));
+    Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
 }
 
 /// Nodes that are not in this program have no bus but the ideal one of the hub, or a real one.
@@ -103,9 +116,10 @@ pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
     if scenario.bus.model == BusModel::Ideal {
         return Ok(());
     }
-    Err(RunError::bad_input(
-        "bus.model = \"can\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\"",
-    ))
+    let model = scenario.bus.model.name();
+    Err(RunError::bad_input(format!(
+        "bus.model = \"{model}\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\""
+    )))
 }
 
 /// Parameters that the nodes make of their configurations.
@@ -215,19 +229,22 @@ fn with_words_of(
     Outcome { bus, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
 }
 
-pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
+pub(super) fn bus<P: Payload>(scenario: &Scenario) -> IdealBus<P> {
     bus_between(scenario, |_, _| true)
 }
 
 /// The same, where it carries the frames of one node to another only if `carries` says so, by index.
-pub(super) fn bus_between<P>(scenario: &Scenario, carries: impl Fn(usize, usize) -> bool) -> IdealBus<P> {
+pub(super) fn bus_between<P: Payload>(
+    scenario: &Scenario,
+    carries: impl Fn(usize, usize) -> bool,
+) -> IdealBus<P> {
     let mut listeners = listeners(scenario);
     for (from, list) in listeners.iter_mut().enumerate() {
         list.retain(|&to| carries(from, to));
     }
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-    IdealBus::new(params, scenario.seed, listeners)
+    IdealBus::new(params, scenario.seed, listeners).with_links(scenario.seed, &scenario.links)
 }
 
 fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report>) -> BusSummary {
@@ -238,5 +255,6 @@ fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report
             *refused.entry(reason.name().to_owned()).or_default() += u64::from(counters.refused(reason));
         }
     }
-    BusSummary { utilisation: 0.0, sent: traffic.sent, lost: traffic.lost, refused }
+    let Traffic { sent, lost, no_room, replaced, corrupted, duplicated, reordered } = traffic;
+    BusSummary { utilisation: 0.0, sent, lost, no_room, replaced, corrupted, duplicated, reordered, refused }
 }
