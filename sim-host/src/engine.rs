@@ -44,6 +44,8 @@ pub struct Engine<M = IdealBus<CanFrame>> {
     noise: Noise,
     /// Time from the tick of each node to its frames, ns; none where they go at once.
     compute: Vec<u64>,
+    /// What the node that is polled has said and still computes.
+    said: Vec<Message>,
     /// What nodes still compute, in the order of time.
     later: VecDeque<Later>,
     /// Where events happen.
@@ -68,8 +70,8 @@ impl<M: Medium> Engine<M> {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
         let wakes = vec![NEVER; nodes.len()];
-        let (compute, later) = (Vec::new(), VecDeque::new());
-        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, compute, later, world: None }
+        let (compute, said, later) = (Vec::new(), Vec::new(), VecDeque::new());
+        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, compute, said, later, world: None }
     }
 
     /// With nodes that compute for so long (ns, by index) before they send.
@@ -251,7 +253,7 @@ impl<M: Medium> Engine<M> {
     fn deliver_before(&mut self, now: u64) {
         loop {
             let arrival = self.bus.next_arrival().filter(|&at| at < now);
-            if self.sends_first(now, arrival) {
+            if !self.later.is_empty() && self.sends_first(now, arrival) {
                 continue;
             }
             let Some(at) = arrival else { return };
@@ -264,7 +266,7 @@ impl<M: Medium> Engine<M> {
     }
 
     /// Sends what a node has computed before `now`, if that is before the next arrival; whether there was something.
-    #[inline]
+    #[cold]
     fn sends_first(&mut self, now: u64, arrival: Option<u64>) -> bool {
         let Some(later) = self.later.front() else { return false };
         let is_first = later.at < now && arrival.is_none_or(|at| later.at <= at);
@@ -274,7 +276,6 @@ impl<M: Medium> Engine<M> {
         is_first
     }
 
-    #[cold]
     fn send_later(&mut self) {
         let Some(Later { at, node, messages }) = self.later.pop_front() else { return };
         messages.iter().for_each(|message| self.bus.send(at, node, message));
@@ -283,7 +284,8 @@ impl<M: Medium> Engine<M> {
 
     /// Has a node send at `at` (ns) what it computes until then.
     #[cold]
-    fn send_at(&mut self, at: u64, node: usize, messages: Vec<Message>) {
+    fn send_at(&mut self, at: u64, node: usize) {
+        let messages = std::mem::take(&mut self.said);
         self.bus.computes(node, at);
         let place = self.later.partition_point(|later| later.at <= at);
         self.later.insert(place, Later { at, node, messages });
@@ -298,38 +300,48 @@ impl<M: Medium> Engine<M> {
         self.poll(index, now);
     }
 
+    // Where `Node::poll` is called in one place, it is inlined there (`./ci.sh cost`).
     fn poll(&mut self, index: usize, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         let compute = self.compute.get(index).copied().unwrap_or(0);
-        let (mut messages, mut sent) = (Vec::new(), false);
-        while let Some(action) = node.poll(now) {
+        let mut says = false;
+        let wake = loop {
+            let action = node.poll(now);
+            let is_done = action.is_none();
             match action {
-                Action::Send(message) => {
-                    let message = self.noise.disturb(index, message);
+                Some(Action::Send(message)) => {
+                    let message =
+                        if self.noise.is_none() { message } else { self.noise.disturb(index, message) };
                     if compute == 0 {
                         self.bus.send(now, index, &message);
-                        sent = true;
+                        says = true;
                     } else {
-                        messages.push(message);
+                        self.said.push(message);
                     }
                 }
-                Action::Report(event) => self.events.push(NodeEvent { at: now, node: index, event }),
+                Some(Action::Report(event)) => self.events.push(NodeEvent { at: now, node: index, event }),
                 // Virtual nodes: nothing to drive, nothing to measure.
-                Action::Safe | Action::Sample | Action::Actuate => {}
+                Some(Action::Safe | Action::Sample | Action::Actuate) | None => {}
             }
+            let wake = node.poll_at().unwrap_or(NEVER);
+            if is_done || wake > now {
+                break wake;
+            }
+        };
+        let seen = node.observations();
+        // All nodes have as many components.
+        let first = index * seen.len();
+        if let Some(slots) = self.observations.get_mut(first..first + seen.len()) {
+            slots.copy_from_slice(seen);
         }
-        if sent {
+        if let Some(next) = self.wakes.get_mut(index) {
+            *next = wake;
+        }
+        if says {
             self.bus.flush(now, index);
         }
-        // All nodes have as many components.
-        let first = index * node.components();
-        let slots = self.observations.iter_mut().skip(first);
-        slots.zip(node.observations()).for_each(|(slot, &seen)| *slot = seen);
-        if let Some(wake) = self.wakes.get_mut(index) {
-            *wake = node.poll_at().unwrap_or(NEVER);
-        }
-        if !messages.is_empty() {
-            self.send_at(now.saturating_add(compute), index, messages);
+        if !self.said.is_empty() {
+            self.send_at(now.saturating_add(compute), index);
         }
     }
 }

@@ -54,12 +54,21 @@ struct Station<F: Format> {
     busy_until: u64,
 }
 
+/// What a driver has to do.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Work {
+    /// The controller, or its queue, has frames.
+    Unload,
+    /// The controller has a free buffer.
+    Load,
+}
+
 /// CAN with one controller for each node.
 pub struct CanBus<N, F: Format = Classic> {
     bus: Bus<N>,
     stations: Vec<Station<F>>,
-    /// Nodes whose controllers have received something or have a free buffer, in order, and when that was (ns).
-    due: VecDeque<(u64, usize)>,
+    /// What drivers are to do, in order: when it came to that (ns), for which node.
+    due: VecDeque<(u64, usize, Work)>,
     /// When nodes have computed whose queues hold something, ns.
     waking: BTreeSet<(u64, usize)>,
     /// When the ports look at their controllers next, ns: all at the same time.
@@ -161,11 +170,11 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             match event.what {
                 What::Sent { .. } => {
                     traffic.sent += 1;
-                    due.push_back((event.at, event.node));
+                    due.push_back((event.at, event.node, Work::Load));
                 }
                 What::Received { lost, .. } => {
                     traffic.no_room += u64::from(lost);
-                    due.push_back((event.at, event.node));
+                    due.push_back((event.at, event.node, Work::Unload));
                 }
                 What::LostArbitration { .. } | What::Error { .. } | What::Overload | What::Mode { .. } => {}
             }
@@ -219,12 +228,14 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
     /// Takes what the controller has received at `now` (ns), and tells what the port hears of it once the node does not compute.
     fn unload(&mut self, now: u64, index: usize, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
         let Some(Station { port, queue, loser, busy_until }) = self.stations.get_mut(index) else { return };
+        let computes = *busy_until > now;
         while let Some(frame) = self.bus.receive(index) {
             if loser.loses() {
                 self.traffic.lost += 1;
                 continue;
             }
             match &mut self.links {
+                None if queue.is_empty() && !computes => hand(port, &frame, index, &mut self.off, receive),
                 None => queue.put(frame),
                 Some(links) => {
                     let from = sender(&self.nodes, frame.id()).unwrap_or(index);
@@ -232,16 +243,12 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 }
             }
         }
-        if *busy_until > now {
+        if computes {
             self.waking.insert((*busy_until, index));
             return;
         }
-        hear(port, index, &mut self.off, receive);
         while let Some(frame) = queue.take() {
-            if let Id::Base(id) = frame.id() {
-                port.on_frame(id, frame.bytes());
-            }
-            hear(port, index, &mut self.off, receive);
+            hand(port, &frame, index, &mut self.off, receive);
         }
     }
 
@@ -262,14 +269,14 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         }
         while let Some(&(_, index)) = self.waking.first().filter(|&&(at, _)| at <= now) {
             self.waking.pop_first();
-            self.due.push_back((now, index));
+            self.due.push_back((now, index, Work::Unload));
         }
         let Some(links) = &mut self.links else { return };
         while links.next_at().is_some_and(|at| at <= now) {
             let Some((_, _, to, frame)) = links.take_late() else { return };
             if let Some(station) = self.stations.get_mut(to) {
                 station.queue.put(frame);
-                self.due.push_back((now, to));
+                self.due.push_back((now, to, Work::Unload));
             }
         }
     }
@@ -284,6 +291,20 @@ fn sender(nodes: &[Option<u8>; IDS], id: Id) -> Option<usize> {
 /// Bits that links disturb are bits on the wire.
 impl Payload for Frame {
     fn flip(&mut self, _: impl FnOnce(usize) -> usize) {}
+}
+
+/// Gives a port a frame, and tells what it hears of it.
+fn hand<F: Format>(
+    port: &mut CanPort<F>,
+    frame: &Frame,
+    index: usize,
+    off: &mut Vec<(usize, u16)>,
+    receive: &mut impl FnMut(usize, Result<Message, Refusal>),
+) {
+    if let Id::Base(id) = frame.id() {
+        port.on_frame(id, frame.bytes());
+        hear(port, index, off, receive);
+    }
 }
 
 fn hear<F: Format>(
@@ -328,17 +349,22 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
     }
 
     fn next_arrival(&self) -> Option<u64> {
-        Some(self.due.front().map_or_else(|| self.next_time(), |&(at, _)| at))
+        Some(self.due.front().map_or_else(|| self.next_time(), |&(at, ..)| at))
     }
 
     fn deliver(&mut self, mut receive: impl FnMut(usize, Result<Message, Refusal>)) {
         if self.due.is_empty() {
             self.pass(&mut receive);
         }
-        // One at a time: the next one may be of another time.
-        let Some((at, index)) = self.due.pop_front() else { return };
-        self.unload(at, index, &mut receive);
-        self.load(index);
+        let Some(&(now, ..)) = self.due.front() else { return };
+        // What comes later is delivered later.
+        while let Some(&(_, index, work)) = self.due.front().filter(|&&(at, ..)| at == now) {
+            self.due.pop_front();
+            match work {
+                Work::Unload => self.unload(now, index, &mut receive),
+                Work::Load => self.load(index),
+            }
+        }
     }
 
     fn take_off(&mut self) -> Vec<(usize, u16)> {

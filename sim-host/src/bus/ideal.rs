@@ -44,8 +44,23 @@ pub struct IdealBus<P> {
     loss: Vec<Loser>,
     jitter: Vec<Pcg64>,
     /// Boxed because nearly no bus has any.
-    links: Option<Box<Links<P>>>,
+    links: Option<Box<Behind<P>>>,
     traffic: Traffic,
+}
+
+/// Links behind the bus, and what they let pass at once.
+#[derive(Clone, Debug)]
+struct Behind<P> {
+    links: Links<P>,
+    /// Receivers with their frames, at the time `at` (ns).
+    ready: VecDeque<(usize, P)>,
+    at: u64,
+}
+
+impl<P: Payload> Behind<P> {
+    fn next_at(&self) -> Option<u64> {
+        if self.ready.is_empty() { self.links.next_at() } else { Some(self.at) }
+    }
 }
 
 impl<P: Payload> IdealBus<P> {
@@ -66,7 +81,8 @@ impl<P: Payload> IdealBus<P> {
 
     /// With links behind it, whose random streams are of `seed`.
     pub fn with_links(self, seed: u64, links: &[LinkSpec]) -> Self {
-        Self { links: Links::of(seed, links).map(Box::new), ..self }
+        let behind = |links| Box::new(Behind { links, ready: VecDeque::new(), at: 0 });
+        Self { links: Links::of(seed, links).map(behind), ..self }
     }
 
     /// Node `sender` puts a frame on the bus at `now` (ns).
@@ -105,44 +121,61 @@ impl<P: Payload> IdealBus<P> {
         }
     }
 
-    /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it.
-    pub fn deliver(&mut self, mut receive: impl FnMut(usize, &P)) {
-        if self.links.is_some() {
-            return self.deliver_by_links(&mut receive);
-        }
-        let Some(flight) = self.flights.pop_front() else { return };
-        for &listener in self.listeners.get(flight.sender).into_iter().flatten() {
-            let lost = self.loss.get_mut(listener).is_some_and(Loser::loses);
-            if lost {
+    /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it. Where there are links, each receiver has
+    /// a delivery of its own.
+    pub fn deliver(&mut self, receive: impl FnMut(usize, &P)) {
+        self.deliver_as(|payload| payload, receive);
+    }
+
+    /// The same, read once for all. One place calls `receive`, so that it can be inlined there (`./ci.sh cost`).
+    #[inline(always)]
+    fn deliver_as<T>(&mut self, read: impl FnOnce(P) -> T, mut receive: impl FnMut(usize, &T)) {
+        let by_link;
+        let (payload, listeners): (P, &[usize]) = if self.links.is_some() {
+            let Some((receiver, payload)) = self.next_by_links() else { return };
+            by_link = [receiver];
+            (payload, &by_link)
+        } else {
+            let Some(flight) = self.flights.pop_front() else { return };
+            (flight.payload, self.listeners.get(flight.sender).map_or(&[], Vec::as_slice))
+        };
+        let heard = read(payload);
+        // What comes by links was not lost.
+        let may_be_lost = self.links.is_none() && !self.params.loss.is_none();
+        for &listener in listeners {
+            if may_be_lost && self.loss.get_mut(listener).is_some_and(Loser::loses) {
                 self.traffic.lost += 1;
             } else {
-                receive(listener, &flight.payload);
+                receive(listener, &heard);
             }
         }
     }
 
+    /// What links let pass next; none where the next frame is lost or late.
     #[cold]
-    fn deliver_by_links(&mut self, receive: &mut dyn FnMut(usize, &P)) {
-        let Some(links) = &mut self.links else { return };
+    fn next_by_links(&mut self) -> Option<(usize, P)> {
+        let Behind { links, ready, at } = self.links.as_deref_mut()?;
+        if let Some(next) = ready.pop_front() {
+            return Some(next);
+        }
         let flight = self.flights.front().map_or(u64::MAX, |flight| flight.at);
         // What was sent before goes first.
         if links.next_at().is_some_and(|at| at <= flight) {
-            let late = links.take_late();
-            let heard = |from: usize, to| self.listeners.get(from).is_some_and(|list| list.contains(&to));
-            if let Some((_, _, to, frame)) = late.filter(|&(_, from, to, _)| heard(from, to)) {
-                receive(to, &frame);
-            }
-            return;
+            let (_, from, to, payload) = links.take_late()?;
+            let hears = self.listeners.get(from).is_some_and(|list| list.contains(&to));
+            return hears.then_some((to, payload));
         }
-        let Some(Flight { at, sender, payload }) = self.flights.pop_front() else { return };
+        let Flight { at: now, sender, payload } = self.flights.pop_front()?;
+        *at = now;
         for &listener in self.listeners.get(sender).into_iter().flatten() {
             if self.loss.get_mut(listener).is_some_and(Loser::loses) {
                 self.traffic.lost += 1;
             } else {
-                let heard = |frame: &P| receive(listener, frame);
-                links.pass(at, (sender, listener), &payload, &mut self.traffic, heard);
+                let pass = |payload: &P| ready.push_back((listener, payload.clone()));
+                links.pass(now, (sender, listener), &payload, &mut self.traffic, pass);
             }
         }
+        ready.pop_front()
     }
 
     /// Frame counts so far.
@@ -172,10 +205,12 @@ impl Medium for IdealBus<CanFrame> {
         self.next_arrival()
     }
 
-    // Inlined because a decoded message never goes through memory then (`./ci.sh cost`).
     #[inline(always)]
     fn deliver(&mut self, mut receive: impl FnMut(usize, Result<Message, Refusal>)) {
-        self.deliver(|receiver, frame| receive(receiver, can::decode(frame.id(), frame.data())));
+        self.deliver_as(
+            |frame| can::decode(frame.id(), frame.data()),
+            |receiver, heard| receive(receiver, *heard),
+        );
     }
 
     fn set_listeners(&mut self, listeners: Vec<Vec<usize>>) {

@@ -159,6 +159,7 @@ mod tests {
             }
             links.pass(now, (0, 1), &frame, &mut traffic, |&frame| got.push((now, frame)));
         }
+        got.extend(std::iter::from_fn(|| links.take_late()).map(|(at, _, _, frame)| (at, frame)));
         (got, traffic)
     }
 

@@ -4,6 +4,7 @@ pub mod can;
 pub mod ideal;
 pub mod links;
 pub mod loss;
+pub mod uart;
 
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;

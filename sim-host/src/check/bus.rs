@@ -64,6 +64,15 @@ fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
     found.advise(Status::Warn, advice).set("coupling.damping", format!("{damping}"))
 }
 
+/// What links do is not followed: the law is, with the bus alone.
+fn of_links(subject: &Subject<'_>) -> Finding {
+    let count = subject.scenario.links.len();
+    let text = format!(
+        "what {count} [[link]] directions do to frames is not followed: all that is predicted is without them"
+    );
+    Finding::new("bus", "Bus", text, json!({ "links": count })).stands(Status::NotChecked)
+}
+
 /// A bus with bits: what is followed is the ideal one.
 fn real(bit_errors: f64) -> Finding {
     let errors = match bit_errors {
@@ -85,7 +94,7 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
         return Some(real(f64::from(bus.bit_errors) * 1e-9));
     }
     if bus.loss.is_none() && delay == 0 {
-        return None;
+        return (!subject.scenario.links.is_empty()).then(|| of_links(subject));
     }
     let text = format!(
         "{} of the frames lost per receiver, delay from {} to {}",

@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::{Finding, Status, figure};
-use crate::scenario::{BusModel, Scenario};
+use crate::scenario::{BusModel, Scenario, Wiring};
 
 /// Load that a bus is planned for.
 const PLANNED_LOAD: f64 = 0.7;
@@ -13,6 +13,9 @@ const FULL: f64 = 135.0 / 111.0;
 
 /// Data bytes of an authenticated state frame of one component.
 const STATE_BYTES: u64 = 8;
+
+/// Bits of a state of one component on a serial line.
+const LINE_BITS: f64 = 120.0;
 
 /// The same in CAN FD, where a frame has all components, by their number less one.
 const STATE_FD_BYTES: [u64; 8] = [16, 20, 24, 32, 32, 48, 48, 48];
@@ -45,6 +48,14 @@ pub(super) fn highest_fd_rate(nodes: usize, components: usize, rates: (f64, f64)
     PLANNED_LOAD / (nodes as f64 * fd_time(bytes, rates))
 }
 
+/// Highest tick rate (Hz) at 70 % load on serial lines: a state of one component is a frame of twelve bytes with ten bits each. The line from a
+/// hub to a node carries the states of all its neighbours.
+fn highest_line_rate(scenario: &Scenario) -> f64 {
+    let neighbours = (0..scenario.nodes.len()).map(|node| scenario.graph.neighbours(node).len()).max();
+    let states = if scenario.bus.wiring == Wiring::Hub { neighbours.unwrap_or(1).max(1) } else { 1 };
+    PLANNED_LOAD * f64::from(scenario.bus.bitrate) / (LINE_BITS * (states * scenario.components()) as f64)
+}
+
 /// The load that the scenario would put on classic CAN; a failure only where the bus is a real one.
 pub(super) fn finding(scenario: &Scenario) -> Finding {
     // Every component has a frame of its own.
@@ -53,12 +64,21 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     let (slow, fast) = (highest_rate(nodes, 5e5), highest_rate(nodes, 1e6));
     let fd = highest_fd_rate(scenario.nodes.len(), scenario.components(), FD_RATES);
     let load = PLANNED_LOAD * rate / fast;
-    let can = scenario.bus.model == BusModel::Can;
-    let most = if can { highest_rate(nodes, scenario.bus.bitrate.into()) } else { fast };
+    let can = matches!(scenario.bus.model, BusModel::Can | BusModel::CanFd);
+    let rates = (f64::from(scenario.bus.bitrate), f64::from(scenario.bus.data_bitrate));
+    let most = match scenario.bus.model {
+        BusModel::Can => highest_rate(nodes, rates.0),
+        BusModel::CanFd => highest_fd_rate(scenario.nodes.len(), scenario.components(), rates),
+        BusModel::Uart => highest_line_rate(scenario),
+        BusModel::Ideal => fast,
+    };
     let over = scenario.bus.model != BusModel::Ideal && rate > most;
     let scope = if can {
         let bitrate = figure(scenario.bus.bitrate.into());
         format!("the CAN bus of {bitrate} bit/s carries ticks of {} Hz at 70 % load", figure(most.floor()))
+    } else if scenario.bus.model == BusModel::Uart {
+        let bitrate = figure(scenario.bus.bitrate.into());
+        format!("serial lines of {bitrate} bit/s carry ticks of {} Hz at 70 % load", figure(most.floor()))
     } else {
         "no limit on the ideal bus".to_owned()
     };

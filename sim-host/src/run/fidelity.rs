@@ -12,6 +12,7 @@ use crate::bus::Traffic;
 use crate::bus::can::{CanBus, LinkNoise, OnWire};
 use crate::bus::ideal::{IdealBus, IdealParams};
 use crate::bus::links::Payload;
+use crate::bus::uart::UartBus;
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
@@ -48,7 +49,7 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
         BusModel::Can => on(can_bus::<Classic>(scenario)?, scenario, options, rows),
         BusModel::CanFd => on(can_bus::<Fd>(scenario)?, scenario, options, rows),
         BusModel::Ideal => in_program(scenario, options, rows, engine(scenario)?),
-        BusModel::Uart => Err(RunError::bad_input("bus.model = \"uart\" is not there yet")),
+        BusModel::Uart => on(uart_bus(scenario), scenario, options, rows),
     }
 }
 
@@ -59,8 +60,22 @@ fn on<M: Medium>(
     options: &RunOptions,
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium).with_noise(Noise::of(scenario));
-    in_program(scenario, options, rows, engine)
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
+    in_program(
+        scenario,
+        options,
+        rows,
+        engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario)),
+    )
+}
+
+/// Time that each node takes from its tick to its frames, ns, by index.
+fn compute(scenario: &Scenario) -> Vec<u64> {
+    scenario.nodes.iter().map(|node| node.compute_ns).collect()
+}
+
+fn uart_bus(scenario: &Scenario) -> UartBus {
+    UartBus::new(&scenario.bus, listeners(scenario), scenario.seed, &scenario.links)
 }
 
 fn in_program<M: Medium>(
@@ -81,7 +96,8 @@ fn in_program<M: Medium>(
 
 /// The nodes of a scenario in this program, on an ideal bus, not started yet.
 pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario)).with_noise(Noise::of(scenario));
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario));
+    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
     if scenario.events.is_empty() {
         return Ok(engine);
     }

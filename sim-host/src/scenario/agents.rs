@@ -14,7 +14,7 @@ use super::components::Components;
 use super::coupling::{Defaults, read_funnel, read_gain};
 use super::diagnostic::{Diagnostic, Problem};
 use super::model::NodeSpec;
-use super::reader::{Log, Range, Section, integer, later, number, ready};
+use super::reader::{Log, Range, Section, duration_ns, integer, later, number, ready};
 use super::tree::{Item, Place, Value};
 use funnelnet_law::law::node_wise::C;
 use funnelnet_law::{Coupling, Gain};
@@ -33,6 +33,7 @@ struct Given<'a> {
     gain: Option<&'a Item>,
     funnel: Option<&'a Item>,
     noise: Option<&'a Item>,
+    compute: Option<&'a Item>,
     damping: Option<&'a Item>,
 }
 
@@ -91,11 +92,13 @@ fn read_agent<'a>(
         given.state = agent.take("state");
         given.dynamics = agent.take("dynamics");
         given.noise = agent.take("noise");
+        given.compute = agent.take("compute");
         unit = agent.value("unit", None, |item| read_unit(item).map(Some));
         agent.finish();
         given.state.and_then(|item| read_state(item, components, log));
         given.dynamics.and_then(|item| read_dynamics(item, components, log));
         given.noise.and_then(|item| read_noise(item, log));
+        given.compute.and_then(|item| read_compute(item, log));
     }
     (given, unit)
 }
@@ -126,6 +129,7 @@ fn read_overrides<'a>(
             gain: section.take("gain"),
             funnel: section.take("funnel"),
             noise: section.take("noise"),
+            compute: section.take("compute"),
             damping: section.take("damping"),
         };
         section.finish();
@@ -174,6 +178,7 @@ fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<
         funnel: read_funnel(&funnel?, log)?,
         damping: C,
         noise: given.noise.or(defaults.noise).map_or(Some(0.0), |item| read_noise(item, log))?,
+        compute_ns: given.compute.or(defaults.compute).map_or(Some(0), |item| read_compute(item, log))?,
     };
     Some((node, place))
 }
@@ -199,6 +204,10 @@ fn read_state(item: &Item, components: &Components, log: &Log) -> Option<Vec<f64
 
 fn read_noise(item: &Item, log: &Log) -> Option<f64> {
     number(item, NOISE).map_err(|diagnostic| log.report(diagnostic)).ok()
+}
+
+fn read_compute(item: &Item, log: &Log) -> Option<u64> {
+    duration_ns(item, true).map_err(|diagnostic| log.report(diagnostic)).ok()
 }
 
 fn read_dynamics(item: &Item, components: &Components, log: &Log) -> Option<Affine> {

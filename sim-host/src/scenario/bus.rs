@@ -4,8 +4,9 @@ use super::diagnostic::{Diagnostic, Problem};
 use super::duration::format_duration;
 use super::graph::Graph;
 use super::model::TimeSpec;
-use super::reader::{Log, Range, Section, integer, later, number, ready};
+use super::reader::{Log, Range, Section, integer, number, ready};
 use super::tree::{Item, Value};
+use crate::bus::uart::MOST_LINES;
 use funnelnet_can_bus::{BitRate, Timing};
 use funnelnet_law::Coupling;
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
@@ -199,9 +200,8 @@ pub(super) struct Link<'a> {
 
 pub(super) fn read(file: &mut Section<'_>) -> BusSpec {
     let mut bus = BusSpec::default();
-    let [ideal, can, fd] =
-        [BusModel::Ideal, BusModel::Can, BusModel::CanFd].map(|model| ready(model.name(), model));
-    let models = [ideal, can, fd, later(BusModel::Uart.name(), BusModel::Uart)];
+    let models = [BusModel::Ideal, BusModel::Can, BusModel::CanFd, BusModel::Uart];
+    let models = models.map(|model| ready(model.name(), model));
     let Some(mut section) = file.section("bus") else { return bus };
     let Some(model) = section.choice("model", &models, Some(BusModel::Ideal)) else { return bus };
     bus.model = model;
@@ -454,6 +454,23 @@ impl BusSpec {
             }
             BusModel::Ideal | BusModel::Uart => None,
         }
+    }
+}
+
+/// Reports a node with more neighbours than it has lines.
+pub(super) fn enough_lines(bus: &BusSpec, graph: &Graph, root: &Item, log: &Log) {
+    if bus.model != BusModel::Uart || bus.wiring == Wiring::Hub {
+        return;
+    }
+    let crowded = (0..graph.nodes).map(|node| (node, graph.neighbours(node).len()));
+    let crowded = crowded.into_iter().find(|&(_, lines)| lines > MOST_LINES);
+    let key = root.get("bus").and_then(|section| section.get("wiring").or_else(|| section.get("model")));
+    if let (Some((node, lines)), Some(key)) = (crowded, key) {
+        let allowed = format!(
+            "node {} has {lines} neighbours, and a node has {MOST_LINES} lines to neighbours at most; wiring = \"hub\" takes any number",
+            node + 1
+        );
+        log.report(key.diagnostic(Problem::Value, allowed));
     }
 }
 

@@ -167,7 +167,9 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     damping::resolve(&mut nodes, &damping, &graph, coupling.kind, &log);
     bus::fresh(&bus, &time, root, &log);
     bus::whole_bits(&bus, root, &log);
+    bus::enough_lines(&bus, &graph, root, &log);
     bus::no_bus(coupling.kind, root, &log);
+    quick_enough(&nodes, &time, root, &log);
     let links = bus::of_graph(&links, &graph, &bus, &time, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
     network::room(&graph, components, &network, &log);
@@ -206,6 +208,23 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     };
     initial::check(&scenario, &places)?;
     Ok(scenario)
+}
+
+/// A node has computed before its next tick is due.
+fn quick_enough(nodes: &[NodeSpec], time: &TimeSpec, root: &Item, log: &Log) {
+    let step_ns = time.tick_ns / u64::from(time.round);
+    if nodes.iter().all(|node| node.compute_ns < step_ns) {
+        return;
+    }
+    let of_nodes = match root.get("node").map(|item| &item.value) {
+        Some(tree::Value::Array(items)) => items.as_slice(),
+        _ => &[],
+    };
+    let written = root.get("agent").into_iter().chain(of_nodes).filter_map(|item| item.get("compute"));
+    for item in written.filter(|item| reader::duration_ns(item, true).is_ok_and(|ns| ns >= step_ns)) {
+        let allowed = format!("must be shorter than the tick, {}", format_duration(step_ns));
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
 }
 
 fn default_title(path: &Path) -> String {

@@ -164,6 +164,8 @@ pub struct NodeSpec {
     pub damping: f64,
     /// Standard deviation of what is added to each state as it is sent (state units).
     pub noise: f64,
+    /// Time from its tick to its frames, ns.
+    pub compute_ns: u64,
 }
 
 /// Limits that the run must stay below; `None` is not checked.
