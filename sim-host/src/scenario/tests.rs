@@ -83,6 +83,7 @@ fn defaults_and_overrides_are_resolved() {
             funnel: Funnel { factor: 3.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
             damping: 2.2,
             noise: 0.0,
+            compute_ns: 0,
         }
     );
     assert_eq!(initial_ratios(&scenario), [0.1, 8.0 / 120.0, 0.1]);
