@@ -8,8 +8,8 @@ use crate::counters::{Counters, Mode};
 use crate::event::{Event, What};
 use crate::filter::Filter;
 use crate::frame::{Frame, Id, LARGEST_BASE};
-use crate::length::{END, INTERMISSION, Length};
-use crate::noise::{Hit, Noise, SeenBy};
+use crate::length::{ACKNOWLEDGEMENT, END, INTERMISSION, Length};
+use crate::noise::{Hit, Noise, SeenBy, Strike};
 use crate::participant::{Happening, Participant};
 use crate::rate::Timing;
 use crate::wire::{DOMINANT, Pace, RECESSIVE};
@@ -20,6 +20,8 @@ pub struct Bus<N> {
     timing: Timing,
     noise: N,
     hit: Option<Hit>,
+    /// The hit that a strike has come before.
+    behind: Option<Option<Hit>>,
     nodes: Vec<Node>,
     phase: Phase,
     now: u64,
@@ -99,6 +101,7 @@ impl<N: Noise> Bus<N> {
             timing,
             noise,
             hit,
+            behind: None,
             nodes: Vec::new(),
             phase,
             now: 0,
@@ -339,11 +342,32 @@ impl<N: Noise> Bus<N> {
             return;
         };
         let collides = best.next().is_some_and(|&(next, _)| next == priority);
+        if let Some(strike) = self.noise.strike(node) {
+            self.strike(at, node, strike);
+        }
         let clean = if late || collides || self.bit_by_bit { None } else { self.clean_frame(at, node) };
         match clean {
             Some((clean, buffer, length)) => self.begin_clean(at, clean, buffer, length, sink),
             None => self.bit(at, Pace::Nominal, sink),
         }
+    }
+
+    /// A bit of the frame that `node` begins is to be disturbed, unless one before it is.
+    fn strike(&mut self, at: u64, node: usize, strike: Strike) {
+        let sender = &self.nodes[node];
+        let Some(pending) = sender.controller.next(at).and_then(|buffer| sender.controller.pending(buffer))
+        else {
+            return;
+        };
+        let passive = sender.participant.mode() == Mode::Passive;
+        let bits = Length::of(&pending.frame, passive).bits() - ACKNOWLEDGEMENT - END - INTERMISSION;
+        let after = u64::from(bits) * u64::from(strike.place) >> 32;
+        if self.behind.is_some() || self.hit.is_some_and(|hit| hit.after <= after) {
+            return;
+        }
+        let rest = |hit: Hit| Hit { after: hit.after - after - 1, ..hit };
+        self.behind = Some(self.hit.map(rest));
+        self.hit = Some(Hit { after, seen_by: strike.seen_by });
     }
 
     /// The frame as one step, if nothing disturbs it: its sender is error-active, another one acknowledges, no bit is hit.
@@ -510,7 +534,7 @@ impl<N: Noise> Bus<N> {
             return None;
         }
         let seen_by = hit.seen_by;
-        self.hit = self.noise.next();
+        self.hit = self.behind.take().unwrap_or_else(|| self.noise.next());
         Some(seen_by)
     }
 

@@ -34,6 +34,11 @@ impl Queue {
         self.frames.pop_front()
     }
 
+    /// Whether it holds none.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
     /// Frames that had no room.
     pub fn lost(&self) -> u64 {
         self.lost

@@ -22,7 +22,7 @@ pub const END: u32 = 7;
 /// Bits between two frames.
 pub const INTERMISSION: u32 = 3;
 /// Delimiter of the checksum, acknowledgement slot and its delimiter.
-const ACKNOWLEDGEMENT: u32 = 3;
+pub(crate) const ACKNOWLEDGEMENT: u32 = 3;
 /// Stuff count of CAN FD.
 const STUFF_COUNT: u32 = 4;
 /// In the checksum field of CAN FD a fixed stuff bit comes before each four bits.

@@ -34,7 +34,7 @@ pub use event::{Event, What};
 pub use filter::Filter;
 pub use frame::{Frame, FrameError, Id, Kind};
 pub use length::Length;
-pub use noise::{BitErrors, Hit, Noise, Quiet, SeenBy};
+pub use noise::{BitErrors, Hit, Noise, Quiet, SeenBy, Strike};
 pub use rate::{BitRate, RateError, Timing};
 pub use reader::ErrorKind;
 pub use record::Record;

@@ -20,10 +20,24 @@ pub struct Hit {
     pub seen_by: SeenBy,
 }
 
+/// A bit of the frame that begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Strike {
+    /// Who reads it as its opposite.
+    pub seen_by: SeenBy,
+    /// Its place among the bits from the start of frame to the end of the checksum: that part of 2^32 of them.
+    pub place: u32,
+}
+
 /// A source of disturbed bits.
 pub trait Noise {
     /// The next one; none is not asked again.
     fn next(&mut self) -> Option<Hit>;
+
+    /// A bit of the frame that `sender` begins now. A bit before it that [next](Self::next) has said comes first, and this one never.
+    fn strike(&mut self, _sender: usize) -> Option<Strike> {
+        None
+    }
 }
 
 /// No bit is disturbed.

@@ -36,6 +36,13 @@ pub struct CanFrame {
 }
 
 impl CanFrame {
+    /// A frame of these bytes; none where they are more than a plain frame has. Of the identifier the low 11 bits count.
+    pub fn new(id: u16, bytes: &[u8]) -> Option<Self> {
+        let mut data = [0; MAX_DATA];
+        data.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(Self { id: id & 0x7FF, length: bytes.len() as u8, data })
+    }
+
     /// The 11-bit identifier.
     pub fn id(&self) -> u16 {
         self.id

@@ -9,16 +9,18 @@ pub use field::{Outside, SimField, SimNode, params};
 pub use world::World;
 
 use crate::bus::Medium;
-use crate::bus::ideal::{IdealBus, Traffic};
+use crate::bus::Traffic;
+use crate::bus::ideal::IdealBus;
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Change;
 use funnelnet_law::field::VectorField;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
-use funnelnet_protocol::can::{self, CanFrame};
+use funnelnet_protocol::can::CanFrame;
 use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
+use std::collections::VecDeque;
 
 /// An event of a node, with the node's index and the engine's time (ns).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +45,12 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     nodes: Vec<Node<f32, V>>,
     bus: M,
     noise: Noise,
+    /// Time from the tick of each node to its frames, ns; none where they go at once.
+    compute: Vec<u64>,
+    /// What the node that is polled has said and still computes.
+    said: Vec<Message>,
+    /// What nodes still compute, in the order of time.
+    later: VecDeque<Later>,
     /// Where events happen.
     world: Option<World<V>>,
     /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
@@ -52,13 +60,27 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     events: Vec<NodeEvent>,
 }
 
+/// Messages that a node will have computed at some time (ns).
+struct Later {
+    at: u64,
+    node: usize,
+    messages: Vec<Message>,
+}
+
 impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
     pub fn new(nodes: Vec<Node<f32, V>>, bus: M) -> Self {
         let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
         let noise = Noise::default();
         let wakes = vec![NEVER; nodes.len()];
-        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, world: None }
+        let (compute, said, later) = (Vec::new(), Vec::new(), VecDeque::new());
+        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, compute, said, later, world: None }
+    }
+
+    /// With nodes that compute for so long (ns, by index) before they send.
+    pub fn with_compute(self, compute: Vec<u64>) -> Self {
+        let takes_time = compute.iter().any(|&ns| ns > 0);
+        Self { compute: if takes_time { compute } else { Vec::new() }, ..self }
     }
 
     /// With noise on the states that nodes send.
@@ -151,7 +173,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     }
 
     /// A node, for who plays its host between two ticks.
-    pub fn node_mut(&mut self, index: usize) -> Option<&mut Node> {
+    pub fn node_mut(&mut self, index: usize) -> Option<&mut Node<f32, V>> {
         self.nodes.get_mut(index)
     }
 
@@ -215,6 +237,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let first = index * fresh.components();
         self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
         *node = fresh;
+        self.later.retain(|later| later.node != index);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = NEVER;
         }
@@ -246,13 +269,44 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     }
 
     fn deliver_before(&mut self, now: u64) {
-        while let Some(at) = self.bus.next_arrival().filter(|&at| at < now) {
+        loop {
+            let arrival = self.bus.next_arrival().filter(|&at| at < now);
+            if !self.later.is_empty() && self.sends_first(now, arrival) {
+                continue;
+            }
+            let Some(at) = arrival else { return };
             let nodes = &mut self.nodes;
             self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
             for (index, count) in self.bus.take_off() {
                 self.fail(index, count, at);
             }
         }
+    }
+
+    /// Sends what a node has computed before `now`, if that is before the next arrival; whether there was something.
+    #[cold]
+    fn sends_first(&mut self, now: u64, arrival: Option<u64>) -> bool {
+        let Some(later) = self.later.front() else { return false };
+        let is_first = later.at < now && arrival.is_none_or(|at| later.at <= at);
+        if is_first {
+            self.send_later();
+        }
+        is_first
+    }
+
+    fn send_later(&mut self) {
+        let Some(Later { at, node, messages }) = self.later.pop_front() else { return };
+        messages.iter().for_each(|message| self.bus.send(at, node, message));
+        self.bus.flush(at, node);
+    }
+
+    /// Has a node send at `at` (ns) what it computes until then.
+    #[cold]
+    fn send_at(&mut self, at: u64, node: usize) {
+        let messages = std::mem::take(&mut self.said);
+        self.bus.computes(node, at);
+        let place = self.later.partition_point(|later| later.at <= at);
+        self.later.insert(place, Later { at, node, messages });
     }
 
     /// Stops a node that its bus has lost, as its app does.
@@ -264,25 +318,48 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.poll(index, now);
     }
 
+    // Where `Node::poll` is called in one place, it is inlined there (`./ci.sh cost`).
     fn poll(&mut self, index: usize, now: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
-        while let Some(action) = node.poll(now) {
+        let compute = self.compute.get(index).copied().unwrap_or(0);
+        let mut says = false;
+        let wake = loop {
+            let action = node.poll(now);
+            let is_done = action.is_none();
             match action {
-                Action::Send(message) => {
-                    let message = self.noise.disturb(index, message);
-                    self.bus.send(now, index, can::encode(&message));
+                Some(Action::Send(message)) => {
+                    let message =
+                        if self.noise.is_none() { message } else { self.noise.disturb(index, message) };
+                    if compute == 0 {
+                        self.bus.send(now, index, &message);
+                        says = true;
+                    } else {
+                        self.said.push(message);
+                    }
                 }
-                Action::Report(event) => self.events.push(NodeEvent { at: now, node: index, event }),
+                Some(Action::Report(event)) => self.events.push(NodeEvent { at: now, node: index, event }),
                 // Virtual nodes: nothing to drive, nothing to measure.
-                Action::Safe | Action::Sample | Action::Actuate => {}
+                Some(Action::Safe | Action::Sample | Action::Actuate) | None => {}
             }
-        }
+            let wake = node.poll_at().unwrap_or(NEVER);
+            if is_done || wake > now {
+                break wake;
+            }
+        };
+        let seen = node.observations();
         // All nodes have as many components.
-        let first = index * node.components();
-        let slots = self.observations.iter_mut().skip(first);
-        slots.zip(node.observations()).for_each(|(slot, &seen)| *slot = seen);
-        if let Some(wake) = self.wakes.get_mut(index) {
-            *wake = node.poll_at().unwrap_or(NEVER);
+        let first = index * seen.len();
+        if let Some(slots) = self.observations.get_mut(first..first + seen.len()) {
+            slots.copy_from_slice(seen);
+        }
+        if let Some(next) = self.wakes.get_mut(index) {
+            *next = wake;
+        }
+        if says {
+            self.bus.flush(now, index);
+        }
+        if !self.said.is_empty() {
+            self.send_at(now.saturating_add(compute), index);
         }
     }
 }

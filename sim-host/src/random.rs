@@ -20,6 +20,18 @@ pub enum Purpose {
     Noise = 4,
     /// Disturbed bits of a bus.
     BitErrors = 5,
+    /// Frames that a link loses; from here on a link is `sender * 128 + receiver`, by index.
+    LinkLoss = 16,
+    /// Their delays.
+    LinkJitter = 17,
+    /// Which of them come after the next one.
+    LinkOrder = 18,
+    /// Which of them come twice.
+    LinkCopies = 19,
+    /// Which of them are read wrong, and where.
+    LinkBits = 20,
+    /// Disturbed bits of a serial line; lines are counted by the bus.
+    LineBits = 21,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.

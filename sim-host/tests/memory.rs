@@ -68,8 +68,8 @@ fn memory_of(text: &str, duration: &str) -> (u64, usize) {
 }
 
 /// The longer run has no more than so many percent more memory.
-fn alike(short: &str, long: &str, times: usize, percent: u64) {
-    let [(before, few), (after, many)] = [short, long].map(|duration| memory_of(CALM, duration));
+fn alike(text: &str, short: &str, long: &str, times: usize, percent: u64) {
+    let [(before, few), (after, many)] = [short, long].map(|duration| memory_of(text, duration));
     println!("{short}: {few} rows, {before} kB; {long}: {many} rows, {after} kB");
     assert_eq!(many - 1, times * (few - 1));
     assert!(after * 100 <= before * (100 + percent), "{before} kB for {short}, {after} kB for {long}");
@@ -77,14 +77,32 @@ fn alike(short: &str, long: &str, times: usize, percent: u64) {
 
 #[test]
 fn memory_does_not_grow_with_time() {
-    alike("4s", "40s", 10, 5);
+    alike(CALM, "4s", "40s", 10, 5);
 }
 
 #[test]
 #[ignore = "a minute: ./ci.sh extended"]
 fn memory_of_a_thousand_seconds_is_nearly_that_of_ten() {
     // The envelopes of the pictures are not full after ten seconds: 12 % were measured, and a row for each tick would be a multiple.
-    alike("10s", "1000s", 100, 20);
+    alike(CALM, "10s", "1000s", 100, 20);
+}
+
+/// The same network on a CAN bus with errors, and a link that delays, turns and copies frames.
+fn on_can() -> String {
+    format!(
+        "{CALM}\n[bus]\nmodel = \"can\"\nbit_errors = 1e-4\n[[link]]\nbetween = [1, 2]\nloss = 0.01\njitter = \"300us\"\nreorder = 0.01\nduplicate = 0.01\n"
+    )
+}
+
+#[test]
+fn memory_of_a_can_bus_does_not_grow_with_time() {
+    alike(&on_can(), "4s", "40s", 10, 5);
+}
+
+#[test]
+#[ignore = "a minute: ./ci.sh extended"]
+fn memory_of_a_can_bus_after_a_thousand_seconds_is_nearly_that_after_ten() {
+    alike(&on_can(), "10s", "1000s", 100, 20);
 }
 
 #[test]

@@ -56,6 +56,7 @@ fn node() -> impl Strategy<Value = NodeSpec> {
         funnel,
         damping: 2.2,
         noise: 0.0,
+        compute_ns: 0,
     })
 }
 

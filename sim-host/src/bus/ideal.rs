@@ -3,8 +3,11 @@
 //! A frame reaches all listeners at the same time, as on a shared wire; each of them loses it independently. Jitter is
 //! drawn per frame from the sender's stream, loss per frame and receiver from the receiver's stream.
 
-use super::Medium;
+use super::links::{Links, Payload, flip_bit};
+use super::loss::Loser;
+use super::{Medium, Traffic};
 use crate::random::{self, Purpose};
+use crate::scenario::{LinkSpec, Loss};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
@@ -14,21 +17,12 @@ use std::collections::VecDeque;
 /// Parameters of the ideal bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IdealParams {
-    /// Probability that a receiver loses a frame, 0 to 1.
-    pub loss: f64,
+    /// How a receiver loses frames.
+    pub loss: Loss,
     /// Delay of every frame, ns.
     pub latency_ns: u64,
     /// Largest extra delay, uniformly distributed, ns.
     pub jitter_ns: u64,
-}
-
-/// Frame counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Traffic {
-    /// Frames sent.
-    pub sent: u64,
-    /// Deliveries that were lost.
-    pub lost: u64,
 }
 
 /// A frame under way.
@@ -47,24 +41,48 @@ pub struct IdealBus<P> {
     listeners: Vec<Vec<usize>>,
     /// By time of arrival, then by order of sending. New frames mostly go to the end, so that no heap is needed.
     flights: VecDeque<Flight<P>>,
-    loss: Vec<Pcg64>,
+    loss: Vec<Loser>,
     jitter: Vec<Pcg64>,
+    /// Boxed because nearly no bus has any.
+    links: Option<Box<Behind<P>>>,
     traffic: Traffic,
 }
 
-impl<P> IdealBus<P> {
+/// Links behind the bus, and what they let pass at once.
+#[derive(Clone, Debug)]
+struct Behind<P> {
+    links: Links<P>,
+    /// Receivers with their frames, at the time `at` (ns).
+    ready: VecDeque<(usize, P)>,
+    at: u64,
+}
+
+impl<P: Payload> Behind<P> {
+    fn next_at(&self) -> Option<u64> {
+        if self.ready.is_empty() { self.links.next_at() } else { Some(self.at) }
+    }
+}
+
+impl<P: Payload> IdealBus<P> {
     /// A bus on which the nodes `listeners[i]` accept the frames of node `i`.
     pub fn new(params: IdealParams, seed: u64, listeners: Vec<Vec<usize>>) -> Self {
-        let streams =
-            |purpose| (0..listeners.len() as u64).map(|node| random::stream(seed, purpose, node)).collect();
+        let nodes = 0..listeners.len() as u64;
+        let loser = |node| Loser::new(params.loss, random::stream(seed, Purpose::Loss, node));
         Self {
             params,
             flights: VecDeque::with_capacity(2 * listeners.len()),
-            loss: streams(Purpose::Loss),
-            jitter: streams(Purpose::Jitter),
+            loss: nodes.clone().map(loser).collect(),
+            jitter: nodes.map(|node| random::stream(seed, Purpose::Jitter, node)).collect(),
+            links: None,
             traffic: Traffic::default(),
             listeners,
         }
+    }
+
+    /// With links behind it, whose random streams are of `seed`.
+    pub fn with_links(self, seed: u64, links: &[LinkSpec]) -> Self {
+        let behind = |links| Box::new(Behind { links, ready: VecDeque::new(), at: 0 });
+        Self { links: Links::of(seed, links).map(behind), ..self }
     }
 
     /// Node `sender` puts a frame on the bus at `now` (ns).
@@ -96,21 +114,68 @@ impl<P> IdealBus<P> {
 
     /// When the next frame arrives, ns.
     pub fn next_arrival(&self) -> Option<u64> {
-        self.flights.front().map(|flight| flight.at)
+        let flight = self.flights.front().map(|flight| flight.at);
+        match &self.links {
+            None => flight,
+            Some(links) => flight.into_iter().chain(links.next_at()).min(),
+        }
     }
 
-    /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it.
-    pub fn deliver(&mut self, mut receive: impl FnMut(usize, &P)) {
-        let Some(flight) = self.flights.pop_front() else { return };
-        for &listener in self.listeners.get(flight.sender).into_iter().flatten() {
-            let lost =
-                self.loss.get_mut(listener).is_some_and(|stream| random::happens(stream, self.params.loss));
-            if lost {
+    /// Delivers the next frame: `receive(receiver, frame)` for each listener that does not lose it. Where there are links, each receiver has
+    /// a delivery of its own.
+    pub fn deliver(&mut self, receive: impl FnMut(usize, &P)) {
+        self.deliver_as(|payload| payload, receive);
+    }
+
+    /// The same, read once for all. One place calls `receive`, so that it can be inlined there (`./ci.sh cost`).
+    #[inline(always)]
+    fn deliver_as<T>(&mut self, read: impl FnOnce(P) -> T, mut receive: impl FnMut(usize, &T)) {
+        let by_link;
+        let (payload, listeners): (P, &[usize]) = if self.links.is_some() {
+            let Some((receiver, payload)) = self.next_by_links() else { return };
+            by_link = [receiver];
+            (payload, &by_link)
+        } else {
+            let Some(flight) = self.flights.pop_front() else { return };
+            (flight.payload, self.listeners.get(flight.sender).map_or(&[], Vec::as_slice))
+        };
+        let heard = read(payload);
+        // What comes by links was not lost.
+        let may_be_lost = self.links.is_none() && !self.params.loss.is_none();
+        for &listener in listeners {
+            if may_be_lost && self.loss.get_mut(listener).is_some_and(Loser::loses) {
                 self.traffic.lost += 1;
             } else {
-                receive(listener, &flight.payload);
+                receive(listener, &heard);
             }
         }
+    }
+
+    /// What links let pass next; none where the next frame is lost or late.
+    #[cold]
+    fn next_by_links(&mut self) -> Option<(usize, P)> {
+        let Behind { links, ready, at } = self.links.as_deref_mut()?;
+        if let Some(next) = ready.pop_front() {
+            return Some(next);
+        }
+        let flight = self.flights.front().map_or(u64::MAX, |flight| flight.at);
+        // What was sent before goes first.
+        if links.next_at().is_some_and(|at| at <= flight) {
+            let (_, from, to, payload) = links.take_late()?;
+            let hears = self.listeners.get(from).is_some_and(|list| list.contains(&to));
+            return hears.then_some((to, payload));
+        }
+        let Flight { at: now, sender, payload } = self.flights.pop_front()?;
+        *at = now;
+        for &listener in self.listeners.get(sender).into_iter().flatten() {
+            if self.loss.get_mut(listener).is_some_and(Loser::loses) {
+                self.traffic.lost += 1;
+            } else {
+                let pass = |payload: &P| ready.push_back((listener, payload.clone()));
+                links.pass(now, (sender, listener), &payload, &mut self.traffic, pass);
+            }
+        }
+        ready.pop_front()
     }
 
     /// Frame counts so far.
@@ -119,19 +184,33 @@ impl<P> IdealBus<P> {
     }
 }
 
+/// There is no checksum on the ideal bus: a bit that is wrong is a wrong value, or a frame that is refused.
+impl Payload for CanFrame {
+    fn flip(&mut self, choose: impl FnOnce(usize) -> usize) {
+        let mut data = [0; can::MAX_DATA];
+        let length = self.data().len();
+        data.iter_mut().zip(self.data()).for_each(|(to, from)| *to = *from);
+        flip_bit(&mut data, choose(8 * length));
+        *self = data.get(..length).and_then(|data| Self::new(self.id(), data)).unwrap_or(*self);
+    }
+}
+
 impl Medium for IdealBus<CanFrame> {
-    fn send(&mut self, now: u64, sender: usize, frame: CanFrame) {
-        self.send(now, sender, frame);
+    #[inline]
+    fn send(&mut self, now: u64, sender: usize, message: &Message) {
+        self.send(now, sender, can::encode(message));
     }
 
     fn next_arrival(&self) -> Option<u64> {
         self.next_arrival()
     }
 
-    // Inlined because a decoded message never goes through memory then (`./ci.sh cost`).
     #[inline(always)]
     fn deliver(&mut self, mut receive: impl FnMut(usize, Result<Message, Refusal>)) {
-        self.deliver(|receiver, frame| receive(receiver, can::decode(frame.id(), frame.data())));
+        self.deliver_as(
+            |frame| can::decode(frame.id(), frame.data()),
+            |receiver, heard| receive(receiver, *heard),
+        );
     }
 
     fn set_listeners(&mut self, listeners: Vec<Vec<usize>>) {
@@ -166,7 +245,7 @@ mod tests {
 
     #[test]
     fn loss_is_independent_at_each_receiver_and_as_frequent_as_said() {
-        let mut bus = bus(IdealParams { loss: 0.1, ..IdealParams::default() });
+        let mut bus = bus(IdealParams { loss: Loss::independent(0.1), ..IdealParams::default() });
         let mut heard = [0u32; 3];
         let (mut both, sends) = (0, 20_000);
         for frame in 0..sends {

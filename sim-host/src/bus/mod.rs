@@ -2,18 +2,45 @@
 
 pub mod can;
 pub mod ideal;
+pub mod links;
+pub mod loss;
+pub mod uart;
 pub mod watch;
 
-use funnelnet_protocol::can::CanFrame;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
-use ideal::Traffic;
 use watch::Watch;
+
+/// Frame counts. What is counted at receivers is counted for each of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Frames sent.
+    pub sent: u64,
+    /// Deliveries that were lost.
+    pub lost: u64,
+    /// Frames for which a receiver had no room.
+    pub no_room: u64,
+    /// Frames that never went out: a newer one took their place.
+    pub replaced: u64,
+    /// Frames that a link has disturbed.
+    pub corrupted: u64,
+    /// Frames that came twice.
+    pub duplicated: u64,
+    /// Frames that came after the next one.
+    pub reordered: u64,
+}
 
 /// A medium that carries the frames of nodes to their neighbours.
 pub trait Medium {
-    /// Node `sender` sends a frame at `now` (ns, never going back).
-    fn send(&mut self, now: u64, sender: usize, frame: CanFrame);
+    /// Node `sender` says something at `now` (ns, never going back).
+    fn send(&mut self, now: u64, sender: usize, message: &Message);
+
+    /// Node `sender` has nothing more to say at `now` (ns): what was collected for one frame goes.
+    fn flush(&mut self, _now: u64, _sender: usize) {}
+
+    /// Node `node` computes until then (ns), and takes no frame from its driver meanwhile. What it hears in its tick it uses in the next one,
+    /// so that this matters only where the driver has limited room.
+    fn computes(&mut self, _node: usize, _until: u64) {}
 
     /// When the next thing happens, ns.
     fn next_arrival(&self) -> Option<u64>;

@@ -4,13 +4,12 @@ use serde_json::json;
 
 use super::subject::Subject;
 use super::{Finding, Status, figure, share};
-use crate::bus::can::SAMPLE_PER_MILLE;
 use crate::record::{BusTable, IdentifierRow, LatencyRow, node_of};
 use crate::run::SIMULATED;
 use crate::scenario::{BusModel, LARGEST_RUN, Scenario, format_duration};
+use funnelnet_can_bus::Id;
 use funnelnet_can_bus::length::INTERMISSION;
 use funnelnet_can_bus::response::{self, Stream};
-use funnelnet_can_bus::{BitRate, Id, Timing};
 use funnelnet_node::neighbour::WINDOW_BACK;
 use funnelnet_node::params::LONGEST_ROUND;
 use funnelnet_protocol::can::function;
@@ -46,7 +45,7 @@ fn decide_less_often(found: Finding, status: Status, why: &str, subject: &Subjec
 
 /// `c` that bounds what steep gains make of the loss.
 fn needed_damping(subject: &Subject<'_>) -> f64 {
-    let loss = subject.scenario.bus.loss;
+    let loss = subject.scenario.bus.loss.mean();
     DAMPED.into_iter().find(|(up_to, _)| loss <= *up_to).map_or(4.0, |(_, damping)| damping)
 }
 
@@ -92,7 +91,7 @@ fn on_can(scenario: &Scenario) -> Option<OnCan> {
     if bus.model != BusModel::Can {
         return None;
     }
-    let timing = Timing::classic(BitRate::new(bus.bitrate, SAMPLE_PER_MILLE).ok()?);
+    let timing = bus.timing()?;
     let tick_ns = scenario.time.tick_ns;
     let components = u8::try_from(scenario.components()).ok()?;
     let nodes = scenario.nodes.len();
@@ -226,6 +225,15 @@ fn more_time(found: Finding, status: Status, why: &str, subject: &Subject<'_>, n
 const RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
 /// A bus with bits that is not computed: what is followed is the ideal one.
+/// What links do is not followed: the law is, with the bus alone.
+fn of_links(subject: &Subject<'_>) -> Finding {
+    let count = subject.scenario.links.len();
+    let text = format!(
+        "what {count} [[link]] directions do to frames is not followed: all that is predicted is without them"
+    );
+    Finding::new("bus", "Bus", text, json!({ "links": count })).stands(Status::NotChecked)
+}
+
 fn real(bit_errors: f64) -> Finding {
     let errors = match bit_errors {
         0.0 => String::new(),
@@ -241,27 +249,31 @@ fn real(bit_errors: f64) -> Finding {
 pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
     let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
+    let loss = bus.loss.mean();
+    if bus.model != BusModel::Ideal && !subject.scenario.links.is_empty() {
+        return Some(of_links(subject));
+    }
     if let Some(found) = can(subject) {
         return Some(found);
     }
     if bus.model != BusModel::Ideal {
         return Some(real(f64::from(bus.bit_errors) * 1e-9));
     }
-    if bus.loss == 0.0 && delay == 0 {
-        return None;
+    if bus.loss.is_none() && delay == 0 {
+        return (!subject.scenario.links.is_empty()).then(|| of_links(subject));
     }
     let text = format!(
         "{} of the frames lost per receiver, delay from {} to {}",
-        share(bus.loss),
+        share(loss),
         format_duration(bus.latency_ns),
         format_duration(delay)
     );
     let (latency, jitter) = (bus.latency_ns as f64 * 1e-9, bus.jitter_ns as f64 * 1e-9);
-    let values = json!({ "loss": bus.loss, "latency_s": latency, "jitter_s": jitter });
+    let values = json!({ "loss": loss, "latency_s": latency, "jitter_s": jitter });
     let found = Finding::new("bus", "Bus", text, values);
     // What arrives with the next tick is taken after it.
     let ticks_late = |delay: u64| delay / tick_ns;
-    if bus.loss >= 1.0 {
+    if loss >= 1.0 {
         return Some(found.advise(Status::Fail, "every frame is lost: nobody ever hears anybody".to_owned()));
     }
     if ticks_late(bus.latency_ns) > u64::from(WINDOW_BACK) {
@@ -273,7 +285,7 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
         let why = "frames come a tick or more late, which a narrow funnel does not survive";
         return Some(decide_less_often(found, Status::Warn, why, subject));
     }
-    if bus.loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
+    if loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
         return Some(damp(found, subject));
     }
     if delay >= tick_ns {

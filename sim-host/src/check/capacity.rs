@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::{Finding, Status, figure};
-use crate::scenario::{BusModel, Scenario};
+use crate::scenario::{BusModel, Scenario, Wiring};
 
 /// Load that a bus is planned for.
 const PLANNED_LOAD: f64 = 0.7;
@@ -16,6 +16,8 @@ const STATE_BYTES: u64 = 8;
 
 /// The same in its plain form.
 const PLAIN_BYTES: u64 = 5;
+/// Bits of a state of one component on a serial line.
+const LINE_BITS: f64 = 120.0;
 
 /// The same in CAN FD, where a frame has all components, by their number less one.
 const STATE_FD_BYTES: [u64; 8] = [16, 20, 24, 32, 32, 48, 48, 48];
@@ -48,6 +50,14 @@ pub(super) fn highest_fd_rate(nodes: usize, components: usize, rates: (f64, f64)
     PLANNED_LOAD / (nodes as f64 * fd_time(bytes, rates))
 }
 
+/// Highest tick rate (Hz) at 70 % load on serial lines: a state of one component is a frame of twelve bytes with ten bits each. The line from a
+/// hub to a node carries the states of all its neighbours.
+fn highest_line_rate(scenario: &Scenario) -> f64 {
+    let neighbours = (0..scenario.nodes.len()).map(|node| scenario.graph.neighbours(node).len()).max();
+    let states = if scenario.bus.wiring == Wiring::Hub { neighbours.unwrap_or(1).max(1) } else { 1 };
+    PLANNED_LOAD * f64::from(scenario.bus.bitrate) / (LINE_BITS * (states * scenario.components()) as f64)
+}
+
 /// The load that the scenario would put on classic CAN; a failure only where the bus is a real one.
 pub(super) fn finding(scenario: &Scenario) -> Finding {
     // Every component has a frame of its own.
@@ -57,16 +67,28 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     let fd = highest_fd_rate(scenario.nodes.len(), scenario.components(), FD_RATES);
     let load = PLANNED_LOAD * rate / fast;
     // Whether it carries them is said by the finding on the bus itself.
-    let can = scenario.bus.model == BusModel::Can;
+    let can = matches!(scenario.bus.model, BusModel::Can | BusModel::CanFd);
     let plain = classic_bits(STATE_BYTES) as f64 / classic_bits(PLAIN_BYTES) as f64;
-    let most = if can { plain * highest_rate(nodes, scenario.bus.bitrate.into()) } else { fast };
+    let rates = (f64::from(scenario.bus.bitrate), f64::from(scenario.bus.data_bitrate));
+    let most = match scenario.bus.model {
+        BusModel::Can => plain * highest_rate(nodes, rates.0),
+        BusModel::CanFd => highest_fd_rate(scenario.nodes.len(), scenario.components(), rates),
+        BusModel::Uart => highest_line_rate(scenario),
+        BusModel::Ideal => fast,
+    };
     let over = scenario.bus.model != BusModel::Ideal && rate > most;
     let scope = if can {
         let bitrate = figure(scenario.bus.bitrate.into());
         let most = figure(most.floor());
-        format!(
-            "the CAN bus of {bitrate} bit/s carries ticks of {most} Hz at 70 % load as nodes speak now, without authentication"
-        )
+        let plainly = if scenario.bus.model == BusModel::Can {
+            " as nodes speak now, without authentication"
+        } else {
+            ""
+        };
+        format!("the CAN bus of {bitrate} bit/s carries ticks of {most} Hz at 70 % load{plainly}")
+    } else if scenario.bus.model == BusModel::Uart {
+        let bitrate = figure(scenario.bus.bitrate.into());
+        format!("serial lines of {bitrate} bit/s carry ticks of {} Hz at 70 % load", figure(most.floor()))
     } else {
         "no limit on the ideal bus".to_owned()
     };

@@ -105,7 +105,7 @@ fn unclipped(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
 /// More damping, for a bus that loses frames.
 fn damped(scenario: &Scenario) -> impl Iterator<Item = Setting> {
     let now = largest(0.0, scenario.nodes.iter().map(|node| node.damping));
-    let lossy = scenario.bus.loss > 0.0;
+    let lossy = !scenario.bus.loss.is_none();
     let more = DAMPINGS.into_iter().filter(move |damping| lossy && *damping > now);
     more.map(|damping| Setting::new("coupling.damping", format!("{damping:?}")))
 }

@@ -6,7 +6,7 @@ use super::forecast::Forecast;
 use super::subject::Subject;
 use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
 use super::{longest, shorter};
-use crate::scenario::format_duration;
+use crate::scenario::{Dynamics, format_duration};
 use crate::{emergent, extremes, extremes::smaller};
 
 /// Part of the longest tick that is advised.

@@ -105,7 +105,7 @@ fn shift(subject: &Subject<'_>, forecast: &Forecast) -> Option<String> {
 /// The mean of the states is kept by inputs that add up to nothing.
 fn mean(subject: &Subject<'_>) -> Option<String> {
     let scenario = subject.scenario;
-    let what = if scenario.bus.loss > 0.0 {
+    let what = if !scenario.bus.loss.is_none() {
         "frames that are lost"
     } else if scenario.bus.latency_ns.saturating_add(scenario.bus.jitter_ns) >= scenario.time.tick_ns {
         "frames that come late"

@@ -20,7 +20,7 @@ pub(super) fn finding(subject: &Subject<'_>, forecast: &Forecast) -> Option<Find
     let scenario = subject.scenario;
     let mode = (scenario.graph.normalised_lambda2() / SLOWER).sqrt() / scenario.time.tick_s();
     let driving = scenario.nodes.iter().zip(1..).flat_map(|(node, id)| {
-        let sines = node.dynamics.sines.iter().filter(|sine| sine.amplitude != 0.0);
+        let sines = node.dynamics.sines().iter().filter(|sine| sine.amplitude != 0.0);
         sines.flat_map(move |sine: &Sine| HARMONICS.map(|times| (id, sine.frequency.abs(), times)))
     });
     let off = |(_, frequency, times): &(u32, f64, f64)| {

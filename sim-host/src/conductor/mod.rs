@@ -40,7 +40,8 @@ pub use task::{Action, Source, Step, Task};
 
 pub(crate) use task::Outside;
 
-use crate::bus::ideal::{IdealBus, Traffic};
+use crate::bus::Traffic;
+use crate::bus::ideal::IdealBus;
 use crate::engine::NodeEvent;
 use crate::noise::Noise;
 use crate::presence::Presence;

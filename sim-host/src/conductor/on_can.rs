@@ -8,6 +8,7 @@ use super::deadline::Deadline;
 use super::member::Member;
 use super::task::{Action, Outside, Source};
 use super::{Conductor, HubError, Received};
+use crate::bus::links::{Payload, flip_bit};
 use crate::can::{AnyFormat, Heard, PortFrame, Traffic};
 use funnelnet_protocol::message::{Message, NodeId};
 use funnelnet_protocol::serial::{self, Frame};
@@ -28,6 +29,14 @@ pub struct Relayed {
     /// Whether it is a component of its state.
     pub(super) is_state: bool,
     pub(super) bytes: FrameBytes,
+}
+
+/// A bit that is wrong fails the check of the frame at its receiver.
+impl Payload for Relayed {
+    fn flip(&mut self, choose: impl FnOnce(usize) -> usize) {
+        let at = choose(8 * self.bytes.len());
+        flip_bit(&mut self.bytes, at);
+    }
 }
 
 /// What was heard on a bus, beside the frames that a run is made of.

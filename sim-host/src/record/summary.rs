@@ -175,6 +175,16 @@ pub struct BusSummary {
     pub sent: u64,
     /// Frames lost on the way, counted per receiver.
     pub lost: u64,
+    /// Frames for which a receiver had no room, in its controller or in the queue of its driver.
+    pub no_room: u64,
+    /// Frames that never went out: a newer one took their place.
+    pub replaced: u64,
+    /// Frames that a link has disturbed; on CAN such a frame is sent again.
+    pub corrupted: u64,
+    /// Frames that a link has brought twice.
+    pub duplicated: u64,
+    /// Frames that a link has brought after the next one.
+    pub reordered: u64,
     /// Frames that a decoder refused, by reason.
     pub refused: BTreeMap<String, u64>,
     /// The CAN buses, by identifier; left out where there was none.

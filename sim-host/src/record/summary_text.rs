@@ -148,9 +148,20 @@ fn predictions(emergent: &EmergentSummary) -> impl Iterator<Item = Line> {
 }
 
 fn frames(bus: &BusSummary) -> String {
-    let refused: u64 = bus.refused.values().sum();
-    let refused = if refused == 0 { String::new() } else { format!(", {refused} refused") };
-    format!("{} frames sent, {} deliveries lost{refused}", bus.sent, bus.lost)
+    let rest = [
+        ("without room", bus.no_room),
+        ("replaced by newer ones", bus.replaced),
+        ("disturbed", bus.corrupted),
+        ("twice", bus.duplicated),
+        ("out of order", bus.reordered),
+        ("refused", bus.refused.values().sum()),
+    ];
+    let rest: String = rest
+        .iter()
+        .filter(|(_, count)| *count > 0)
+        .map(|(what, count)| format!(", {count} {what}"))
+        .collect();
+    format!("{} frames sent, {} deliveries lost{rest}", bus.sent, bus.lost)
 }
 
 /// Says how a bench's nodes differ from loopback.

@@ -54,7 +54,7 @@ pub struct CoupledProblem {
     /// As in [`ReferenceProblem`].
     pub edges: Vec<(usize, usize, f64)>,
     /// As in [`ReferenceProblem`].
-    pub fields: Vec<Affine>,
+    pub fields: Vec<Dynamics>,
     /// As in [`ReferenceProblem`]; edges and trackers take those of their nodes.
     pub gains: Vec<Gain<f64>>,
     /// As in [`ReferenceProblem`].

@@ -10,13 +10,12 @@ mod twin;
 
 pub use difference::Difference;
 
-use crate::bus::can::SAMPLE_PER_MILLE;
 use crate::can::AnyFormat;
 use crate::exit::Exit;
 use crate::run::RunError;
 use crate::scenario::{BusModel, Scenario};
 use difference::{field, hex};
-use funnelnet_can_bus::{BitRate, Id, Record, Timing};
+use funnelnet_can_bus::{Id, Record};
 use funnelnet_link::Frame as _;
 use funnelnet_protocol::can::function;
 use funnelnet_protocol::message::Message;
@@ -169,8 +168,14 @@ struct Replay {
 
 impl Replay {
     fn new(scenario: &Scenario, id: u8, survey: &Survey) -> Result<Self, RunError> {
-        let rate = BitRate::new(scenario.bus.bitrate, SAMPLE_PER_MILLE).map_err(RunError::bad_input)?;
         let simulated = survey.drive == Drive::Simulated;
+        // The log of a real bus says nothing of its bit rates, and does not need them.
+        let timing = scenario.bus.timing().filter(|_| simulated);
+        if simulated && timing.is_none() {
+            return Err(RunError::bad_input(
+                "the log is of a simulated bus, and bus.model in the scenario is no CAN",
+            ));
+        }
         let mut twin = Twin::new(scenario, id, survey)?;
         if simulated {
             twin.start();
@@ -181,8 +186,8 @@ impl Replay {
             id,
             fd: survey.fd,
             zero_ns: if simulated { scenario.time.tick_ns } else { 0 },
-            earlier_ns: if simulated { rate.bit_ns() } else { 0 },
-            gaps: simulated.then(|| Gaps::new(Timing::classic(rate))),
+            earlier_ns: timing.map_or(0, |timing| timing.nominal().bit_ns()),
+            gaps: timing.map(Gaps::new),
             origin: None,
             heard: Vec::new(),
             line: 0,

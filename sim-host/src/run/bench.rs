@@ -108,10 +108,11 @@ fn wires(file: &BenchFile, ids: &[u8]) -> usize {
 fn skipped(scenario: &Scenario) -> Vec<&'static str> {
     let bus = &scenario.bus;
     let asked = [
-        ("bus.loss", bus.loss > 0.0),
+        ("bus.loss", !bus.loss.is_none()),
         ("bus.latency", bus.latency_ns > 0),
         ("bus.jitter", bus.jitter_ns > 0),
         ("bus.bit_errors", bus.bit_errors > 0),
+        ("link", !scenario.links.is_empty()),
         ("noise", !Noise::of(scenario).is_none()),
     ];
     asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect()

@@ -2,11 +2,10 @@
 
 use super::error::RunError;
 use super::rows::Rows;
-use crate::bus::can::SAMPLE_PER_MILLE;
 use crate::record::{BusTable, BusTables, OnBus, Row};
 use crate::scenario::{BusModel, Scenario};
 use funnelnet_can_bus::record::ERROR;
-use funnelnet_can_bus::{BitRate, Id, Length, Record, Table, Timing};
+use funnelnet_can_bus::{Id, Length, Record, Table, Timing};
 use funnelnet_protocol::can::function;
 
 /// Class of an error that says bus-off (linux/can/error.h).
@@ -43,8 +42,7 @@ struct Bus {
 
 impl<'a> Logged<'a> {
     pub fn new(rows: &'a mut dyn Rows, scenario: &Scenario, interfaces: Vec<String>) -> Self {
-        let rate = BitRate::new(scenario.bus.bitrate, SAMPLE_PER_MILLE);
-        let timing = rate.ok().filter(|_| scenario.bus.model == BusModel::Can).map(Timing::classic);
+        let timing = scenario.bus.timing().filter(|_| scenario.bus.model == BusModel::Can);
         let bus = |interface| Bus { interface, ..Bus::default() };
         let duration_ns = scenario.time.ticks.saturating_mul(scenario.time.tick_ns);
         Self { rows, timing, duration_ns, buses: interfaces.into_iter().map(bus).collect() }

@@ -90,7 +90,7 @@ fn last_of(ticks: u64) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bus::ideal::Traffic;
+    use crate::bus::Traffic;
     use crate::engine::Engine;
     use crate::presence::Presence;
     use crate::run::testing::options;

@@ -8,8 +8,11 @@ use super::options::{RunOptions, SIMULATED};
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
 use crate::bus::Medium;
-use crate::bus::can::{CanBus, SAMPLE_PER_MILLE};
-use crate::bus::ideal::{IdealBus, IdealParams, Traffic};
+use crate::bus::Traffic;
+use crate::bus::can::{CanBus, LinkNoise, OnWire};
+use crate::bus::ideal::{IdealBus, IdealParams};
+use crate::bus::links::Payload;
+use crate::bus::uart::UartBus;
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
@@ -19,7 +22,8 @@ use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::record::{BusSummary, BusTable, BusTables};
 use crate::scenario::{BusModel, Coupling, NodeSpec, Scenario};
-use funnelnet_can_bus::{BitErrors, BitRate, Timing};
+use funnelnet_can_bus::BitErrors;
+use funnelnet_link::{Classic, Fd};
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::NodeId;
@@ -43,16 +47,34 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
         return central(scenario, options, rows);
     }
     match scenario.bus.model {
-        BusModel::Can => {
-            let mut engine = can_engine(scenario)?;
-            let log = options.out.is_some() && options.bus_logs.any();
-            engine.bus_mut().watch(scenario.time.tick_ns, log);
-            in_program(scenario, options, rows, engine)
-        }
-        BusModel::Ideal | BusModel::CanFd | BusModel::Uart => {
-            in_program(scenario, options, rows, engine(scenario)?)
-        }
+        BusModel::Can => on(can_bus::<Classic>(scenario)?, scenario, options, rows),
+        BusModel::CanFd => on(can_bus::<Fd>(scenario)?, scenario, options, rows),
+        BusModel::Ideal => in_program(scenario, options, rows, engine(scenario)?),
+        BusModel::Uart => on(uart_bus(scenario), scenario, options, rows),
     }
+}
+
+/// Runs on a medium that makes no events.
+fn on<M: Medium>(
+    medium: M,
+    scenario: &Scenario,
+    options: &RunOptions,
+    rows: &mut dyn Rows,
+) -> Result<Outcome, RunError> {
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
+    let mut engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    let log = options.out.is_some() && options.bus_logs.any();
+    engine.bus_mut().watch(scenario.time.tick_ns, log);
+    in_program(scenario, options, rows, engine)
+}
+
+/// Time that each node takes from its tick to its frames, ns, by index.
+fn compute(scenario: &Scenario) -> Vec<u64> {
+    scenario.nodes.iter().map(|node| node.compute_ns).collect()
+}
+
+fn uart_bus(scenario: &Scenario) -> UartBus {
+    UartBus::new(&scenario.bus, listeners(scenario), scenario.seed, &scenario.links)
 }
 
 fn in_program<M: Medium>(
@@ -127,7 +149,8 @@ pub(crate) fn can_engine(
 
 /// The nodes of a scenario in this program, on an ideal bus, not started yet.
 pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario)).with_noise(Noise::of(scenario));
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario));
+    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
     if scenario.events.is_empty() {
         return Ok(engine);
     }
@@ -149,15 +172,19 @@ fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<SimNode>, RunError> {
 }
 
 /// The scenario's CAN bus, with as many bit errors as it asks for.
-fn can_bus(scenario: &Scenario) -> Result<CanBus<impl funnelnet_can_bus::Noise + use<>>, RunError> {
-    let spec = &scenario.bus;
-    let rate = BitRate::new(spec.bitrate, SAMPLE_PER_MILLE).map_err(RunError::bad_input)?;
-    let mut stream = random::stream(scenario.seed, Purpose::BitErrors, 0);
+fn can_bus<F: OnWire>(
+    scenario: &Scenario,
+) -> Result<CanBus<impl funnelnet_can_bus::Noise + use<F>, F>, RunError> {
+    let (spec, seed) = (&scenario.bus, scenario.seed);
+    let timing = spec.timing().ok_or_else(|| RunError::defect("a bus without bit rates"))?;
+    let mut stream = random::stream(seed, Purpose::BitErrors, 0);
     let errors =
         BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64()).map_err(RunError::bad_input)?;
     let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
     let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
-    Ok(CanBus::new(Timing::classic(rate), errors, &ids, &listeners(scenario)))
+    let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
+    let bus = CanBus::with_format(timing, noise, &ids, &listeners(scenario));
+    Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
 }
 
 /// Nodes that are not in this program have no bus but the ideal one of the hub, or a real one.
@@ -165,9 +192,10 @@ pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
     if scenario.bus.model == BusModel::Ideal {
         return Ok(());
     }
-    Err(RunError::bad_input(
-        "bus.model = \"can\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\"",
-    ))
+    let model = scenario.bus.model.name();
+    Err(RunError::bad_input(format!(
+        "bus.model = \"{model}\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\""
+    )))
 }
 
 /// Parameters that the nodes make of their configurations.
@@ -277,19 +305,22 @@ fn with_words_of(
     Outcome { bus, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
 }
 
-pub(super) fn bus<P>(scenario: &Scenario) -> IdealBus<P> {
+pub(super) fn bus<P: Payload>(scenario: &Scenario) -> IdealBus<P> {
     bus_between(scenario, |_, _| true)
 }
 
 /// The same, where it carries the frames of one node to another only if `carries` says so, by index.
-pub(super) fn bus_between<P>(scenario: &Scenario, carries: impl Fn(usize, usize) -> bool) -> IdealBus<P> {
+pub(super) fn bus_between<P: Payload>(
+    scenario: &Scenario,
+    carries: impl Fn(usize, usize) -> bool,
+) -> IdealBus<P> {
     let mut listeners = listeners(scenario);
     for (from, list) in listeners.iter_mut().enumerate() {
         list.retain(|&to| carries(from, to));
     }
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-    IdealBus::new(params, scenario.seed, listeners)
+    IdealBus::new(params, scenario.seed, listeners).with_links(scenario.seed, &scenario.links)
 }
 
 fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report>) -> BusSummary {
@@ -300,5 +331,16 @@ fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report
             *refused.entry(reason.name().to_owned()).or_default() += u64::from(counters.refused(reason));
         }
     }
-    BusSummary { sent: traffic.sent, lost: traffic.lost, refused, ..BusSummary::default() }
+    let Traffic { sent, lost, no_room, replaced, corrupted, duplicated, reordered } = traffic;
+    BusSummary {
+        sent,
+        lost,
+        no_room,
+        replaced,
+        corrupted,
+        duplicated,
+        reordered,
+        refused,
+        ..BusSummary::default()
+    }
 }

@@ -3,7 +3,7 @@
 use super::error::RunError;
 use super::event_log::EventLog;
 use crate::bus::Medium;
-use crate::bus::ideal::Traffic;
+use crate::bus::Traffic;
 use crate::bus::watch::Watch;
 use crate::central::Central;
 use crate::engine::Engine;

@@ -18,7 +18,7 @@ use super::dynamics::Dynamics;
 use super::expression::{Expression, ExpressionError};
 use super::inputs::{self, Files, Series};
 use super::model::{InputLimits, NodeSpec};
-use super::reader::{Log, Range, Section, integer, number, ready};
+use super::reader::{Log, Range, Section, duration_ns, integer, number, ready};
 use super::tree::{Item, Place, Value};
 use crate::extremes::largest;
 use funnelnet_law::law::node_wise::C;
@@ -38,6 +38,7 @@ struct Given<'a> {
     gain: Option<&'a Item>,
     funnel: Option<&'a Item>,
     noise: Option<&'a Item>,
+    compute: Option<&'a Item>,
     damping: Option<&'a Item>,
     inputs: Option<&'a Item>,
     limits: Option<&'a Item>,
@@ -116,12 +117,14 @@ fn read_agent<'a>(
         given.noise = agent.take("noise");
         given.inputs = agent.take("inputs");
         given.limits = agent.take("limits");
+        given.compute = agent.take("compute");
         unit = agent.value("unit", None, |item| read_unit(item).map(Some));
         agent.finish();
         given.state.and_then(|item| read_state(item, components, log));
         let affine = given.dynamics.filter(|item| item.get("f").is_none());
         affine.and_then(|item| read_dynamics(item, components, &[].into(), log));
         given.noise.and_then(|item| read_noise(item, log));
+        given.compute.and_then(|item| read_compute(item, log));
     }
     (given, unit)
 }
@@ -152,6 +155,7 @@ fn read_overrides<'a>(
             gain: section.take("gain"),
             funnel: section.take("funnel"),
             noise: section.take("noise"),
+            compute: section.take("compute"),
             damping: section.take("damping"),
             inputs: section.take("inputs"),
             limits: section.take("limits"),
@@ -213,6 +217,7 @@ fn read_node(id: u16, common: &Common<'_>, given: Option<&Given<'_>>) -> Option<
         funnel: read_funnel(&funnel?, log)?,
         damping: C,
         noise: given.noise.or(defaults.noise).map_or(Some(0.0), |item| read_noise(item, log))?,
+        compute_ns: given.compute.or(defaults.compute).map_or(Some(0), |item| read_compute(item, log))?,
     };
     Some((node, place))
 }
@@ -249,6 +254,10 @@ fn read_inputs(item: &Item, outside: Outside<'_>, log: &Log) -> Option<Arc<[Seri
             None
         }
     }
+}
+
+fn read_compute(item: &Item, log: &Log) -> Option<u64> {
+    duration_ns(item, true).map_err(|diagnostic| log.report(diagnostic)).ok()
 }
 
 /// What an actuator can do. No input at all must be possible: that is what the law gives where all agree.

@@ -5,6 +5,7 @@
 
 mod affine;
 mod agents;
+mod bus;
 mod components;
 mod coupling;
 mod damping;
@@ -28,12 +29,12 @@ mod written;
 
 use crate::printable::printable;
 use funnelnet_law::start::SlowStart;
-use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnelnet_node::params;
 use std::io::Read;
 use std::path::Path;
 
 pub use affine::Affine;
+pub use bus::{BusModel, BusSpec, LinkSettings, LinkSpec, Loss, Wiring};
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
 pub use dynamics::Dynamics;
@@ -47,27 +48,18 @@ pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use inputs::Series;
 pub use model::{
-    BusModel, BusSpec, Expect, FinalValue, FloorSpec, InputLimits, NodeSpec, SafetySpec, Scenario, Stoppable,
-    TimeSpec, Window,
+    Expect, FinalValue, FloorSpec, InputLimits, NodeSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
 };
 pub use overrides::Override;
 pub use written::FIRST_LINE;
 
 use agents::Agents;
 use coupling::Defaults;
-use reader::{Log, Range, Section, later, ready};
+use reader::{Log, Section};
 use tree::{Item, Place};
-
-use crate::bus::can::SAMPLE_PER_MILLE;
-use funnelnet_can_bus::BitRate;
 
 /// The most nodes of a run: ids are 7 bits on the wire, and 0 means all (protocol/README.md). A larger scenario can be checked.
 pub const LARGEST_RUN: usize = funnelnet_protocol::NodeId::MAX as usize;
-
-/// Bit rate of CAN where none is said, and the fastest one of classic CAN, bit/s.
-const DEFAULT_BITRATE: u32 = 1_000_000;
-/// Largest share of disturbed bits: no frame has a chance above it.
-const MOST_BIT_ERRORS: f64 = 0.1;
 
 /// Node-ticks that a run may have: about two weeks at a million per second.
 const MAX_NODE_TICKS: u64 = 1 << 40;
@@ -167,8 +159,9 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
             Agents::default()
         }
     };
-    let bus = read_bus(&mut file);
+    let bus = bus::read(&mut file);
     let nodes_asked = network.as_ref().map_or(0, |network| network.nodes);
+    let links = bus::read_links(&mut file, nodes_asked);
     let events = event::read(&mut file, nodes_asked);
     let safety = safety::read(&mut file, time.as_ref().map_or(1, Time::round_ns));
     let mut expect = expect::read(&mut file, nodes_asked);
@@ -181,10 +174,13 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     expect::in_ticks(&mut expect, &time, root.get("expect"), &log);
     let graph = network::build(&network, seed, &log);
     damping::resolve(&mut nodes, &damping, &graph, coupling.kind, &log);
-    fresh(&bus, &time, root, &log);
-    whole_bits(&bus, root, &log);
-    no_bus(coupling.kind, root, &log);
+    bus::fresh(&bus, &time, root, &log);
+    bus::whole_bits(&bus, root, &log);
+    bus::enough_lines(&bus, &graph, root, &log);
+    bus::no_bus(coupling.kind, root, &log);
     no_slow_start(coupling.kind, root, &log);
+    quick_enough(&nodes, &time, root, &log);
+    let links = bus::of_graph(&links, &graph, &bus, &time, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());
     network::room(&graph, components, &network, &log);
     log.checkpoint()?;
@@ -213,6 +209,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         nodes,
         unit,
         bus,
+        links,
         events,
         safety,
         expect,
@@ -221,6 +218,23 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     };
     initial::check(&scenario, &places)?;
     Ok(scenario)
+}
+
+/// A node has computed before its next tick is due.
+fn quick_enough(nodes: &[NodeSpec], time: &TimeSpec, root: &Item, log: &Log) {
+    let step_ns = time.tick_ns / u64::from(time.round);
+    if nodes.iter().all(|node| node.compute_ns < step_ns) {
+        return;
+    }
+    let of_nodes = match root.get("node").map(|item| &item.value) {
+        Some(tree::Value::Array(items)) => items.as_slice(),
+        _ => &[],
+    };
+    let written = root.get("agent").into_iter().chain(of_nodes).filter_map(|item| item.get("compute"));
+    for item in written.filter(|item| reader::duration_ns(item, true).is_ok_and(|ns| ns >= step_ns)) {
+        let allowed = format!("must be shorter than the tick, {}", format_duration(step_ns));
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
 }
 
 fn default_title(path: &Path) -> String {
@@ -329,84 +343,6 @@ fn no_slow_start(coupling: Coupling<f64>, root: &Item, log: &Log) {
         let allowed = format!("is not for {} coupling; leave it out", coupling.kind());
         log.report(item.diagnostic(Problem::Value, allowed));
     }
-}
-
-/// Frames carry eight bits of their tick: one that is late by nearly 256 ticks would pass for a new one.
-fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
-    let most = time.tick_ns.saturating_mul(256 - u64::from(WINDOW_BACK + WINDOW_AHEAD));
-    let section = root.get("bus");
-    let key = section.and_then(|section| section.get("latency").or_else(|| section.get("jitter")));
-    if let Some(key) = key.filter(|_| bus.latency_ns.saturating_add(bus.jitter_ns) > most) {
-        let (most, tick) = (format_duration(most), format_duration(time.tick_ns));
-        let allowed = format!(
-            "latency and jitter must not exceed {most} with a tick of {tick}: later frames would pass for new ones"
-        );
-        log.report(key.diagnostic(Problem::Value, allowed));
-    }
-}
-
-/// The bits of the bus have whole nanoseconds, and so have their sample points.
-fn whole_bits(bus: &BusSpec, root: &Item, log: &Log) {
-    let fits = |rate: &u32| BitRate::new(*rate, SAMPLE_PER_MILLE).is_ok();
-    let key = root.get("bus").and_then(|section| section.get("bitrate"));
-    if let Some(key) = key.filter(|_| bus.model == BusModel::Can && bus.bitrate > 0 && !fits(&bus.bitrate)) {
-        let near = (1..DEFAULT_BITRATE).flat_map(|by| [bus.bitrate.saturating_sub(by), bus.bitrate + by]);
-        let nearest = near.into_iter().find(fits).unwrap_or(DEFAULT_BITRATE);
-        let allowed = format!(
-            "a bit and its first 87.5 % must have whole nanoseconds; the nearest rate that does is {nearest}"
-        );
-        log.report(key.diagnostic(Problem::Value, allowed));
-    }
-}
-
-/// Weakly-centralised coupling is simulated without a bus and without nodes, so that nothing of them can be asked for.
-fn no_bus(coupling: Coupling<f64>, root: &Item, log: &Log) {
-    let section = root.get("bus").filter(|_| coupling == Coupling::WeaklyCentralised);
-    for key in ["loss", "latency", "jitter", "bitrate", "bit_errors"] {
-        if let Some(item) = section.and_then(|section| section.get(key)) {
-            let allowed =
-                "must not be there with weakly-centralised coupling, which is simulated without a bus";
-            log.report(item.diagnostic(Problem::Value, allowed));
-        }
-    }
-    let bound = root.get("coupling").filter(|_| coupling == Coupling::WeaklyCentralised);
-    if let Some(item) = bound.and_then(|section| section.get("u_max")) {
-        let allowed = "must not be there with weakly-centralised coupling, which no node runs";
-        log.report(item.diagnostic(Problem::Value, allowed));
-    }
-}
-
-fn read_bus(file: &mut Section<'_>) -> BusSpec {
-    let mut bus = BusSpec {
-        model: BusModel::Ideal,
-        loss: 0.0,
-        latency_ns: 0,
-        jitter_ns: 0,
-        bitrate: DEFAULT_BITRATE,
-        bit_errors: 0,
-    };
-    let models = [
-        ready("ideal", BusModel::Ideal),
-        ready("can", BusModel::Can),
-        later("can-fd", BusModel::CanFd),
-        later("uart", BusModel::Uart),
-    ];
-    let Some(mut section) = file.section("bus") else { return bus };
-    let Some(model) = section.choice("model", &models, Some(BusModel::Ideal)) else { return bus };
-    bus.model = model;
-    if model == BusModel::Can {
-        let limits = (10_000, DEFAULT_BITRATE.into());
-        bus.bitrate = section.integer("bitrate", Some(limits.1), limits, "bit/s") as u32;
-        let share =
-            section.number("bit_errors", Some(0.0), Range::between(0.0, MOST_BIT_ERRORS, "of the bits"));
-        bus.bit_errors = (share * 1e9).round() as u32;
-    } else {
-        bus.loss = section.number("loss", Some(0.0), Range::probability());
-        bus.latency_ns = section.duration("latency", Some(0));
-        bus.jitter_ns = section.duration("jitter", Some(0));
-    }
-    section.finish();
-    bus
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use funnelnet_law::start::{PARTS, SlowStart};
 use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 use std::path::PathBuf;
 
+use super::bus::{BusSpec, LinkSpec};
 use super::dynamics::Dynamics;
 use super::event::{Course, EventSpec};
 use super::graph::Graph;
@@ -36,6 +37,8 @@ pub struct Scenario {
     pub unit: Option<String>,
     /// The bus between the nodes.
     pub bus: BusSpec,
+    /// What lies between it and single receivers.
+    pub links: Vec<LinkSpec>,
     /// What happens to nodes and links, in the order of time.
     pub events: Vec<EventSpec>,
     /// What stops a node, beside its own state and funnel.
@@ -228,6 +231,8 @@ pub struct NodeSpec {
     pub damping: f64,
     /// Standard deviation of what is added to each state as it is sent (state units).
     pub noise: f64,
+    /// Time from its tick to its frames, ns.
+    pub compute_ns: u64,
 }
 
 /// Limits of an input (state units / s).
@@ -237,36 +242,6 @@ pub struct InputLimits {
     pub low: f64,
     /// Zero or more.
     pub high: f64,
-}
-
-/// What carries the states.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BusModel {
-    /// No arbitration and no capacity; loss, latency and jitter only.
-    Ideal,
-    /// Classic CAN.
-    Can,
-    /// CAN FD.
-    CanFd,
-    /// Point-to-point serial links.
-    Uart,
-}
-
-/// The bus.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BusSpec {
-    /// Its kind.
-    pub model: BusModel,
-    /// Probability from 0 to 1 that a receiver misses a frame, independent for every receiver.
-    pub loss: f64,
-    /// Delay of every frame in nanoseconds.
-    pub latency_ns: u64,
-    /// Width of the additional random delay in nanoseconds.
-    pub jitter_ns: u64,
-    /// Bit rate of CAN, bit/s.
-    pub bitrate: u32,
-    /// Disturbed bits among a billion, on CAN.
-    pub bit_errors: u32,
 }
 
 /// Limits that the run must stay below; `None` is not checked.

@@ -74,6 +74,7 @@ fn defaults_and_overrides_are_resolved() {
             funnel: Funnel { factor: 1.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
             damping: 2.2,
             noise: 0.0,
+            compute_ns: 0,
         }
     );
     assert_eq!(
@@ -87,19 +88,12 @@ fn defaults_and_overrides_are_resolved() {
             funnel: Funnel { factor: 3.0, shape: Shape::Exponential { start: 40.0, end: 2.0, rate: 1.0 } },
             damping: 2.2,
             noise: 0.0,
+            compute_ns: 0,
         }
     );
     assert_eq!(initial_ratios(&scenario), [0.1, 8.0 / 120.0, 0.1]);
     assert_eq!(scenario.expect, Expect { funnel_ratio: Some(1.0), ..Expect::default() });
-    let ideal = BusSpec {
-        model: BusModel::Ideal,
-        loss: 0.0,
-        latency_ns: 0,
-        jitter_ns: 0,
-        bitrate: 1_000_000,
-        bit_errors: 0,
-    };
-    assert_eq!(scenario.bus, ideal);
+    assert_eq!((scenario.bus, scenario.links), (BusSpec::default(), Vec::new()));
 }
 
 #[test]
@@ -179,12 +173,15 @@ fn times_need_units_and_whole_ticks() {
 }
 
 #[test]
-fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
+fn a_can_bus_has_bit_rates_and_bit_errors_and_no_latency() {
     let bus = |keys: &str| format!("[bus]\nmodel = \"can\"\n{keys}\n[expect]");
     let read = |keys: &str| read(&FILE.replacen("[expect]", &bus(keys), 1), &[]).unwrap().bus;
     let (default, set) = (read(""), read("bitrate = 500_000\nbit_errors = 1e-4"));
     assert_eq!((default.model, default.bitrate, default.bit_errors), (BusModel::Can, 1_000_000, 0));
-    assert_eq!((set.bitrate, set.bit_errors), (500_000, 100_000));
+    assert_eq!((set.bitrate, set.bit_errors, set.loss), (500_000, 100_000, Loss::NONE));
+    let lossy =
+        self::read(&FILE.replacen("[expect]", &bus("loss = 0.1\nsample_point = 0.8"), 1), &[]).unwrap().bus;
+    assert_eq!((lossy.loss, lossy.sample_per_mille), (Loss::independent(0.1), 800));
     for (keys, message) in [
         (
             "bitrate = 333333",
@@ -192,7 +189,16 @@ fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
         ),
         ("bitrate = 2000000", "bus.bitrate = 2000000: must be an integer from 10000 to 1000000 (bit/s)"),
         ("bit_errors = 0.2", "bus.bit_errors = 0.2: must be"),
-        ("loss = 0.1", "unknown key 'loss' in [bus] of model 'can'; known: model, bitrate, bit_errors"),
+        (
+            "latency = \"1ms\"",
+            "unknown key 'latency' in [bus] of model 'can'; known: model, bitrate, sample_point, bit_errors, loss",
+        ),
+        (
+            "sample_point = 0.8755",
+            "bus.sample_point = 0.8755: must be a whole number of thousandths of a bit",
+        ),
+        ("sample_point = 1", "bus.sample_point = 1: must be from 0.001 to 0.999 (of a bit)"),
+        ("data_bitrate = 2000000", "unknown key 'data_bitrate'"),
     ] {
         let message_found = errors("[expect]", &bus(keys));
         assert!(message_found.contains(message), "{message_found}");
@@ -200,10 +206,109 @@ fn a_can_bus_has_a_bit_rate_and_bit_errors_and_no_loss() {
 }
 
 #[test]
+fn can_fd_has_a_second_rate_that_is_no_slower() {
+    let bus = |keys: &str| format!("[bus]\nmodel = \"can-fd\"\n{keys}\n[expect]");
+    let read = |keys: &str| read(&FILE.replacen("[expect]", &bus(keys), 1), &[]).unwrap().bus;
+    let (default, set) =
+        (read(""), read("bitrate = 500_000\ndata_bitrate = 5_000_000\ndata_sample_point = 0.8"));
+    assert_eq!(
+        (default.model, default.bitrate, default.data_bitrate),
+        (BusModel::CanFd, 1_000_000, 2_000_000)
+    );
+    assert_eq!((set.data_bitrate, set.data_sample_per_mille), (5_000_000, 800));
+    assert!(default.timing().is_some() && set.timing().is_some());
+    for (keys, message) in [
+        (
+            "data_bitrate = 3000000",
+            "bus.data_bitrate = 3000000: a bit and its first 75 % must have whole nanoseconds; the nearest",
+        ),
+        (
+            "data_bitrate = 9000000",
+            "bus.data_bitrate = 9000000: must be an integer from 10000 to 8000000 (bit/s)",
+        ),
+        (
+            "data_bitrate = 500000",
+            "bus.data_bitrate = 500000: the data of CAN FD must not be slower than its arbitration: 500000 and 1000000 bit/s",
+        ),
+        (
+            "data_bitrate = 5000000\ndata_sample_point = 0.751",
+            "bus.data_bitrate = 5000000: a bit and its first 75.1 %",
+        ),
+    ] {
+        let message_found = errors("[expect]", &bus(keys));
+        assert!(message_found.contains(message), "{message_found}");
+    }
+}
+
+#[test]
+fn losses_may_come_in_bursts() {
+    let bus = |loss: &str| format!("[bus]\nloss = {loss}\n[expect]");
+    let read = |loss: &str| read(&FILE.replacen("[expect]", &bus(loss), 1), &[]).unwrap().bus.loss;
+    assert_eq!(
+        read("{ to_bad = 0.01, to_good = 0.1 }"),
+        Loss { good: 0.0, bad: 1.0, to_bad: 0.01, to_good: 0.1 }
+    );
+    for (loss, message) in [
+        ("{ to_bad = 0.01 }", "bus.loss.to_good: missing"),
+        ("{ to_bad = 0.01, to_good = 0 }", "bus.loss.to_good = 0: must be > 0 and <= 1 (probability)"),
+        (
+            "{ to_bad = 0.01, to_good = 0.1, bad = 1.5 }",
+            "bus.loss.bad = 1.5: must be from 0 to 1 (probability)",
+        ),
+        ("{ to_bad = 0.01, to_good = 0.1, good_ = 0 }", "unknown key 'good_'"),
+        ("\"much\"", "must be from 0 to 1 (probability), or { good, bad, to_bad, to_good }, not a string"),
+        ("1.01", "bus.loss = 1.01: must be from 0 to 1 (probability)"),
+    ] {
+        let message_found = errors("[expect]", &bus(loss));
+        assert!(message_found.contains(message), "{message_found}");
+    }
+}
+
+#[test]
+fn links_are_edges_with_one_direction_or_both() {
+    let read = |links: &str| read(&format!("{FILE}\n{links}"), &[]).unwrap().links;
+    let both = read("[[link]]\nbetween = [1, 2]\nloss = 0.5\nlatency = \"3ms\"");
+    let settings =
+        LinkSettings { loss: Loss::independent(0.5), latency_ns: 3_000_000, ..LinkSettings::default() };
+    assert_eq!(both, [(0, 1), (1, 0)].map(|(from, to)| LinkSpec { from, to, settings }));
+    let one =
+        read("[[link]]\nfrom = 2\nto = 1\nduplicate = 0.1\nreorder = 0.2\ncorrupt = 0.3\njitter = \"1ms\"");
+    let settings = LinkSettings {
+        duplicate: 0.1,
+        reorder: 0.2,
+        corrupt: 0.3,
+        jitter_ns: 1_000_000,
+        ..LinkSettings::default()
+    };
+    assert_eq!(one, [LinkSpec { from: 1, to: 0, settings }]);
+    for (links, message) in [
+        ("between = [1, 9]\nloss = 0.5", "link[0].between[1] = 9: must be an integer from 1 to"),
+        ("between = [1, 1]\nloss = 0.5", "must be an edge of the graph; node 1 has edges to"),
+        ("between = [1]\nloss = 0.5", "must be the ids of two neighbours, as [1, 2]"),
+        ("from = 1\nloss = 0.5", "link[0].to: missing"),
+        ("loss = 0.5", "link[0].between: missing"),
+        ("between = [1, 2]\nto = 2\nloss = 0.5", "must not be there beside between"),
+        ("between = [1, 2]", "must do something: loss, latency, jitter, reorder, duplicate or corrupt"),
+        ("between = [1, 2]\nloss = 2", "link[0].loss = 2: must be from 0 to 1 (probability)"),
+        ("between = [1, 2]\nreorder = -1", "link[0].reorder = -1: must be from 0 to 1 (probability)"),
+        ("between = [1, 2]\nlatency = \"10s\"", "latency and jitter must not exceed"),
+        ("between = [1, 2]\nlos = 0.5", "did you mean 'loss'"),
+        (
+            "between = [1, 2]\nloss = 0.5\n[[link]]\nfrom = 2\nto = 1\nloss = 0.1",
+            "must be the only one with this direction: an earlier [[link]] is from 2 to 1",
+        ),
+    ] {
+        let text = format!("{FILE}\n[[link]]\n{links}");
+        let found = super::Scenario::parse(&text, Path::new("dir/a.toml"), &[]).unwrap_err().to_string();
+        assert!(found.contains(message), "{found}");
+    }
+}
+
+#[test]
 fn what_comes_later_is_told_apart_from_what_is_unknown() {
     let later = "known, but not supported by this version yet";
     for (from, to, place) in
-        [("[expect]", "[bus]\nmodel = \"can-fd\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"can-fd\"")]
+        [("[expect]", "[bus]\nmodel = \"uart\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"uart\"")]
     {
         let message = errors(from, to);
         assert!(message.contains(later), "{message}");
@@ -563,7 +668,7 @@ fn overrides_from_the_command_line_apply_and_are_blamed() {
     );
     assert!(scenario.nodes.iter().all(|node| node.dynamics.sines().is_empty()));
     assert_eq!(scenario.graph.degrees()[0], 2.0);
-    assert_eq!(scenario.bus.loss, 0.25);
+    assert_eq!(scenario.bus.loss, Loss::independent(0.25));
     assert_eq!(scenario.title, "Two words");
     assert_eq!(
         set_error("coupling.funnel.rate=-1"),

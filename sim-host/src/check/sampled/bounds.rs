@@ -2,7 +2,7 @@
 
 use super::{Followed, WORK, follow_for};
 use crate::extremes::smaller;
-use crate::scenario::{BusModel, Coupling, Scenario};
+use crate::scenario::{BusModel, Coupling, Loss, Scenario};
 use funnelnet_node::params;
 
 /// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back from far away.
@@ -33,7 +33,8 @@ impl Bounds {
     /// must never clip what the law does undisturbed.
     pub fn of(scenario: &Scenario) -> Self {
         let is_ideal = scenario.bus.model == BusModel::Ideal;
-        if is_ideal && scenario.bus.loss == 0.0 && scenario.events.is_empty() {
+        let is_calm = scenario.bus.loss.is_none() && scenario.links.is_empty() && scenario.events.is_empty();
+        if is_ideal && is_calm {
             return Self { input: scenario.u_max, ..Self::NONE };
         }
         Self::of_disturbed(scenario)
@@ -66,7 +67,7 @@ pub(in crate::check) fn undisturbed(scenario: &Scenario) -> Option<Followed> {
         return None;
     }
     let mut calm = scenario.clone();
-    (calm.bus.loss, calm.u_max, calm.events) = (0.0, None, Vec::new());
+    (calm.bus.loss, calm.u_max, calm.events, calm.links) = (Loss::NONE, None, Vec::new(), Vec::new());
     let followed = follow_for(&calm, &scenario.graph.degrees(), Bounds::NONE, WORK)?;
     (followed.whole && followed.lost.is_none()).then_some(followed)
 }

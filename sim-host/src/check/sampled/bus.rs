@@ -2,6 +2,7 @@
 
 use super::Bounds;
 use super::member::Member;
+use crate::bus::loss::Loser;
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::Scenario;
@@ -63,7 +64,7 @@ pub(super) struct Bus<'s> {
     frames: Vec<Frame>,
     noise: Noise,
     jitter: Vec<Pcg64>,
-    loss: Vec<Pcg64>,
+    loss: Vec<Loser>,
 }
 
 impl<'s> Bus<'s> {
@@ -72,15 +73,13 @@ impl<'s> Bus<'s> {
         let bus = &scenario.bus;
         let in_time = bus.latency_ns.saturating_add(bus.jitter_ns) <= scenario.time.tick_ns
             && bus.latency_ns < scenario.time.tick_ns;
-        in_time && bus.loss == 0.0 && scenario.nodes.iter().all(|node| node.noise == 0.0)
+        in_time && bus.loss.is_none() && scenario.nodes.iter().all(|node| node.noise == 0.0)
     }
 
     pub fn new(scenario: &'s Scenario, bounds: Bounds) -> Self {
-        let streams = |purpose| {
-            (0..scenario.nodes.len() as u64)
-                .map(|node| random::stream(scenario.seed, purpose, node))
-                .collect()
-        };
+        let stream = |purpose, node| random::stream(scenario.seed, purpose, node);
+        let nodes = 0..scenario.nodes.len() as u64;
+        let loser = |node| Loser::new(scenario.bus.loss, stream(Purpose::Loss, node));
         let mut bus = Self {
             scenario,
             extrapolate: bounds.extrapolate.into(),
@@ -89,8 +88,8 @@ impl<'s> Bus<'s> {
             listeners: vec![Vec::new(); scenario.nodes.len()],
             frames: Vec::new(),
             noise: Noise::of(scenario),
-            jitter: streams(Purpose::Jitter),
-            loss: streams(Purpose::Loss),
+            jitter: nodes.clone().map(|node| stream(Purpose::Jitter, node)).collect(),
+            loss: nodes.map(loser).collect(),
         };
         if !Self::is_perfect(scenario) {
             for edge in &scenario.graph.edges {
@@ -183,7 +182,7 @@ impl<'s> Bus<'s> {
     fn hear(&mut self, frame: &Frame) {
         for &end in &self.listeners[frame.from] {
             let end = &mut self.ends[end];
-            if !random::happens(&mut self.loss[end.at], self.scenario.bus.loss) {
+            if !self.loss[end.at].loses() {
                 end.ears[frame.component].hear(frame.tick, frame.value);
             }
         }
