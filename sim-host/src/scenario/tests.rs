@@ -251,7 +251,8 @@ fn serial_lines_have_a_rate_a_wiring_and_room() {
         let message_found = errors("[expect]", &bus(keys));
         assert!(message_found.contains(message), "{message_found}");
     }
-    let crowded = error(&["graph={kind='star',nodes=9}", "bus={model='uart'}"]);
+    let crowded =
+        self::read(FILE, &["graph={kind='star',nodes=9}", "bus={model='uart'}"]).unwrap_err().to_string();
     assert!(
         crowded.contains("node 1 has 8 neighbours, and a node has 7 lines to neighbours at most"),
         "{crowded}"
