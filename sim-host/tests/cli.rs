@@ -248,8 +248,8 @@ fn networks_that_cannot_be_are_refused() {
 #[test]
 fn what_this_version_cannot_run_says_so() {
     refused_set(
-        "bus.model=uart",
-        "bus.model = uart: known, but not supported by this version yet; this version runs ideal, can, can-fd",
+        "event=[{at='1s',kind='babble',node=1}]",
+        "event[0].kind = 'babble': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair",
     );
 }
 

@@ -241,6 +241,39 @@ fn can_fd_has_a_second_rate_that_is_no_slower() {
 }
 
 #[test]
+fn serial_lines_have_a_rate_a_wiring_and_room() {
+    let bus = |keys: &str| format!("[bus]\nmodel = \"uart\"\n{keys}\n[expect]");
+    let read = |keys: &str| read(&FILE.replacen("[expect]", &bus(keys), 1), &[]).unwrap().bus;
+    let (default, set) = (read(""), read("bitrate = 115_200\nwiring = \"hub\"\nreceive_buffer = 16"));
+    assert_eq!((default.model, default.wiring, default.receive_buffer), (BusModel::Uart, Wiring::Lines, 512));
+    assert_eq!((set.bitrate, set.wiring, set.receive_buffer), (115_200, Wiring::Hub, 16));
+    for (keys, message) in [
+        ("bitrate = 300", "bus.bitrate = 300: must be an integer from 1200 to 10000000 (bit/s)"),
+        ("receive_buffer = 0", "bus.receive_buffer = 0: must be an integer from 1 to 65536 (bytes)"),
+        ("wiring = \"star\"", "bus.wiring = \"star\": must be one of lines, hub"),
+        ("jitter = \"1ms\"", "unknown key 'jitter' in [bus]"),
+    ] {
+        let message_found = errors("[expect]", &bus(keys));
+        assert!(message_found.contains(message), "{message_found}");
+    }
+    let crowded =
+        self::read(FILE, &["graph={kind='star',nodes=9}", "bus={model='uart'}"]).unwrap_err().to_string();
+    assert!(
+        crowded.contains("node 1 has 8 neighbours, and a node has 7 lines to neighbours at most"),
+        "{crowded}"
+    );
+}
+
+#[test]
+fn a_node_computes_for_less_than_its_tick() {
+    let compute = |set: &str| read(FILE, &["agent.compute='40us'", set]).map(|scenario| scenario.nodes);
+    let nodes = compute("node.2.compute='100us'").unwrap();
+    assert_eq!([nodes[0].compute_ns, nodes[1].compute_ns], [40_000, 100_000]);
+    let late = compute("node.2.compute='1ms'").unwrap_err().to_string();
+    assert!(late.contains("compute = '1ms': must be shorter than the tick, 1ms"), "{late}");
+}
+
+#[test]
 fn losses_may_come_in_bursts() {
     let bus = |loss: &str| format!("[bus]\nloss = {loss}\n[expect]");
     let read = |loss: &str| read(&FILE.replacen("[expect]", &bus(loss), 1), &[]).unwrap().bus.loss;
@@ -249,7 +282,7 @@ fn losses_may_come_in_bursts() {
         Loss { good: 0.0, bad: 1.0, to_bad: 0.01, to_good: 0.1 }
     );
     for (loss, message) in [
-        ("{ to_bad = 0.01 }", "bus.loss.to_good: missing"),
+        ("{ to_bad = 0.01 }", "missing key 'to_good' in [bus.loss]"),
         ("{ to_bad = 0.01, to_good = 0 }", "bus.loss.to_good = 0: must be > 0 and <= 1 (probability)"),
         (
             "{ to_bad = 0.01, to_good = 0.1, bad = 1.5 }",
@@ -285,8 +318,8 @@ fn links_are_edges_with_one_direction_or_both() {
         ("between = [1, 9]\nloss = 0.5", "link[0].between[1] = 9: must be an integer from 1 to"),
         ("between = [1, 1]\nloss = 0.5", "must be an edge of the graph; node 1 has edges to"),
         ("between = [1]\nloss = 0.5", "must be the ids of two neighbours, as [1, 2]"),
-        ("from = 1\nloss = 0.5", "link[0].to: missing"),
-        ("loss = 0.5", "link[0].between: missing"),
+        ("from = 1\nloss = 0.5", "missing key 'to' in [link[0]]"),
+        ("loss = 0.5", "missing key 'between' in [link[0]]"),
         ("between = [1, 2]\nto = 2\nloss = 0.5", "must not be there beside between"),
         ("between = [1, 2]", "must do something: loss, latency, jitter, reorder, duplicate or corrupt"),
         ("between = [1, 2]\nloss = 2", "link[0].loss = 2: must be from 0 to 1 (probability)"),
@@ -307,9 +340,11 @@ fn links_are_edges_with_one_direction_or_both() {
 #[test]
 fn what_comes_later_is_told_apart_from_what_is_unknown() {
     let later = "known, but not supported by this version yet";
-    for (from, to, place) in
-        [("[expect]", "[bus]\nmodel = \"uart\"\nbitrate = 1\n[expect]", "29:9: bus.model = \"uart\"")]
-    {
+    for (from, to, place) in [(
+        "[expect]",
+        "[[event]]\nat = \"1s\"\nkind = \"babble\"\nnode = 1\n[expect]",
+        "30:8: event[0].kind = \"babble\"",
+    )] {
         let message = errors(from, to);
         assert!(message.contains(later), "{message}");
         assert!(message.starts_with(&format!("dir/a.toml:{place}")), "{message}");
