@@ -27,7 +27,8 @@ use crate::scenario::{Override, Scenario, format_duration};
 
 pub use arguments::Cli;
 use arguments::{
-    BenchArgs, CheckArgs, Command, DiffArgs, NodeArgs, OutputArgs, ReplayArgs, RunArgs, Settings, Source,
+    BenchArgs, CheckArgs, Command, DEFAULT_IMAGE, DiffArgs, NodeArgs, OutputArgs, ReplayArgs, RunArgs,
+    Settings, Source,
 };
 use words::{command, repeat};
 
@@ -234,6 +235,12 @@ fn options(
     every_ticks: Option<u64>,
     repeat: String,
 ) -> Result<RunOptions, Failure> {
+    if let (Some(image), Fidelity::Loopback | Fidelity::Reference) = (&args.image, on) {
+        let image = image.display();
+        return Err(Failure::bad_input(format!(
+            "--image {image}: --on {on} emulates no node; use --on emulator"
+        )));
+    }
     Ok(RunOptions {
         on,
         out: args.out.clone(),
@@ -246,7 +253,7 @@ fn options(
             (_, true) => Verbosity::Verbose,
             _ => Verbosity::Normal,
         },
-        image: args.image.clone(),
+        image: args.image.clone().unwrap_or_else(|| DEFAULT_IMAGE.into()),
         bench,
         interrupt: Interrupt::on_signals()?,
         repeat,
@@ -282,13 +289,23 @@ fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
             .map_err(|error| Failure { message: error.to_string(), exit: Exit::Defect })?;
         print(&text)?;
     } else {
-        print(&printable_lines(&report.to_string()))?;
+        let text = match columns() {
+            Some(width) => format!("{report:width$}"),
+            None => report.to_string(),
+        };
+        print(&printable_lines(&text))?;
     }
     Ok(match (report.pass, args.strict && report.count(check::Status::Warn) > 0) {
         (false, _) => Exit::BadInput,
         (true, true) => Exit::ExpectationFailed,
         (true, false) => Exit::Success,
     })
+}
+
+/// Characters of a line of the terminal, where standard output is one.
+fn columns() -> Option<usize> {
+    let (terminal_size::Width(width), _) = terminal_size::terminal_size_of(io::stdout())?;
+    Some(width.into())
 }
 
 fn diff_command(args: &DiffArgs) -> Result<Exit, Failure> {

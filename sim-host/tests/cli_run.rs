@@ -141,7 +141,7 @@ fn the_summary_has_the_keys_of_the_contract() {
         "bus checks command counters emergent ended_early expect funnel max_input nodes on overruns passed reference scenario seed stopped \
          sync tick_s ticks trace_hash version wall_s"
     );
-    assert_eq!(keys(&summary["funnel"]), "believed breaches max_ratio reopened_ratio unknown");
+    assert_eq!(keys(&summary["funnel"]), "believed breaches max_ratio reopened_ratio uncoupled unknown");
     assert_eq!(keys(&summary["funnel"]["believed"]), "breaches max_ratio");
     assert_eq!(keys(&summary["sync"]), "bound final_spread lambda2 max_spread");
     assert_eq!(

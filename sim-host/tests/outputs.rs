@@ -533,3 +533,11 @@ fn a_read_only_folder_is_code_2_by_name() {
     ended.refused(&["cannot write out: Read-only file system"]);
     red(&place.read("j.xml"));
 }
+
+#[test]
+fn an_image_where_nothing_is_emulated_is_refused() {
+    let place = Place::new();
+    for on in ["loopback", "reference"] {
+        place.five(&["--on", on, "--image", "node.elf"]).refused(&["--image node.elf", "emulates no node"]);
+    }
+}

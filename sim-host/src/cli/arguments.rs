@@ -20,7 +20,7 @@ Exit codes: 0 all expectations hold, 1 one failed, 2 bad usage or configuration,
 130 stopped by SIGINT (Ctrl-C) or SIGTERM. The worst wins: 4, 2, 3, 129 or 130, 1.";
 
 /// Where `./ci.sh firmware` leaves the image, seen from the root of the repository.
-const DEFAULT_IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_an386";
+pub(super) const DEFAULT_IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/mps2_an386";
 
 const RUN_HELP: &str = "\
 Examples:
@@ -227,9 +227,9 @@ pub(super) struct OutputArgs {
     /// Write can.pcapng into the folder, too: the same for Wireshark, with nanoseconds
     #[arg(long, requires = "out")]
     pub(super) pcapng: bool,
-    /// Firmware image (ELF) for emulated nodes
-    #[arg(long, value_name = "FILE", default_value = DEFAULT_IMAGE)]
-    pub(super) image: PathBuf,
+    /// Firmware image (ELF) for emulated nodes [default: firmware/target/thumbv7em-none-eabihf/release/mps2_an386]
+    #[arg(long, value_name = "FILE")]
+    pub(super) image: Option<PathBuf>,
     /// Say nothing but errors
     #[arg(short, long, conflicts_with = "verbose")]
     pub(super) quiet: bool,

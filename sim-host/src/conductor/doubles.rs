@@ -1,7 +1,8 @@
 //! Frames that a line has doubled: an adapter that sends a buffer again, for example. The first one has been taken, so nothing is lost with
 //! the second one, and it is no fault of the node.
 //!
-//! States and telemetry name their tick, so that a node never says the same one twice; a weight may be announced again, but not at once.
+//! States and telemetry name their tick, so that a node never says the same one twice. A weight may be announced again, and who goes on
+//! announcing one babbles.
 
 use super::Received;
 use funnelnet_protocol::message::Message;
@@ -9,7 +10,7 @@ use funnelnet_protocol::report::Telemetry;
 use funnelnet_protocol::service::Reply;
 use std::collections::VecDeque;
 
-/// Frames back that a double is looked for: what a node of eight components says of two ticks.
+/// States and telemetry back that a double is looked for: what a node of eight components says of two ticks.
 const BACK: usize = 32;
 
 /// What a frame says, bit by bit: telemetry may have a value that equals nothing.
@@ -18,18 +19,15 @@ type Said = (&'static str, [u32; 5]);
 /// The last frames of a line.
 #[derive(Debug, Default)]
 pub(super) struct Doubles {
-    last: VecDeque<Option<Said>>,
+    last: VecDeque<Said>,
 }
 
 impl Doubles {
     /// Takes a frame; what it is, where the line has said it before.
     pub(super) fn of(&mut self, received: &Received) -> Option<&'static str> {
-        let said = said(received);
-        if let Some((what, _)) = said {
-            let back = if what == EDGE { 1 } else { BACK };
-            if self.last.iter().rev().take(back).any(|before| *before == said) {
-                return Some(what);
-            }
+        let said = said(received)?;
+        if self.last.contains(&said) {
+            return Some(said.0);
         }
         if self.last.len() == BACK {
             self.last.pop_front();
@@ -39,17 +37,12 @@ impl Doubles {
     }
 }
 
-const EDGE: &str = "an edge";
-
 /// What may not come again. Faults are told by two ways, and answers are asked for again.
 fn said(received: &Received) -> Option<Said> {
     match received {
         Received::Message(Message::State { source, component, tick, x }) => {
             let which = [u32::from(source.get()), u32::from(component.get()), tick.value(), x.to_bits(), 0];
             Some(("a state", which))
-        }
-        Received::Message(Message::Edge { source, neighbour, weight }) => {
-            Some((EDGE, [u32::from(source.get()), u32::from(neighbour.get()), weight.to_bits(), 0, 0]))
         }
         Received::Reply(Reply::Telemetry(Telemetry { tick, component, nu, psi, u })) => {
             let values = [nu, psi, u].map(|value| value.to_bits());
@@ -94,7 +87,6 @@ mod tests {
         let block = || [state(5, 1.0), telemetry(4, 0), telemetry(4, 1)];
         let twice: Vec<_> = block().into_iter().chain(block()).collect();
         assert_eq!(found(&twice), [None, None, None, a_state, told, told]);
-        assert_eq!(found(&[edge(1.0), edge(1.0), edge(1.0)]), [None, Some(EDGE), Some(EDGE)]);
     }
 
     #[test]
@@ -102,6 +94,6 @@ mod tests {
         // At rest, at tick after tick; two states of one tick, which is the node's own fault; a weight that is announced anew.
         assert_eq!(found(&[state(5, 0.0), telemetry(4, 0), state(6, 0.0), telemetry(5, 0)]), [None; 4]);
         assert_eq!(found(&[state(5, 1.0), state(5, 2.0)]), [None; 2]);
-        assert_eq!(found(&[edge(1.0), state(5, 1.0), edge(1.0), edge(2.0)]), [None; 4]);
+        assert_eq!(found(&[edge(1.0), edge(1.0), state(5, 1.0), edge(1.0)]), [None; 4]);
     }
 }

@@ -408,7 +408,7 @@ pub(super) mod tests {
     fn the_json_is_the_one_of_the_contract() {
         let expected = r#"{"scenario":"Five <heterogeneous> agents","seed":1,"on":"loopback","nodes":5,
             "ticks":20000,"tick_s":0.001,"trace_hash":"00000000deadbeef",
-            "funnel":{"max_ratio":0.955,"breaches":0,"unknown":0,"reopened_ratio":null,"believed":null},
+            "funnel":{"max_ratio":0.955,"breaches":0,"unknown":0,"uncoupled":0,"reopened_ratio":null,"believed":null},
             "sync":{"final_spread":0.5,"max_spread":9.0,"bound":1.5,"lambda2":1.382},
             "emergent":{"final_error":0.25,"xi_final":-3.0,"blended_error":4.5,"blended_final":1.5,
             "contraction":{"slowest":-0.75,"mean":-1.0},

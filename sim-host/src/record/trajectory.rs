@@ -169,6 +169,7 @@ mod tests {
             asked_psi: vec![4.0, 40.0],
             xi: xi.to_vec(),
             blended: blended.to_vec(),
+            lost: 0,
         }
     }
 

@@ -441,8 +441,12 @@ fn inputs_end_where_a_node_stops_or_is_away() {
     let inputs = inputs_svg(&trace).unwrap();
     assert!(inputs.contains("node 1 stopped") && inputs.contains("node 2 away"));
     assert_eq!(drawn(&inputs, style::colour(0), 2).iter().filter(|&&points| points == 51).count(), 2);
-    // A cross in both components, and the legend.
-    assert_eq!(drawn(&inputs, style::colour(0), 2).iter().filter(|&&points| points == 2).count(), 5);
+    // A cross of two strokes in each component.
+    let RGBColor(r, g, b) = style::colour(0);
+    let stroke = format!("stroke=\"#{r:02X}{g:02X}{b:02X}\"");
+    let strokes = inputs.lines().filter(|line| line.starts_with("<line ") && line.contains(&stroke));
+    let width = format!("stroke-width=\"{}\"", style::px(2));
+    assert_eq!(strokes.filter(|line| line.contains(&width)).count(), 4);
     assert_eq!(
         drawn(&inputs, style::colour(1), 2).iter().filter(|&&points| [20, 60].contains(&points)).count(),
         4
