@@ -90,6 +90,7 @@ fn candidates(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     list.extend(in_rounds(scenario));
     list.extend(shorter(scenario));
     list.extend(wider(scenario));
+    list.extend(together(scenario));
     list
 }
 
@@ -154,6 +155,42 @@ fn wider(scenario: &Scenario) -> Vec<Vec<Setting>> {
     let alike = scenario.nodes.iter().all(|node| node.funnel.factor.total_cmp(&factor).is_eq());
     let times = WIDER.into_iter().filter(|_| alike);
     times.map(|times| vec![Setting::new("coupling.funnel.factor", figure(factor * times))]).collect()
+}
+
+/// Several of these at once, where inputs are so large that a node settles at the very edge: with a gain that is less steep there.
+fn together(scenario: &Scenario) -> Vec<Vec<Setting>> {
+    let scale = scenario.nodes.first().and_then(|node| {
+        let (parameter, value) = node.gain.parameters().next()?;
+        (parameter.name == "scale").then_some(value)
+    });
+    let alike = scenario.nodes.windows(2).all(|pair| pair[0].gain == pair[1].gain);
+    let less_steep = |times: f64| {
+        let value = scale.filter(|_| alike)?;
+        Some(Setting::new("coupling.gain.scale", figure(value * times)))
+    };
+    let ticks: Vec<_> = shorter(scenario).collect();
+    // A quarter, a tenth, and a fiftieth.
+    let ticks = [1, 4, 8].into_iter().filter_map(|index| ticks.get(index));
+    let ticks: Vec<Vec<Setting>> = std::iter::once(Vec::new()).chain(ticks.cloned()).collect();
+    let wider = wider(scenario);
+    // Twice, ten, and a hundred times as wide.
+    let wider = [2, 5, 8].into_iter().filter_map(|index| wider.get(index));
+    let wider: Vec<Vec<Setting>> = std::iter::once(Vec::new()).chain(wider.cloned()).collect();
+    let gains = [1.0, 5.0, 30.0];
+    let mut list = Vec::new();
+    for times in gains {
+        for width in &wider {
+            for tick in &ticks {
+                let gain = if times > 1.0 { less_steep(times).into_iter().collect() } else { Vec::new() };
+                let settings = [width.as_slice(), tick, &gain].concat();
+                // One alone was tried before, but for a gain.
+                if settings.len() > 1 || !gain.is_empty() {
+                    list.push(settings);
+                }
+            }
+        }
+    }
+    list
 }
 
 /// Tries what the findings advise. Advice that does not help is taken back, and what does is put in its place, where anything does.
