@@ -20,8 +20,8 @@ use funnelnet_protocol::config::{
 use funnelnet_protocol::message::NodeId;
 
 pub use funnelnet_law::range::{
-    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, LONGEST_SLOW_START, SHORTEST_TICK_NS, SMALLEST,
-    WIDEST_GUARD,
+    DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, LONGEST_SLOW_START,
+    SHORTEST_TICK_NS, SMALLEST, WIDEST_GUARD,
 };
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
@@ -127,7 +127,7 @@ impl<F: Real, V> Params<F, V> {
 }
 
 impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
-    /// Validates `config`, with a vector field (built from `T` in s) and a gain of the user's own in place of its. The node is
+    /// Validates `config`, with a vector field (built from the time in s of two of its half ticks: `T`, or an eighth of it with a slow start) and a gain of the user's own in place of its. The node is
     /// virtual until it is given a plant.
     ///
     /// # Errors

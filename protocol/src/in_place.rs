@@ -34,7 +34,14 @@ impl NodeConfig {
             telemetry_every: 0,
             lost_neighbours: 0,
             holdover_ns: 0,
-            tuning: Tuning { damping: 0.0, guard: 0.0, round: 0, input_limit: 0.0, slope_limit: 0.0, slow_start: 0 },
+            tuning: Tuning {
+                damping: 0.0,
+                guard: 0.0,
+                round: 0,
+                input_limit: 0.0,
+                slope_limit: 0.0,
+                slow_start: 0,
+            },
         }
     }
 

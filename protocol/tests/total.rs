@@ -43,7 +43,14 @@ fn largest_config() -> NodeConfig {
         telemetry_every: u32::MAX,
         lost_neighbours: u8::MAX,
         holdover_ns: u64::MAX,
-        tuning: Tuning { damping: 8.0, guard: 0.5, round: 100, input_limit: 1e9, slope_limit: 1e9, slow_start: 1_000 },
+        tuning: Tuning {
+            damping: 8.0,
+            guard: 0.5,
+            round: 100,
+            input_limit: 1e9,
+            slope_limit: 1e9,
+            slow_start: 1_000,
+        },
     }
 }
 

@@ -50,7 +50,14 @@ const COMMIT_4: &str = "04050000007751ed14";
 const COMMIT_4_WITHOUT_KEY: &str = "0405000000ac7dd5ad";
 
 fn tuned() -> NodeConfig {
-    let tuning = Tuning { damping: 1.375, guard: 0.05, round: 2, input_limit: 300.0, slope_limit: 25.0, slow_start: 10 };
+    let tuning = Tuning {
+        damping: 1.375,
+        guard: 0.05,
+        round: 2,
+        input_limit: 300.0,
+        slope_limit: 25.0,
+        slow_start: 10,
+    };
     NodeConfig { tuning, ..guarded() }
 }
 

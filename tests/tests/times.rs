@@ -60,7 +60,7 @@ fn network_times(end_ms: u32) -> Vec<f64> {
 }
 
 fn slowly(settings: &[&str], expect: Expect) -> (Scenario, Outcome) {
-    let sets = [&["time.duration=2s", "time.slow_start=10ms", "coupling.guard=0.1"], settings].concat();
+    let sets = [&["time.duration=2s", "time.slow_start=10ms"], settings].concat();
     let scenario = Scenario { expect, ..scenario("narrow-ring.toml", &sets) };
     let outcome = run(&scenario, Fidelity::Loopback);
     (scenario, outcome)
@@ -98,9 +98,10 @@ fn events_happen_at_network_time() {
     let text = std::fs::read_to_string(&path).unwrap();
     let events = "event = [{ at = '5ms', kind = 'partition', link = [1, 2] }, { at = '20ms', kind = 'repair', link = [1, 2] }, \
                   { at = '30ms', kind = 'crash', node = 3 }]";
-    let sets = ["time.duration=2s", "time.slow_start=10ms", "coupling.guard=0.1"];
+    let sets = ["time.duration=2s", "time.slow_start=10ms"];
     let sets = sets.map(|set| Override::parse(set).unwrap());
     let scenario = Scenario::parse(&format!("{events}\n{text}"), &path, &sets).unwrap();
+    let scenario = Scenario { expect: Expect::default(), ..scenario };
     let outcome = run(&scenario, Fidelity::Loopback);
     let gone = outcome.rows.iter().find(|row| row.x[2].is_nan()).unwrap();
     assert_eq!(gone.t, 0.03);
@@ -113,7 +114,7 @@ fn events_happen_at_network_time() {
 /// `check` follows the same law in f64.
 #[test]
 fn the_slow_start_that_is_followed_is_that_of_the_run() {
-    for settings in [&[][..], &["bus.loss=0.05"], &["time.round=2ms"]] {
+    for settings in [&["coupling.guard=0.1"][..], &["bus.loss=0.05"], &["time.round=2ms"]] {
         let (scenario, outcome) = slowly(settings, Expect::default());
         let judged = outcome.judge(&scenario, Fidelity::Loopback).funnel.unwrap().max_ratio;
         let found = check(&scenario).findings.into_iter().find(|found| found.name == "sampled").unwrap();

@@ -232,14 +232,16 @@ impl<F: Real> SampledFunnel<F> {
             Self::FiniteTime { start, per_tick, power, theta } => {
                 Self::FiniteTime { start, per_tick: per_tick * share, power, theta }
             }
-            Self::Schedule { start, decay_per_tick, partial_decay, switch, joined, later } => Self::Schedule {
-                start,
-                decay_per_tick: decay_per_tick * share,
-                partial_decay,
-                switch: switch.saturating_mul(parts),
-                joined,
-                later: slower(later),
-            },
+            Self::Schedule { start, decay_per_tick, partial_decay, switch, joined, later } => {
+                Self::Schedule {
+                    start,
+                    decay_per_tick: decay_per_tick * share,
+                    partial_decay,
+                    switch: switch.saturating_mul(parts),
+                    joined,
+                    later: slower(later),
+                }
+            }
         }
     }
 }

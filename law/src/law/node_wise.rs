@@ -17,8 +17,8 @@ use crate::math::Real;
 use crate::start::Pace;
 
 pub use super::constants::{C, Constants, G, THETA};
-use super::memory::{LookBack, share_of_b};
 pub use super::memory::Memory;
+use super::memory::{LookBack, share_of_b};
 
 /// Node-wise law (**) with its constants, fixed for a run.
 ///

@@ -75,7 +75,12 @@ pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
         return Ok(engine);
     }
     let fresh = nodes(scenario, JOINING)?;
-    let world = World::new(&scenario.course().on_clock(&scenario.time), scenario.time.tick_ns, listeners(scenario), fresh);
+    let world = World::new(
+        &scenario.course().on_clock(&scenario.time),
+        scenario.time.tick_ns,
+        listeners(scenario),
+        fresh,
+    );
     Ok(engine.with_world(world))
 }
 

@@ -179,9 +179,7 @@ fn told_of(scenario: &Scenario, outcome: &Outcome) -> String {
     let mut lines: Vec<_> =
         happened.map(|event| (event.at_ns, format!("{} s, event {event}\n", seconds(event.at_ns)))).collect();
     lines.extend(outcome.events.iter().map(line));
-    lines.extend(
-        outcome.more_events.iter().map(|more| (time_of(&more.last, time), counted(more, time))),
-    );
+    lines.extend(outcome.more_events.iter().map(|more| (time_of(&more.last, time), counted(more, time))));
     for absence in outcome.bench.iter().flat_map(|bench| &bench.absences) {
         let mut tell = |tick: u32, what: String| {
             let at = time.at_ns(tick.into());

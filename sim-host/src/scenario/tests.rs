@@ -56,7 +56,10 @@ fn defaults_and_overrides_are_resolved() {
     let scenario = read(FILE, &[]).unwrap();
     assert_eq!(scenario.title, "a");
     assert_eq!(scenario.seed, 7);
-    assert_eq!(scenario.time, TimeSpec { tick_ns: 1_000_000, ticks: 2_000, round: 1, start: SlowStart::default() });
+    assert_eq!(
+        scenario.time,
+        TimeSpec { tick_ns: 1_000_000, ticks: 2_000, round: 1, start: SlowStart::default() }
+    );
     assert_eq!(scenario.time.end_s(), 2.0);
     assert_eq!(scenario.graph.edges.len(), 2);
     let sines = vec![Sine { component: 0, amplitude: 10.0, frequency: 1.0, phase: 0.0 }];

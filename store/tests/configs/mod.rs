@@ -53,6 +53,13 @@ pub fn longest(id: u8) -> NodeConfig {
         telemetry_every: u32::MAX,
         lost_neighbours: u8::MAX,
         holdover_ns: u64::MAX,
-        tuning: Tuning { damping: 8.0, guard: 0.5, round: 100, input_limit: 1e9, slope_limit: 1e9, slow_start: 1_000 },
+        tuning: Tuning {
+            damping: 8.0,
+            guard: 0.5,
+            round: 100,
+            input_limit: 1e9,
+            slope_limit: 1e9,
+            slow_start: 1_000,
+        },
     }
 }
