@@ -158,7 +158,7 @@ impl<F: Real, V> Params<F, V> {
 }
 
 impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
-    /// Validates `config`, with a vector field (built from `T` in s) and a gain of the user's own in place of its. The node is
+    /// Validates `config`, with a vector field (built from the time in s of two of its half ticks: `T`, or an eighth of it with a slow start) and a gain of the user's own in place of its. The node is
     /// virtual until it is given a plant.
     ///
     /// # Errors

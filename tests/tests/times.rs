@@ -1,6 +1,7 @@
 //! What a row is of: with rounds, and with a slow start, in which network time is not the count of ticks (LAW.md 5 and 7).
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
+use sim_host::check::check;
 use sim_host::record::Row;
 use sim_host::run::{Fidelity, Outcome};
 use sim_host::scenario::{Expect, Override, Scenario};
@@ -59,7 +60,7 @@ fn network_times(end_ms: u32) -> Vec<f64> {
 }
 
 fn slowly(settings: &[&str], expect: Expect) -> (Scenario, Outcome) {
-    let sets = [&["time.duration=2s", "time.slow_start=10ms", "coupling.guard=0.1"], settings].concat();
+    let sets = [&["time.duration=2s", "time.slow_start=10ms"], settings].concat();
     let scenario = Scenario { expect, ..scenario("narrow-ring.toml", &sets) };
     let outcome = run(&scenario, Fidelity::Loopback);
     (scenario, outcome)
@@ -97,9 +98,10 @@ fn events_happen_at_network_time() {
     let text = std::fs::read_to_string(&path).unwrap();
     let events = "event = [{ at = '5ms', kind = 'partition', link = [1, 2] }, { at = '20ms', kind = 'repair', link = [1, 2] }, \
                   { at = '30ms', kind = 'crash', node = 3 }]";
-    let sets = ["time.duration=2s", "time.slow_start=10ms", "coupling.guard=0.1"];
+    let sets = ["time.duration=2s", "time.slow_start=10ms"];
     let sets = sets.map(|set| Override::parse(set).unwrap());
     let scenario = Scenario::parse(&format!("{events}\n{text}"), &path, &sets).unwrap();
+    let scenario = Scenario { expect: Expect::default(), ..scenario };
     let outcome = run(&scenario, Fidelity::Loopback);
     let gone = outcome.rows.iter().find(|row| row.x[2].is_nan()).unwrap();
     assert_eq!(gone.t, 0.03);
@@ -107,4 +109,22 @@ fn events_happen_at_network_time() {
     let first = calm.iter().zip(&rows).find(|(calm, row)| calm.u[0] != row.u[0]).unwrap();
     // The state of 5 ms is the last that node 1 hears; it takes that of the next tick for granted, and its law looks back no more.
     assert!(nearly(first.0.t, 5e-3, 0.26e-3), "{}", first.0.t);
+}
+
+/// `check` follows the same law in f64.
+#[test]
+fn the_slow_start_that_is_followed_is_that_of_the_run() {
+    for settings in [&["coupling.guard=0.1"][..], &["bus.loss=0.05"], &["time.round=2ms"]] {
+        let (scenario, outcome) = slowly(settings, Expect::default());
+        let judged = outcome.judge(&scenario, Fidelity::Loopback).funnel.unwrap().max_ratio;
+        let found = check(&scenario).findings.into_iter().find(|found| found.name == "sampled").unwrap();
+        let ratio = found.values["ratio"].as_f64().unwrap();
+        assert!(nearly(ratio, judged, 5e-3), "{settings:?}: {ratio} {judged}");
+        let (low, high) =
+            outcome.last.iter().fold((f64::MAX, f64::MIN), |(low, high), &x| (low.min(x), high.max(x)));
+        assert!(
+            nearly(found.values["spread"].as_f64().unwrap(), high - low, 1e-4),
+            "{settings:?}: {found:?}"
+        );
+    }
 }

@@ -144,7 +144,7 @@ mod tests {
     /// Ticks of 1 ms; events by first tick and end in ms.
     fn recovery(events: &[(u64, u64)]) -> Recovery {
         let events: Vec<_> = events.iter().map(|&(from, end)| (from, end * 1_000_000)).collect();
-        Recovery::new(1_000_000, &events, Vec::new())
+        Recovery::new(TimeSpec::plain(1_000_000, u64::MAX), &events, Vec::new())
     }
 
     fn took(events: &[(u64, u64)], ticks: u64, outside: impl Fn(u64) -> bool) -> Option<f64> {

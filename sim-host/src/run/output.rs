@@ -262,7 +262,7 @@ mod tests {
         let list = [event(0, Event::Started), event(41_000_000, Event::BreachEnded { tick: 40 })];
         let expected =
             "0.000000 s, node 3 started\n0.040000 s, node 3 is inside its funnel again at tick 40\n";
-        assert_eq!(events(&list, 1_000_000), expected);
+        assert_eq!(events(&list, &TimeSpec::plain(1_000_000, 100)), expected);
     }
 
     #[test]

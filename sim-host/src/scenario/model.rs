@@ -106,6 +106,12 @@ pub struct TimeSpec {
 }
 
 impl TimeSpec {
+    /// Ticks of so many ns that the law decides at, all alike.
+    #[must_use]
+    pub fn plain(tick_ns: u64, ticks: u64) -> Self {
+        Self { tick_ns, ticks, round: 1, start: SlowStart::default() }
+    }
+
     /// The time of tick `k`, ns, an eighth of one left out.
     #[must_use]
     pub fn at_ns(&self, k: u64) -> u64 {
