@@ -66,6 +66,10 @@ pub enum Cured {
 /// Rounds of advice.
 const ROUNDS: u32 = 3;
 
+/// Makes the design of an index, checks it, runs it, and cures it where that is called for.
+///
+/// # Errors
+/// The scenario is refused, or does not run.
 pub fn tried(seed: u64, index: u64) -> Result<Design, String> {
     let text = design(&mut stream(seed, Purpose::Graph, index));
     let scenario =

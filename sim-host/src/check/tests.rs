@@ -486,7 +486,9 @@ fn a_ripple_of_whole_turns_per_tick_is_predicted_and_warned_about() {
         let report = pair(&[&sets[0], &sets[1], tick]);
         near(value(&report, "prediction", "xi_end"), 1.0, 0.04);
         assert_eq!(value(&report, "prediction", "until"), 10.0);
-        assert_eq!(find(&report, "prediction").status, Status::Ok);
+        // Where nodes see a constant the law goes elsewhere, and the prediction is no more than that.
+        let stands = if tick == "time.tick=1ms" { Status::Ok } else { Status::Note };
+        assert_eq!(find(&report, "prediction").status, stands, "{report}");
         let speed = find(&report, "speed");
         let sees = speed.advice.as_ref().is_some_and(|advice| advice.text.contains("sees it once per tick"));
         assert_eq!(
