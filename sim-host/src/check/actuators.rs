@@ -38,6 +38,11 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     if share < 1.0 {
         return Some(found);
     }
+    if subject.keeps() {
+        let advice = "its actuator is at a limit then, and the prediction of xi does not hold; the law itself, followed over the whole run, \
+                      stays inside (below)";
+        return Some(found.advise(Status::Note, advice.to_owned()));
+    }
     let advice = "it cannot follow, its diffusive term leaves the funnel while its actuator is at a limit, and the prediction of xi does \
                   not hold; widen the limits, or bring the fields closer together";
     Some(found.advise(Status::Warn, advice.to_owned()))

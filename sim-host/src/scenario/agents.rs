@@ -84,7 +84,7 @@ pub(super) fn read<'a>(
 ) -> Agents<'a> {
     let log = root.log();
     let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
-    let (defaults, unit) = read_agent(root, coupling, &components);
+    let (defaults, unit) = read_agent(root, coupling, &components, files);
     let overrides = read_overrides(root, coupling.kind, count);
     let lacks = |id: &u64| overrides.get(id).is_none_or(|given| given.dynamics.is_none());
     let without = (1..=count).find(|id| defaults.dynamics.is_none() && lacks(id));
@@ -107,7 +107,10 @@ fn read_agent<'a>(
     root: &mut Section<'a>,
     coupling: &Defaults<'a>,
     components: &Components,
+    files: &Files,
 ) -> (Given<'a>, Option<String>) {
+    // What a default expression may name is not known here where a node has inputs of its own.
+    let inputs_differ = root.array("node").iter().any(|node| node.get("inputs").is_some());
     let mut given = Given { gain: coupling.gain, funnel: coupling.funnel, ..Given::default() };
     let mut unit = None;
     if let Some(mut agent) = root.section("agent") {
@@ -121,8 +124,9 @@ fn read_agent<'a>(
         unit = agent.value("unit", None, |item| read_unit(item).map(Some));
         agent.finish();
         given.state.and_then(|item| read_state(item, components, log));
-        let affine = given.dynamics.filter(|item| item.get("f").is_none());
-        affine.and_then(|item| read_dynamics(item, components, &[].into(), log));
+        let inputs = given.inputs.map_or(Some([].into()), |item| inputs::read(item, files, log));
+        let dynamics = given.dynamics.filter(|item| !inputs_differ || item.get("f").is_none());
+        dynamics.zip(inputs).and_then(|(item, inputs)| read_dynamics(item, components, &inputs, log));
         given.noise.and_then(|item| read_noise(item, log));
         given.compute.and_then(|item| read_compute(item, log));
     }
