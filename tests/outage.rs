@@ -8,6 +8,7 @@
     reason = "phases are drawn from about a turn; another bound would draw others than those of the note"
 )]
 
+use funnelnet_law::field::PreparedField;
 use funnelnet_law::law::node_wise::{Constants, NodeWise};
 use funnelnet_law::math::Real;
 use funnelnet_node::{Event, Node, Params};
@@ -16,8 +17,7 @@ use funnelnet_protocol::config::{Coupling, NodeConfig, TickSource};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 use rand_pcg::Pcg64;
-use sim_host::bus::Medium;
-use sim_host::bus::ideal::Traffic;
+use sim_host::bus::{Medium, Traffic};
 use sim_host::configure::{Drive, listeners, node_configs};
 use sim_host::engine::{Engine, World};
 use sim_host::random::{self, Purpose};
@@ -251,7 +251,7 @@ struct Today {
 }
 
 impl Today {
-    fn forget_inputs_of_who_is_alone(&mut self, engine: &mut Engine<Failing>, k: u64) {
+    fn forget_inputs_of_who_is_alone(&mut self, engine: &mut Engine<Failing, PreparedField<f32>>, k: u64) {
         for (index, config) in self.configs.iter().enumerate() {
             let carried = self.carried.borrow();
             let age = |id: u8| carried.get(&(usize::from(id) - 1, index)).map_or(0, |last| k - last);
@@ -331,9 +331,9 @@ impl Failing {
 }
 
 impl Medium for Failing {
-    fn send(&mut self, now: u64, sender: usize, frame: CanFrame) {
+    fn send(&mut self, now: u64, sender: usize, message: &Message) {
         self.traffic.sent += 1;
-        self.flights.push_back((now, sender, frame));
+        self.flights.push_back((now, sender, can::encode(message)));
     }
 
     fn next_arrival(&self) -> Option<u64> {
@@ -377,7 +377,12 @@ impl<'s> Judge<'s> {
         Self { scenario, end: outage.end(), listens: vec![false; scenario.nodes.len()], seen }
     }
 
-    fn tick(&mut self, k: u64, engine: &Engine<Failing>, said: impl Iterator<Item = (usize, Event)>) {
+    fn tick(
+        &mut self,
+        k: u64,
+        engine: &Engine<Failing, PreparedField<f32>>,
+        said: impl Iterator<Item = (usize, Event)>,
+    ) {
         for (node, event) in said {
             match event {
                 Event::Listens { .. } => self.listens[node] = true,

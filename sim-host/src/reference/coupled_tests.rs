@@ -3,7 +3,7 @@
 
 use super::examples::{five_agents, path, ring};
 use super::*;
-use crate::scenario::{Affine, Sine};
+use crate::scenario::{Affine, Dynamics, Sine};
 use funnelnet_law::funnel::{Funnel, Normalised, Shape};
 use funnelnet_law::math;
 use funnelnet_law::{Coupling, Gain, GainFunction};
@@ -22,7 +22,8 @@ fn vector(coupling: Coupling<f64>) -> CoupledProblem {
     let field = |i: usize| {
         let turn = 1.5 + 0.3 * i as f64;
         let sine = Sine { component: 1, amplitude: 3.0, frequency: 1.0, phase: 0.3 * i as f64 };
-        Affine { slope: vec![-0.2, turn, -turn, -0.3], offset: vec![0.2 * i as f64, -0.5], sines: vec![sine] }
+        let offset = vec![0.2 * i as f64, -0.5];
+        Dynamics::from(Affine { slope: vec![-0.2, turn, -turn, -0.3], offset, sines: vec![sine] })
     };
     CoupledProblem {
         coupling,
@@ -217,7 +218,7 @@ fn every_funnel_agrees_with_another_method() {
 fn a_funnel_that_has_closed_leaves_the_emergent_motion() {
     let mut problem = scalar(Coupling::NodeWise);
     problem.fields =
-        [1.0, 2.5, -4.0, 3.0, 0.5].map(|offset| Affine::scalar(-1.0, offset, Vec::new())).to_vec();
+        [1.0, 2.5, -4.0, 3.0, 0.5].map(|offset| Affine::scalar(-1.0, offset, Vec::new()).into()).to_vec();
     problem.gains = vec![Gain::LocallyLinear { bound: 20.0 }.prepared(); 5];
     problem.funnels = vec![funnel_closing(2_000_000_000, 2.0); 5];
     let solution = solved(&problem, 4.0, 40);
