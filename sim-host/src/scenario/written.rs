@@ -128,6 +128,9 @@ mod tests {
         let mut count = 0;
         for entry in std::fs::read_dir(folder()).unwrap() {
             let path = entry.unwrap().path();
+            if path.extension().is_none_or(|extension| extension != "toml") {
+                continue;
+            }
             for sets in [vec![], vec!["seed=7", "agent.noise=1e-9", "node.1.noise=0.1"]] {
                 let overrides: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
                 let scenario = Scenario::load(&path, &overrides).unwrap();
