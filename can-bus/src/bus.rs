@@ -361,7 +361,7 @@ impl<N: Noise> Bus<N> {
         };
         let passive = sender.participant.mode() == Mode::Passive;
         let bits = Length::of(&pending.frame, passive).bits() - ACKNOWLEDGEMENT - END - INTERMISSION;
-        let after = u64::from(bits) * u64::from(strike.place) >> 32;
+        let after = (u64::from(bits) * u64::from(strike.place)) >> 32;
         if self.behind.is_some() || self.hit.is_some_and(|hit| hit.after <= after) {
             return;
         }

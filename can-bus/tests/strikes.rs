@@ -27,7 +27,9 @@ fn run(places: &[u32], own: &[Hit], bit_by_bit: bool) -> Vec<Event> {
     let noise = Striker { sender: 0, places: places.to_vec(), own: own.to_vec() };
     let mut bus = Bus::new(Timing::classic(BitRate::new(1_000_000, 875).unwrap()), noise);
     bus.bit_by_bit(bit_by_bit);
-    (0..3).for_each(|_| drop(bus.add(Order::Priority, Filter::everything())));
+    (0..3).for_each(|_| {
+        bus.add(Order::Priority, Filter::everything());
+    });
     assert!(bus.send(0, Frame::data(Id::Base(0x181), &[1, 2, 3, 4, 5]).unwrap()));
     let mut events = Vec::new();
     bus.advance(2_000_000, &mut |event| events.push(event));

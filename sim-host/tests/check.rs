@@ -255,6 +255,7 @@ fn options() -> RunOptions {
         junit: None,
         image: PathBuf::new(),
         bench: None,
+        bus_logs: Default::default(),
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -1,5 +1,7 @@
 //! Economic dispatch (scenarios/economic-dispatch.toml): what the network finds, against the optimum of the same numbers.
 
+#![allow(clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
 use sim_host::run::Fidelity;
 use system_tests::{run, scenario};
 

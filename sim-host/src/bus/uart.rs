@@ -210,14 +210,14 @@ impl UartBus {
         let Some(Sending { source, bytes }) = line.sending.take() else { return };
         let bytes = line.disturb(&bytes);
         match line.to {
-            End::Hub(_) => self.to_hub(index, &bytes, now),
-            End::Node(node, _) => self.to_node((source, node), index, &bytes, now, receive),
+            End::Hub(_) => self.reach_hub(index, &bytes, now),
+            End::Node(node, _) => self.reach_node((source, node), index, &bytes, now, receive),
         }
         self.start(index, now);
     }
 
     /// The hub hands on what it can read.
-    fn to_hub(&mut self, index: usize, bytes: &[u8], now: u64) {
+    fn reach_hub(&mut self, index: usize, bytes: &[u8], now: u64) {
         let Some(line) = self.lines.get_mut(index) else { return };
         let End::Node(source, _) = line.from else { return };
         let messages: Vec<Message> =
@@ -245,7 +245,14 @@ impl UartBus {
         }
     }
 
-    fn to_node(&mut self, pair: (usize, usize), index: usize, bytes: &Bytes, now: u64, receive: Receive<'_>) {
+    fn reach_node(
+        &mut self,
+        pair: (usize, usize),
+        index: usize,
+        bytes: &Bytes,
+        now: u64,
+        receive: Receive<'_>,
+    ) {
         if self.losers.get_mut(pair.1).is_some_and(Loser::loses) {
             self.traffic.lost += 1;
             return;
@@ -503,7 +510,7 @@ mod tests {
                 }
             }
         }
-        let expected = 4_000.0 * 0.99_f64.powi(120);
+        let expected = 4_000.0 * funnelnet_law::math::pow(0.99, 120.0);
         // A frame whose final zero was lost takes the next one with it.
         assert!((0.85 * expected..1.02 * expected).contains(&f64::from(good)), "{good} {expected}");
         assert!(refused > 2_000, "{refused}");

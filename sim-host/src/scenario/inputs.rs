@@ -52,7 +52,7 @@ impl Series {
     }
 
     /// The points before and after `t`.
-    fn around(&self, t: f64) -> (Option<(f64, f64)>, Option<(f64, f64)>) {
+    fn around(&self, t: f64) -> (Option<Point>, Option<Point>) {
         let after = self.points.partition_point(|point| point.0 <= t);
         (
             after.checked_sub(1).and_then(|before| self.points.get(before)).copied(),
@@ -60,6 +60,9 @@ impl Series {
         )
     }
 }
+
+/// A time (s) and a value.
+type Point = (f64, f64);
 
 /// What is read of a column: points, or what is wrong with it.
 type Column = Result<Vec<(f64, f64)>, String>;

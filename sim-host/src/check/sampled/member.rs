@@ -151,8 +151,8 @@ impl<'s> Member<'s> {
         for part in &mut self.parts {
             let bounded = part.u.clamp(-self.limit, self.limit);
             let applied = self.node.limits.map_or(bounded, |limits| bounded.clamp(limits.low, limits.high));
-            // Written so that NaN stays what it is.
-            if applied < part.u || applied > part.u {
+            // NaN stays what it is.
+            if applied != part.u && !part.u.is_nan() {
                 part.u = applied;
                 part.memory.feed_back(applied);
             }
