@@ -9,6 +9,7 @@ use crate::extremes::largest;
 ///
 /// The methods without a component are for scalar states.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant)] // one per node
 pub enum Dynamics {
     /// Affine in the state, and sines.
     Affine(Affine),

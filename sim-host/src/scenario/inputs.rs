@@ -10,6 +10,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Time (s) and value.
+type Point = (f64, f64);
+
 /// One input: piecewise linear in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
@@ -52,7 +55,7 @@ impl Series {
     }
 
     /// The points before and after `t`.
-    fn around(&self, t: f64) -> (Option<(f64, f64)>, Option<(f64, f64)>) {
+    fn around(&self, t: f64) -> (Option<Point>, Option<Point>) {
         let after = self.points.partition_point(|point| point.0 <= t);
         (
             after.checked_sub(1).and_then(|before| self.points.get(before)).copied(),

@@ -109,7 +109,7 @@ impl<'s> Member<'s> {
             let bounded = part.u.clamp(-self.limit, self.limit);
             let applied = self.node.limits.map_or(bounded, |limits| bounded.clamp(limits.low, limits.high));
             // Written so that NaN stays what it is.
-            if applied < part.u || applied > part.u {
+            if applied != part.u && !applied.is_nan() {
                 part.u = applied;
                 part.memory.feed_back(applied);
             }

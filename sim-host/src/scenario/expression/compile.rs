@@ -96,7 +96,7 @@ impl Compiler {
             self.term(base)?;
             return self.unary(exponent, Operation::Power);
         };
-        if n < 0.0 || n == 0.0 {
+        if n <= 0.0 {
             self.constant(1.0, exponent.at)?;
         }
         if n != 0.0 {
