@@ -14,7 +14,7 @@ use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::configure::listeners;
 use sim_host::engine::Engine;
 use sim_host::random::{self, Purpose};
-use sim_host::scenario::{Dynamics, Scenario};
+use sim_host::scenario::Scenario;
 use system_tests::outage::{Edition, configs, nodes};
 use system_tests::scenario;
 
@@ -31,7 +31,7 @@ fn draw(name: &str, seed: u64, sets: &[&str]) -> Scenario {
     let mut scenario = scenario(name, sets);
     for node in &mut scenario.nodes {
         node.state[0] = uniform(-5.0, 5.0, &mut stream);
-        let Dynamics::Affine(field) = &mut node.dynamics else { panic!("an affine field") };
+        let field = node.dynamics.affine_mut().unwrap();
         field.slope[0] = uniform(-1.3, -0.7, &mut stream);
         for sine in field.sines.iter_mut().skip(1) {
             sine.amplitude = uniform(0.0, 10.0, &mut stream);

@@ -10,6 +10,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Time (s) and value.
+type Point = (f64, f64);
+
 /// One input: piecewise linear in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
