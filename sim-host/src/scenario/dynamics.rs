@@ -11,7 +11,6 @@ use crate::extremes::largest;
 // One for each node: a box would save 400 bytes of each, and cost every evaluation a look elsewhere.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant)] // one per node
 pub enum Dynamics {
     /// Affine in the state, and sines.
     Affine(Affine),

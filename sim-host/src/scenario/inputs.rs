@@ -64,9 +64,6 @@ impl Series {
     }
 }
 
-/// A time (s) and a value.
-type Point = (f64, f64);
-
 /// What is read of a column: points, or what is wrong with it.
 type Column = Result<Vec<(f64, f64)>, String>;
 
