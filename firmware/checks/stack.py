@@ -263,11 +263,13 @@ def refuse_recursion(image):
 
 def refuse_recursion_by_pointers(image, calls):
     """Functions that are called by a pointer and lead to such a call could call themselves for ever; formatting does so as deep as its arguments are nested."""
+    handlers = image.handlers()
     for group in groups(calls):
-        suspects = (group & image.taken) - image.handlers()
+        if len(group) == 1 and not group & calls[min(group)]:
+            continue
+        suspects = (group & image.taken) - handlers
         names = sorted(name for each in suspects if not (FORMATS.search(name := image.plain[each]) or WAKES.search(name)))
-        circle = len(group) > 1 or group & calls[min(group)]
-        if circle and names:
+        if names:
             sys.exit(f"{image.path}: these functions may call each other in a circle, by pointers: {', '.join(names)}")
 
 
