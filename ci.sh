@@ -21,18 +21,18 @@ rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 163
 # Images that nodes are made of; their boards, binaries and features; budgets of flash, static RAM and stack, bytes: what ./ci.sh boards
 # and ./ci.sh stack find, and a tenth or so. Storage costs 20 KiB of flash and 3 KiB of RAM.
 readonly BUDGETS="
-mps2_an386           mps2_an386    mps2_an386          -       74752  15872 7680
-mps2_peers           mps2_an386    mps2_peers          -       81920  32256 8704
-heater_emulated      mps2_an386    heater_emulated     -       70656  15872 5120
+mps2_an386           mps2_an386    mps2_an386          -       74752  15872  8704
+mps2_peers           mps2_an386    mps2_peers          -       81920  32256  9216
+heater_emulated      mps2_an386    heater_emulated     -       70656  15872  5632
 nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd  124928 23040 14336
 nucleo_g474re        nucleo_g474re nucleo_g474re       -       123904 22016 13824
-nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -       117760 30208 11776
-nucleo_f446re        nucleo_f446re nucleo_f446re       -       118784 20992 8704
-nrf52840_dk          nrf52840_dk   nrf52840_dk         -       104448 19968 8192
-nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       110592 27136 8704
-rp2040_pico          rp2040_pico   rp2040_pico         -       112640 19968 8704
-rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -       118784 27136 8704
-heater               rp2040_pico   heater              -       95232  17920 5120
+nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -       117760 30208 12288
+nucleo_f446re        nucleo_f446re nucleo_f446re       -       118784 20992  9728
+nrf52840_dk          nrf52840_dk   nrf52840_dk         -       104448 19968  8960
+nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       110592 27136  9216
+rp2040_pico          rp2040_pico   rp2040_pico         -       112640 19968  9728
+rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -       118784 27136  9728
+heater               rp2040_pico   heater              -       95232  17920  5632
 "
 # Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.
 readonly EMULATED=$ROOT/target/emulated

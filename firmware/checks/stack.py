@@ -28,8 +28,9 @@ EXCEPTION = {"v6": 36, "v7e": 108}
 ROM_BYTES = 256
 # Of core::fmt, or what is formatted by it; as names are read, not as they are mangled.
 FORMATS = re.compile(r"\bcore(\[[0-9a-f]+\])?::fmt::")
-# Called by a pointer, and calls by pointers itself: a channel wakes a task, or runs a closure of its own, and neither comes back to it.
-WAKES = re.compile(r"\bembassy_sync::channel::")
+# Called by a pointer, and calls by pointers itself: a channel wakes a task, or runs a closure of its own, and functions in RAM call the boot ROM; none comes
+# back.
+RETURNS = re.compile(r"\bembassy_sync::channel::|\bembassy_rp::flash::ram_helpers::")
 # The task's function, whose address is in its header, and who reads that.
 POLL = re.compile(r"TaskStorage.*4poll")
 EXECUTOR = re.compile(r"8executor8Executor3run")
@@ -268,7 +269,7 @@ def refuse_recursion_by_pointers(image, calls):
         if len(group) == 1 and not group & calls[min(group)]:
             continue
         suspects = (group & image.taken) - handlers
-        names = sorted(name for each in suspects if not (FORMATS.search(name := image.plain[each]) or WAKES.search(name)))
+        names = sorted(name for each in suspects if not (FORMATS.search(name := image.plain[each]) or RETURNS.search(name)))
         if names:
             sys.exit(f"{image.path}: these functions may call each other in a circle, by pointers: {', '.join(names)}")
 

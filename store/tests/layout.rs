@@ -47,8 +47,8 @@ const CONFIG_4: &str = concat!(
     "0000b03fcdcc4c3d02000096430000c8410a",
     "032040060100004040000000c00000a040",
 );
-const COMMIT_4: &str = "0405000000d4e46cdd";
-const COMMIT_4_WITHOUT_KEY: &str = "0405000000d1e52a66";
+const COMMIT_4: &str = "0405000000e1b6bdbe";
+const COMMIT_4_WITHOUT_KEY: &str = "04050000006f046cce";
 
 fn tuned() -> NodeConfig {
     let tuning = Tuning {

@@ -413,7 +413,7 @@ pub(super) mod tests {
             "emergent":{"final_error":0.25,"xi_final":-3.0,"blended_error":4.5,"blended_final":1.5,
             "contraction":{"slowest":-0.75,"mean":-1.0},
             "steady_ratio":[0.5,-0.5],"steady_ratio_max":[0.5,0.75]},"reference":null,
-            "bus":{"utilisation":0.0,"sent":7,"lost":0,"refused":{"crc":3}},
+            "bus":{"utilisation":0.0,"sent":7,"lost":0,"no_room":0,"replaced":0,"corrupted":0,"duplicated":0,"reordered":0,"refused":{"crc":3}},
             "counters":null,"max_input":0.0,"expect":[{"name":"funnel_ratio","limit":1.0,"value":0.955,"pass":true},
             {"name":"final_spread","limit":0.1,"value":0.5,"pass":false},
             {"name":"reference_error","limit":0.001,"value":null,"pass":false}],

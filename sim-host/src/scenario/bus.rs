@@ -18,6 +18,8 @@ const SLOWEST_BITRATE: u32 = 10_000;
 /// Rate of the data of CAN FD where none is said, as the boards have it, and the fastest one, bit/s.
 const DEFAULT_DATA_BITRATE: u32 = 2_000_000;
 const FASTEST_DATA_BITRATE: u32 = 8_000_000;
+/// A second in nanoseconds.
+const SECOND_NS: u32 = 1_000_000_000;
 /// Where in a bit a controller reads its level, per mille of it: what CiA recommends, and what the boards have for the data of CAN FD.
 const SAMPLE_PER_MILLE: u32 = 875;
 const DATA_SAMPLE_PER_MILLE: u32 = 750;
@@ -422,9 +424,11 @@ pub(super) fn whole_bits(bus: &BusSpec, root: &Item, log: &Log) {
         let fits = |rate: &u32| BitRate::new(*rate, point).is_ok();
         let key = section.get(rate_key).or_else(|| section.get(point_key));
         let Some(key) = key.filter(|_| rate > 0 && !fits(&rate)) else { continue };
-        let near =
-            (1..FASTEST_DATA_BITRATE).flat_map(|by| [rate.saturating_sub(by), rate.saturating_add(by)]);
-        let nearest = near.into_iter().find(fits).unwrap_or(DEFAULT_BITRATE);
+        let whole = (1..=SECOND_NS / SLOWEST_BITRATE)
+            .filter(|ns| SECOND_NS.is_multiple_of(*ns))
+            .map(|ns| SECOND_NS / ns);
+        let in_range = whole.filter(|rate| (SLOWEST_BITRATE..=FASTEST_DATA_BITRATE).contains(rate));
+        let nearest = in_range.filter(fits).min_by_key(|near| near.abs_diff(rate)).unwrap_or(DEFAULT_BITRATE);
         let allowed = format!(
             "a bit and its first {} % must have whole nanoseconds; the nearest rate that does is {nearest}",
             f64::from(point) / 10.0
