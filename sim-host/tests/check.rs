@@ -192,7 +192,7 @@ fn gallery(file: &str, sets: &[String]) -> Scenario {
 fn cures_are_tried_before_they_are_advised() {
     for (file, sets) in [
         // More damping makes it worse.
-        ("narrow-star.toml", &["bus.loss=0.4", "time.duration=5s"][..]),
+        ("narrow-star.toml", &["bus.loss=0.4"][..]),
         // A round of 4 ms is long enough for every frame, and too long for the funnel.
         ("narrow-ring.toml", &["bus.latency=2ms", "time.duration=4s"]),
         ("narrow-ring.toml", &["bus.latency=1ms", "time.duration=4s"]),
@@ -266,7 +266,7 @@ fn options() -> RunOptions {
 fn windows_are_held_against_what_the_law_does_there() {
     let windows = |ratio: f64| {
         format!(
-            "expect.windows=[{{ from = \"2s\", to = \"4s\", funnel_ratio = {ratio}, spread = 5.0, emergent_error = 5.0 }}]"
+            "expect.window=[{{ from = \"2s\", to = \"4s\", funnel_ratio = {ratio}, spread = 5.0, emergent_error = 5.0 }}]"
         )
     };
     let of = |ratio| check(&gallery("five-agents.toml", &["time.duration=5s".to_owned(), windows(ratio)]));

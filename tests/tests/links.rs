@@ -71,7 +71,7 @@ fn bursts_on_a_link_are_longer_than_independent_losses() {
         let outcome = five(&[&format!("link=[{{from=1,to=2,loss={loss}}}]")]);
         (bus(&outcome).lost, outcome.counters[1].neighbours_lost)
     };
-    let (independent, bursts) = (gaps("0.2"), gaps("{to_bad=0.003,to_good=0.012}"));
+    let (independent, bursts) = (gaps("0.2"), gaps("{to_bad=0.01,to_good=0.005}"));
     assert_eq!(independent.1, 0);
     assert!(bursts.1 > 0, "{bursts:?} {independent:?}");
 }
@@ -82,11 +82,11 @@ fn on_can_what_a_link_disturbs_is_an_error_frame_and_no_loss() {
     for model in ["bus.model=can", "bus.model=can-fd"] {
         let ideal = five(&["time.tick=2500us"]);
         let quiet = five(&[model, "time.tick=2500us"]);
-        let noisy = five(&[model, "time.tick=2500us", "link=[{between=[1,2],corrupt=0.2}]"]);
+        let noisy = five(&[model, "time.tick=2500us", "link=[{between=[1,2],corrupt=0.05}]"]);
         assert_eq!(states(&noisy), states(&ideal));
         let more = bus(&noisy).utilisation / bus(&quiet).utilisation;
-        // A fifth of the frames of two nodes of five, half of each and an error frame longer.
-        assert!((1.02..1.12).contains(&more), "{more}");
+        // One frame in twenty of two nodes of five, half of each and an error frame longer. Of one in nine, whose errors count eight, nodes would go off the bus.
+        assert!((1.005..1.03).contains(&more), "{more}");
         assert_eq!((bus(&noisy).sent, bus(&noisy).lost), (bus(&quiet).sent, 0));
     }
 }
@@ -108,8 +108,9 @@ fn copies_are_heard_once_and_overtaken_frames_are_late() {
     // What is overtaken is missed at its tick, and then it is old.
     let late = u64::from(extrapolated(&outcome)[1]);
     assert!(late.abs_diff(bus(&outcome).reordered) <= 5, "{late} {:?}", bus(&outcome));
-    let old = outcome.counters[1].refused(funnelnet_protocol::Refusal::Stale);
-    assert!(u64::from(old) + 3 >= bus(&outcome).reordered + bus(&outcome).duplicated, "{old}");
+    let refused = |reason| u64::from(outcome.counters[1].refused(reason));
+    let old = refused(funnelnet_protocol::Refusal::Stale) + refused(funnelnet_protocol::Refusal::Duplicate);
+    assert!(old + 3 >= bus(&outcome).reordered + bus(&outcome).duplicated, "{old}");
 }
 
 #[test]

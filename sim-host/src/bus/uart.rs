@@ -54,7 +54,9 @@ struct Line {
     from: End,
     to: End,
     sending: Option<Sending>,
+    /// Time for which it has been busy at the end of what it sends, and that end, ns.
     busy_ns: u64,
+    busy_until: u64,
     /// Components of a state that wait for it, by bit.
     states: u8,
     /// The next disturbed bit, counted while the line is busy.
@@ -162,7 +164,18 @@ impl UartBus {
         };
         let hit = errors.next();
         let (deframer, held) = (Deframer::new(), Vec::new());
-        self.lines.push(Line { from, to, sending: None, busy_ns: 0, states: 0, hit, errors, deframer, held });
+        self.lines.push(Line {
+            from,
+            to,
+            sending: None,
+            busy_ns: 0,
+            busy_until: 0,
+            states: 0,
+            hit,
+            errors,
+            deframer,
+            held,
+        });
         if let End::Node(node, _) = from
             && let Some(leaving) = self.leaving.get_mut(node)
         {
@@ -198,7 +211,7 @@ impl UartBus {
         }
         let bytes = serial::encode(&message);
         let takes = (bytes.len() as u64 * BITS * NS_PER_S).div_ceil(self.spec.bitrate.into());
-        line.busy_ns += takes;
+        (line.busy_ns, line.busy_until) = (line.busy_ns + takes, now + takes);
         line.sending = Some(Sending { source, bytes });
         self.traffic.sent += 1;
         self.events.insert((now + takes, What::Ends(index)));
@@ -401,6 +414,11 @@ impl Medium for UartBus {
     }
 
     /// That of the busiest line.
+    /// Of the busiest line.
+    fn busy_ns(&self, now: u64) -> u64 {
+        self.lines.iter().map(|line| line.busy_ns - line.busy_until.saturating_sub(now)).max().unwrap_or(0)
+    }
+
     fn utilisation(&self) -> f64 {
         let busiest = self.lines.iter().map(|line| line.busy_ns).max().unwrap_or(0);
         busiest as f64 / self.now.max(1) as f64
