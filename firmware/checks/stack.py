@@ -31,6 +31,7 @@ FORMATS = re.compile(r"\bcore(\[[0-9a-f]+\])?::fmt::")
 # Called by a pointer, and calls by pointers itself: a channel wakes a task, or runs a closure of its own, and functions in RAM call the boot ROM; none comes
 # back.
 RETURNS = re.compile(r"\bembassy_sync::channel::|\bembassy_rp::flash::ram_helpers::")
+NOTHING = re.compile("(?!)")
 # The task's function, whose address is in its header, and who reads that.
 POLL = re.compile(r"TaskStorage.*4poll")
 EXECUTOR = re.compile(r"8executor8Executor3run")
@@ -233,11 +234,11 @@ def groups(calls):
     return done
 
 
-def depths(image):
-    """Deepest stack of each function with all that it calls."""
+def depths(image, deliberate=NOTHING):
+    """Deepest stack of each function with all that it calls; `deliberate` are names of functions that are there to call each other in a circle."""
     calls, depth = image.callees(), {}
     refuse_recursion(image)
-    refuse_recursion_by_pointers(image, calls)
+    refuse_recursion_by_pointers(image, calls, deliberate)
     for group in groups(calls):
         circle = len(group) > 1 or any(each in calls[each] for each in group)
         panics = any(UNWIND in image.names[each] for each in group)
@@ -262,14 +263,15 @@ def refuse_recursion(image):
             sys.exit(f"{image.path}: these functions call each other in a circle: {', '.join(names)}")
 
 
-def refuse_recursion_by_pointers(image, calls):
+def refuse_recursion_by_pointers(image, calls, deliberate):
     """Functions that are called by a pointer and lead to such a call could call themselves for ever; formatting does so as deep as its arguments are nested."""
     handlers = image.handlers()
     for group in groups(calls):
         if len(group) == 1 and not group & calls[min(group)]:
             continue
         suspects = (group & image.taken) - handlers
-        names = sorted(name for each in suspects if not (FORMATS.search(name := image.plain[each]) or RETURNS.search(name)))
+        known = lambda name: any(pattern.search(name) for pattern in (FORMATS, RETURNS, deliberate))
+        names = sorted(name for each in suspects if not known(name := image.plain[each]))
         if names:
             sys.exit(f"{image.path}: these functions may call each other in a circle, by pointers: {', '.join(names)}")
 
@@ -298,9 +300,9 @@ def deepest(image, depth):
     return [(image.frame[start], name) for start, name in zip(path, names)]
 
 
-def bound(path):
+def bound(path, deliberate=NOTHING):
     image = Stacks(path)
-    return bound_of(path, image, depths(image))
+    return bound_of(path, image, depths(image, deliberate))
 
 
 def bound_of(path, image, depth):

@@ -138,9 +138,12 @@ fn statuses_are_said_and_counted() {
     assert_eq!(of("predictions")["status"], "not-checked");
     assert_eq!((&of("kick")["status"], &of("speed")["status"]), (&"warn".into(), &"fail".into()));
     let advice = of("kick")["advice"].clone();
-    assert_eq!((&advice["key"], &advice["value"]), (&"time.tick".into(), &"50ms".into()));
-    // The run is a whole number of the one that is set.
-    assert!(advice["text"].as_str().unwrap().contains("65ms"));
+    // What the formula of this finding asks for does not help, so that what does is in its place.
+    assert!(
+        advice["text"].as_str().unwrap().contains("time.tick = 50ms was tried and does not help"),
+        "{advice}"
+    );
+    assert!(advice["key"] != "time.tick" || advice["value"] != "50ms", "{advice}");
 }
 
 /// Five agents of a ring that keep their funnel in f64, and whose f32 cannot resolve it.
@@ -194,10 +197,10 @@ fn cures_are_tried_before_they_are_advised() {
         // More damping makes it worse.
         ("narrow-star.toml", &["bus.loss=0.4"][..]),
         // A round of 4 ms is long enough for every frame, and too long for the funnel.
-        ("narrow-ring.toml", &["bus.latency=2ms", "time.duration=4s"]),
-        ("narrow-ring.toml", &["bus.latency=1ms", "time.duration=4s"]),
+        ("narrow-ring.toml", &["bus.latency=2ms"]),
+        ("narrow-ring.toml", &["bus.latency=1ms"]),
         ("five-agents.toml", &["coupling.u_max=3", "time.duration=4s"]),
-        ("narrow-complete.toml", &["time.tick=4ms", "time.duration=4s"]),
+        ("narrow-complete.toml", &["time.tick=4ms"]),
     ] {
         let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).collect();
         let report = check(&gallery(file, &sets));
