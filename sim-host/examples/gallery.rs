@@ -63,7 +63,12 @@ fn run(scenario: &Scenario) -> (Outcome, Option<&'static str>) {
         Ok(outcome) => (outcome, None),
         Err(error) => {
             eprintln!("{}: {}", name(scenario), error.message);
-            let why = if scenario.events.is_empty() { "not resolved" } else { "none with events" };
+            let has_limits = scenario.nodes.iter().any(|node| node.limits.is_some());
+            let why = match (scenario.events.is_empty(), has_limits) {
+                (false, _) => "none with events",
+                (true, true) => "none at limits",
+                (true, false) => "not resolved",
+            };
             (simulate(scenario, &options(scenario)).expect("a run"), Some(why))
         }
     }
