@@ -125,7 +125,8 @@ pub struct Transmitter(Port);
 impl Uart {
     /// The one UART of `port`, set to `bit_rate` in bit/s (at most [`CLOCK_HZ`] / 16), or `None` if it is taken.
     pub fn take(port: Port, bit_rate: u32) -> Option<Self> {
-        let before = critical_section::with(|token| Some(IN_USE.borrow(token).get(port.number)?.replace(Some(port))));
+        let before =
+            critical_section::with(|token| Some(IN_USE.borrow(token).get(port.number)?.replace(Some(port))));
         if !matches!(before, Some(None)) {
             return None;
         }
