@@ -10,8 +10,10 @@ use sim_host::record::Summary;
 use sim_host::report::states_svg;
 use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate, trace};
 use sim_host::scenario::Scenario;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Points of a curve in a figure: enough for a page, small enough for a repository.
 const POINTS: u64 = 400;
@@ -25,13 +27,7 @@ fn main() -> ExitCode {
     let mut table = String::from(
         "| scenario | largest \\|nu\\|/psi | final spread | to xi at the end | reference error |\n|---|---:|---:|---:|---:|\n",
     );
-    for scenario in &scenarios {
-        let (outcome, missing) = run(scenario);
-        table += &row(scenario, &outcome.judge(scenario, Fidelity::Loopback), missing);
-        if !check {
-            draw(scenario, &outcome);
-        }
-    }
+    table += &rows(&scenarios, !check).concat();
     let readme = std::fs::read_to_string("README.md").expect("README.md, from the root of the repository");
     let (before, rest) = readme.split_once(BEGIN).expect("the marker where the table begins");
     let (found, after) = rest.split_once(END).expect("the marker where the table ends");
@@ -43,6 +39,31 @@ fn main() -> ExitCode {
         return ExitCode::FAILURE;
     }
     ExitCode::SUCCESS
+}
+
+/// The rows of the table, in order; scenarios are run side by side, on as many threads as there are cores.
+fn rows(scenarios: &[Scenario], draws: bool) -> Vec<String> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let at = || Some(next.fetch_add(1, Ordering::Relaxed)).filter(|at| *at < scenarios.len());
+        std::iter::from_fn(at).map(|at| (at, shown(&scenarios[at], draws))).collect::<Vec<_>>()
+    };
+    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let mut rows: Vec<(usize, String)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().expect("rows")).collect()
+    });
+    rows.sort();
+    rows.into_iter().map(|(_, row)| row).collect()
+}
+
+/// The row of a scenario, and its figure where it is drawn.
+fn shown(scenario: &Scenario, draws: bool) -> String {
+    let (outcome, missing) = run(scenario);
+    if draws {
+        draw(scenario, &outcome);
+    }
+    row(scenario, &outcome.judge(scenario, Fidelity::Loopback), missing)
 }
 
 /// Every scenario file, by name.
