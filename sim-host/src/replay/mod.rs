@@ -3,6 +3,9 @@
 
 mod difference;
 mod gaps;
+mod own_clock;
+#[cfg(test)]
+mod own_clock_tests;
 #[cfg_attr(not(target_os = "linux"), path = "absent.rs")]
 mod reader;
 mod survey;
@@ -21,6 +24,7 @@ use funnelnet_protocol::can::function;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 use gaps::Gaps;
+use own_clock::OwnClock;
 use reader::LogReader;
 use serde::Serialize;
 use std::fmt;
@@ -61,7 +65,7 @@ pub struct Replayed {
     pub interface: String,
     /// Frames of it in the log that are those that it sends, bit for bit.
     pub frames: u64,
-    /// Frames that it sends and that a full bus had no room for: the next one took their place.
+    /// Frames of it that a full bus had no room for, or that a node which came late had nobody to tell: the next one took their place.
     pub unsent: u64,
     /// The last tick of which the log has a state of it.
     pub last_tick: Option<u32>,
@@ -97,7 +101,7 @@ impl fmt::Display for Replayed {
             None => write!(f, "{} frames as in the log, bit for bit, to {last}", self.frames)?,
         }
         if self.unsent > 0 {
-            write!(f, "; {} had no room on the full bus", self.unsent)?;
+            write!(f, "; {} more were never sent: a newer one took their place", self.unsent)?;
         }
         if let Some(line) = self.cut {
             write!(f, "\nthe log is cut off in line {line}")?;
@@ -160,8 +164,8 @@ struct Replay {
     gaps: Option<Gaps>,
     /// Time of the first record of a real bus, ns.
     origin: Option<u64>,
-    /// Frames of others since the last state of the node, where its ticks are its own.
-    heard: Vec<Entry>,
+    /// The node, where its ticks are its own.
+    own_clock: Option<OwnClock>,
     line: usize,
     found: Replayed,
 }
@@ -180,6 +184,7 @@ impl Replay {
         if simulated {
             twin.start();
         }
+        let own_clock = (survey.drive == Drive::OwnClock).then(|| OwnClock::new(twin.clone()));
         Ok(Self {
             twin,
             drive: survey.drive,
@@ -189,7 +194,7 @@ impl Replay {
             earlier_ns: timing.map_or(0, |timing| timing.nominal().bit_ns()),
             gaps: timing.map(Gaps::new),
             origin: None,
-            heard: Vec::new(),
+            own_clock,
             line: 0,
             found: Replayed {
                 node: id,
@@ -219,10 +224,12 @@ impl Replay {
             self.twin.run(now);
         }
         match entry.real_time().filter(|&(id, _)| id >> 7 > 0 && (id & 0x7F) as u8 == self.id) {
-            Some((id, bytes)) if self.drive == Drive::OwnClock => self.compare_own_clock(entry, id, bytes),
+            Some((id, bytes)) if self.own_clock.is_some() => self.compare_own_clock(entry, id, bytes),
             Some((id, bytes)) => self.compare(entry, id, bytes),
-            None if self.drive == Drive::OwnClock => self.heard.push(entry.clone()),
-            None => self.twin.hear(entry, now),
+            None => match &mut self.own_clock {
+                Some(own_clock) => own_clock.hear(entry),
+                None => self.twin.hear(entry, now),
+            },
         }
     }
 
@@ -269,29 +276,22 @@ impl Replay {
         }
     }
 
-    /// Nobody knows which of the frames of others came before a tick of the node's own clock: any order of them will do in which the node sends
-    /// what the log has.
+    /// As [`Self::compare`], in a log that does not say what the node had heard.
     fn compare_own_clock(&mut self, entry: &Entry, id: u16, bytes: &[u8]) {
-        if self.twin.sent.get(&id).is_some_and(|waiting| !waiting.is_empty()) {
-            self.compare(entry, id, bytes);
-            return;
+        let Some(own_clock) = &mut self.own_clock else { return };
+        match own_clock.take(id, bytes, self.fd) {
+            Ok((tick, replaced)) => {
+                self.found.frames += 1;
+                if let function::STATE..=function::STATE_FD = function_of(id) {
+                    self.found.last_tick = Some(tick);
+                    self.found.unsent += u64::from(replaced);
+                }
+            }
+            Err(twin) => {
+                self.twin = *twin;
+                self.compare(entry, id, bytes);
+            }
         }
-        let heard = std::mem::take(&mut self.heard);
-        let ticked = |split: usize| {
-            let mut twin = self.twin.clone();
-            heard.iter().take(split).for_each(|entry| twin.hear(entry, 0));
-            twin.step();
-            heard.iter().skip(split).for_each(|entry| twin.hear(entry, 0));
-            twin
-        };
-        let sends = |twin: &Twin| {
-            let first = twin.sent.get(&id).and_then(|waiting| waiting.front());
-            first.is_some_and(|sent| sent.frame.data() == bytes)
-        };
-        let all = heard.len();
-        let found = (0..=all).rev().map(ticked).find(sends).unwrap_or_else(|| ticked(all));
-        self.twin = found;
-        self.compare(entry, id, bytes);
     }
 
     /// Whether a frame that waited in this time would have been sent.

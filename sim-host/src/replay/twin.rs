@@ -5,8 +5,10 @@ use super::{Entry, says};
 use crate::can::{AnyFormat, PortFrame};
 use crate::configure::node_configs;
 use crate::noise::Noise;
+use crate::record::node_of;
 use crate::run::{LOCKSTEP, LOOPBACK, RunError};
 use crate::scenario::Scenario;
+use funnelnet_can_bus::Id;
 use funnelnet_link::Frame as _;
 use funnelnet_node::{Action, Node, Params};
 use funnelnet_protocol::message::{Command, Message, Target};
@@ -33,9 +35,11 @@ pub struct Twin {
     node: Node,
     /// What is added to its states as they are sent, where a scenario has noise and no sensor.
     noise: Noise,
+    neighbours: Vec<u8>,
     by_timer: bool,
     /// When its timer wakes it next, ns: what it hears until then does not.
     wake: Option<u64>,
+    tick_ns: u64,
     fd: bool,
     /// By identifier, in the order in which they were sent.
     pub sent: BTreeMap<u16, VecDeque<Sent>>,
@@ -62,8 +66,20 @@ impl Twin {
             .map_err(|error| RunError::bad_input(format!("node {id} refused its configuration: {error}")))?;
         let noise = if survey.drive == Drive::Simulated { Noise::of(scenario) } else { Noise::default() };
         let node = Node::new(params, &config.neighbours);
+        let neighbours = config.neighbours.iter().map(|neighbour| neighbour.id).collect();
         let by_timer = survey.drive != Drive::Host;
-        Ok(Self { index, node, noise, by_timer, wake: None, fd: survey.fd, sent: BTreeMap::new() })
+        let tick_ns = u64::from(config.tick_ns);
+        Ok(Self {
+            index,
+            node,
+            noise,
+            neighbours,
+            by_timer,
+            wake: None,
+            tick_ns,
+            fd: survey.fd,
+            sent: BTreeMap::new(),
+        })
     }
 
     /// Tells it to start, as the simulator does.
@@ -83,12 +99,12 @@ impl Twin {
         }
     }
 
-    /// Runs its next tick, or what else makes it send something.
-    pub fn step(&mut self) {
+    /// Runs its next tick, or what else makes it send something, `late` ticks after it is due.
+    pub fn step(&mut self, late: u32) {
         let state = |twin: &Self| (twin.node.tick(), twin.sent.values().map(VecDeque::len).sum::<usize>());
         let before = state(self);
         while let Some(at) = self.node.poll_at() {
-            self.poll(at);
+            self.poll(at.saturating_add(u64::from(late) * self.tick_ns));
             // What it only had to report is no step.
             if state(self) != before || self.wake == Some(at) {
                 return;
@@ -108,6 +124,12 @@ impl Twin {
                 Err(reason) => self.node.refuse(reason),
             }
         }
+    }
+
+    /// Whether a frame can make it another one: of a host, or of a neighbour.
+    pub fn listens_to(&self, entry: &Entry) -> bool {
+        let from = entry.real_time().and_then(|(id, _)| node_of(Id::Base(id)).filter(|_| id >> 7 > 0));
+        from.is_none_or(|from| self.neighbours.contains(&from))
     }
 
     /// Tick that it runs next.
