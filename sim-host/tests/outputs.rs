@@ -236,6 +236,27 @@ fn outputs_of_an_earlier_run_go_and_those_of_others_stay() {
     assert_eq!(place.names("out"), expected);
 }
 
+/// The folder of a run has all that repeats it: the original may be changed or gone.
+#[test]
+fn a_run_with_inputs_is_repeated_from_its_folder() {
+    let place = Place::new();
+    place.write("load.csv", "time_s,# of loads,p_kw\n0,3,0.1\n0.05,4,1.7\n10,1,-2\n");
+    let inputs = r#"agent.inputs={ load = { file = "load.csv", time = "time_s", column = "p_kw" } }"#;
+    let field = r#"agent.dynamics={ kind = "expression", f = "-x + 0.3*load" }"#;
+    place.five(&["--set", field, "--set", inputs, "--out", "out"]).fine();
+    let first = place.summary("out/summary.json");
+    fs::remove_file(place.at("load.csv")).unwrap();
+    let own = place.read("out/scenario-input-1.csv");
+    place.run(&["run", "out/scenario.toml", "--out", "again"]).fine();
+    assert_eq!(place.summary("again/summary.json")["trace_hash"], first["trace_hash"]);
+    place.run(&["run", "again/scenario.toml", "--out", "third"]).fine();
+    assert_eq!(place.summary("third/summary.json")["trace_hash"], first["trace_hash"]);
+    assert_eq!(place.read("third/scenario-input-1.csv"), own);
+    // A run without inputs leaves none.
+    place.five(&["--out", "out"]).fine();
+    assert!(!place.at("out/scenario-input-1.csv").exists());
+}
+
 #[test]
 fn a_refused_run_leaves_no_green_file() {
     let place = Place::new();

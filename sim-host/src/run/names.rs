@@ -28,12 +28,15 @@ const FILES: [&str; 12] = [
 
 /// Whether a file of this name in a folder of outputs is of this program.
 pub fn is_ours(name: &str) -> bool {
-    FILES.contains(&name) || is_log(name)
+    FILES.contains(&name) || is_numbered(name)
 }
 
-/// `node-N.log`
-fn is_log(name: &str) -> bool {
-    let number = name.strip_prefix("node-").and_then(|rest| rest.strip_suffix(".log"));
+/// `node-N.log`, `scenario-input-N.csv`
+fn is_numbered(name: &str) -> bool {
+    let number = match name.strip_prefix("node-") {
+        Some(rest) => rest.strip_suffix(".log"),
+        None => name.strip_prefix("scenario-input-").and_then(|rest| rest.strip_suffix(".csv")),
+    };
     number.is_some_and(|number| {
         !number.is_empty() && number.len() <= 3 && number.bytes().all(|byte| byte.is_ascii_digit())
     })
@@ -43,9 +46,9 @@ fn is_log(name: &str) -> bool {
 pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
-    let mut logs: Vec<_> = names.filter(|name| is_log(name)).collect();
-    logs.sort();
-    FILES.into_iter().map(str::to_owned).chain(logs).map(|name| folder.join(name)).collect()
+    let mut numbered: Vec<_> = names.filter(|name| is_numbered(name)).collect();
+    numbered.sort();
+    FILES.into_iter().map(str::to_owned).chain(numbered).map(|name| folder.join(name)).collect()
 }
 
 #[cfg(test)]
@@ -54,12 +57,19 @@ mod tests {
 
     #[test]
     fn names_of_others_are_not_ours() {
-        for name in ["summary.json", "node-1.log", "node-127.log", "bench.csv"] {
+        for name in ["summary.json", "node-1.log", "node-127.log", "bench.csv", "scenario-input-12.csv"] {
             assert!(is_ours(name), "{name}");
         }
-        for name in
-            ["summary.json.bak", "Summary.json", "node-.log", "node-x.log", "node-1.log.gz", "thesis.tex"]
-        {
+        for name in [
+            "summary.json.bak",
+            "Summary.json",
+            "node-.log",
+            "node-x.log",
+            "node-1.log.gz",
+            "input-1.csv",
+            "scenario-input-1.log",
+            "thesis.tex",
+        ] {
             assert!(!is_ours(name), "{name}");
         }
     }

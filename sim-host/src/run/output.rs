@@ -99,6 +99,9 @@ impl FolderFiles {
         let (told, as_run, last) = (self.events, self.scenario, self.summary);
         trajectory.settle()?;
         let mut settled = vec![settle(told, &told_of(scenario, outcome))?, settle(as_run, &scenario.as_run)?];
+        for input in &scenario.input_files {
+            settled.push(settle(AtomicFile::create(path.join(&input.name))?, &input.text)?);
+        }
         for mut file in buses.into_files() {
             file.settle()?;
             settled.push(file);

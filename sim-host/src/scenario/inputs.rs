@@ -2,11 +2,12 @@
 
 use super::diagnostic::Problem;
 use super::reader::{Log, Section};
-use super::tree::{Item, Value};
+use super::tree::{Item, Table, Value};
 use funnelnet_law::program::MAX_INPUTS;
 use funnelnet_node::params;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -64,6 +65,20 @@ impl Series {
     }
 }
 
+/// Column of times where `time` is left out.
+const TIME: &str = "t";
+/// Column of the values in a file that this program writes.
+const VALUE: &str = "value";
+
+/// A column of a file that the scenario names, as a file of its own, so that a run can be repeated without the first one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InputFile {
+    /// Its name in the folder of the scenario as it was run.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+}
+
 /// What is read of a column: points, or what is wrong with it.
 type Column = Result<Vec<(f64, f64)>, String>;
 
@@ -87,6 +102,67 @@ impl Files {
     }
 }
 
+impl Files {
+    /// Each column that was read, as a file of its own.
+    pub fn copies(&self) -> Vec<InputFile> {
+        let columns = self.columns.borrow();
+        let read = columns.values().filter_map(|column| column.as_ref().ok());
+        read.enumerate()
+            .map(|(index, points)| {
+                let mut text = format!("{TIME},{VALUE}\n");
+                for (t, value) in points {
+                    // The fewest digits that read as the same number. Writing to a string does not fail.
+                    let _ = writeln!(text, "{t:?},{value:?}");
+                }
+                InputFile { name: copy_name(index), text }
+            })
+            .collect()
+    }
+
+    /// Makes the sections of a scenario name those files.
+    pub fn name_copies(&self, root: &mut Table) {
+        for (key, item) in root.iter_mut() {
+            match &mut item.value {
+                Value::Table(inputs) if key == "inputs" => {
+                    inputs.values_mut().for_each(|input| self.name_copy(input));
+                }
+                Value::Table(section) => self.name_copies(section),
+                Value::Array(items) => {
+                    for item in items {
+                        if let Value::Table(section) = &mut item.value {
+                            self.name_copies(section);
+                        }
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn name_copy(&self, input: &mut Item) {
+        let place = input.place.clone();
+        let Value::Table(table) = &mut input.value else { return };
+        let text = |key: &str| match table.get(key).map(|item| &item.value) {
+            Some(Value::Text(text)) => Some(text.clone()),
+            _ => None,
+        };
+        let (Some(file), Some(column)) = (text("file"), text("column")) else { return };
+        let wanted = [file, text("time").unwrap_or_else(|| TIME.to_owned()), column];
+        let columns = self.columns.borrow();
+        let Some(index) = columns.keys().position(|key| *key == wanted) else { return };
+        for (key, value) in
+            [("file", copy_name(index)), ("time", TIME.to_owned()), ("column", VALUE.to_owned())]
+        {
+            let item = Item { value: Value::Text(value), ..Item::empty_table(&place, key) };
+            table.insert(key.to_owned(), item);
+        }
+    }
+}
+
+fn copy_name(index: usize) -> String {
+    format!("scenario-input-{}.csv", index + 1)
+}
+
 /// What `inputs` of a node says.
 pub(super) fn read(item: &Item, files: &Files, log: &Log) -> Option<Arc<[Series]>> {
     let Value::Table(table) = &item.value else {
@@ -106,7 +182,7 @@ pub(super) fn read(item: &Item, files: &Files, log: &Log) -> Option<Arc<[Series]
 fn read_one(name: &str, item: &Item, files: &Files, log: &Log) -> Option<Series> {
     let mut section = Section::open(item, log)?;
     let [file, time, column] =
-        [("file", None), ("time", Some("t")), ("column", None)].map(|(key, default)| {
+        [("file", None), ("time", Some(TIME)), ("column", None)].map(|(key, default)| {
             let text = section.text(key);
             if text.is_none() && default.is_none() && section.known(key).is_none() {
                 section.missing(key, "must be a string");

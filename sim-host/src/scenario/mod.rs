@@ -46,7 +46,7 @@ pub use funnelnet_law::funnel::{Normalised, Shape};
 pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
-pub use inputs::Series;
+pub use inputs::{InputFile, Series};
 pub use model::{
     Expect, FinalValue, FloorSpec, InputLimits, NodeSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
 };
@@ -86,9 +86,15 @@ impl Scenario {
         for value in overrides {
             value.apply(&mut root)?;
         }
-        let scenario = resolve(&root, path)?;
-        let as_run = written::as_run(text, root, &scenario.title, overrides.is_empty());
-        Ok(Self { as_run, ..scenario })
+        let files = inputs::Files::beside(path);
+        let scenario = resolve(&root, path, &files)?;
+        let input_files = files.copies();
+        if let tree::Value::Table(table) = &mut root.value {
+            files.name_copies(table);
+        }
+        let is_unchanged = overrides.is_empty() && input_files.is_empty();
+        let as_run = written::as_run(text, root, &scenario.title, is_unchanged);
+        Ok(Self { as_run, input_files, ..scenario })
     }
 }
 
@@ -138,7 +144,7 @@ fn read_all(source: impl Read, name: &str) -> Result<String, Diagnostics> {
 }
 
 /// The tree to the model.
-fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
+fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, Diagnostics> {
     let log = Log::default();
     let unread = || Diagnostics::from(root.place.diagnostic(Problem::Whole, "", "cannot be made sense of"));
     let Some(mut file) = Section::open(root, &log) else { return Err(unread()) };
@@ -151,7 +157,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
     let Agents { mut nodes, places, unit, damping } = match (&network, &coupling) {
         (Some(network), Some(coupling)) if network.nodes > 0 => {
             let end = time.as_ref().map_or(0.0, |time| time.duration_ns as f64 / 1e9);
-            agents::read(&mut file, coupling, network.nodes, &inputs::Files::beside(path), end)
+            agents::read(&mut file, coupling, network.nodes, files, end)
         }
         _ => {
             file.take("agent");
@@ -215,6 +221,7 @@ fn resolve(root: &Item, path: &Path) -> Result<Scenario, Diagnostics> {
         expect,
         path,
         as_run: String::new(),
+        input_files: Vec::new(),
     };
     initial::check(&scenario, &places)?;
     Ok(scenario)

@@ -8,6 +8,7 @@ use super::bus::{BusSpec, LinkSpec};
 use super::dynamics::Dynamics;
 use super::event::{Course, EventSpec};
 use super::graph::Graph;
+use super::inputs::InputFile;
 use crate::extremes::largest;
 
 /// Everything that a run depends on.
@@ -49,6 +50,8 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The text that gives it again, with the values of the command line in it.
     pub as_run: String,
+    /// The files that it names there.
+    pub input_files: Vec<InputFile>,
 }
 
 impl Scenario {

@@ -118,9 +118,14 @@ mod tests {
     }
 
     fn again(scenario: &Scenario) -> Scenario {
-        // Beside what the file names.
-        let again = Scenario::parse(&scenario.as_run, &folder().join("as-run.toml"), &[]).unwrap();
-        Scenario { path: scenario.path.clone(), as_run: scenario.as_run.clone(), ..again }
+        // Beside nothing but what was written with it.
+        let folder = tempfile::tempdir().unwrap();
+        for file in &scenario.input_files {
+            std::fs::write(folder.path().join(&file.name), &file.text).unwrap();
+        }
+        let again = Scenario::parse(&scenario.as_run, &folder.path().join("as-run.toml"), &[]).unwrap();
+        let (path, as_run) = (scenario.path.clone(), scenario.as_run.clone());
+        Scenario { path, as_run, input_files: scenario.input_files.clone(), ..again }
     }
 
     #[test]
