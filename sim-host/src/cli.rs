@@ -203,6 +203,9 @@ fn execute(
     let (summary, options) = Claim::take(wanted)?.guard(|claim| {
         let (scenario, bench) = load()?;
         let every_ticks = args.every.map(|every| every_ticks(every, &scenario)).transpose()?;
+        if args.every.is_some() && args.out.is_none() && !args.quiet {
+            complain("note: --every says which rows trajectory.csv has, and there is none without --out");
+        }
         let options = options(on, bench, args, every_ticks, repeat(arguments, scenario.seed))?;
         match run::execute_in(claim, &scenario, &options) {
             Ok(summary) => Ok((summary, options)),

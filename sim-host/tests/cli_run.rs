@@ -262,6 +262,15 @@ fn quiet_says_nothing_and_the_repeating_command_works() {
 }
 
 #[test]
+fn rows_that_go_nowhere_are_said() {
+    let every = ["run", FIVE, "--set", SHORT, "--every", "10ms"];
+    let (code, _, err) = run(&every);
+    assert_eq!(code, Some(0));
+    assert_eq!(err, "note: --every says which rows trajectory.csv has, and there is none without --out\n");
+    assert_eq!(run(&[&every[..], &["-q"]].concat()).2, "");
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_code_2_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let file = path(&folder, "file");

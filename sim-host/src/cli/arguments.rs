@@ -25,7 +25,7 @@ pub(super) const DEFAULT_IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/re
 const RUN_HELP: &str = "\
 Examples:
   sim-host run scenarios/five-agents.toml
-  sim-host run scenarios/five-agents.toml --on reference --every 10ms
+  sim-host run scenarios/five-agents.toml --on reference --out ref --every 10ms
   sim-host run scenarios/lossy-ring.toml --set bus.loss=0.3 --junit lossy.xml
   sim-host run scenarios/five-agents.toml --seed 7 --set node.3.state=-2
   sim-host run - --json - < scenarios/five-agents.toml";
