@@ -12,6 +12,9 @@ use std::rc::Rc;
 const WAYS: usize = 256;
 /// Frames that may wait in a node's inbox: those of several ticks.
 const INBOX: usize = 256;
+/// States that may be missing between two of the log where each of their ticks may have come by itself. Where more are, the node ran them at once:
+/// so a stamp that is wrong by many ticks is no long search, and no deep one.
+const MISSING: u32 = 8;
 /// Steps that are tried for one frame of the log.
 const TRIES: usize = 50_000;
 
@@ -102,7 +105,8 @@ impl Way {
             next.left += u32::from(!next.waiting.is_empty());
             let missing = next.clone().missing(wanted);
             // It came so late that it ran several ticks at once, or each of them in its time.
-            for late in (0..=missing).rev() {
+            let least = if missing > MISSING { missing } else { 0 };
+            for late in (least..=missing).rev() {
                 if *tries == 0 {
                     return;
                 }

@@ -133,17 +133,23 @@ fn frames_that_waited_and_ticks_that_came_late_are_found() {
     }
 }
 
+/// The last bit of the value, and bits of the stamp: a tick that is 2, 8 or 64 ticks away.
 #[test]
 fn a_bit_that_is_changed_is_found() {
-    let mut world = World::new(1);
-    let state = |entry: &Entry| entry.real_time().is_some_and(|(raw, _)| function_of(raw) == function::STATE);
-    let states: Vec<usize> = (0..world.log.len()).filter(|&at| state(&world.log[at])).collect();
-    let at = states[states.len() / 2];
-    let (raw, mut bytes) = world.log[at].real_time().map(|(raw, bytes)| (raw, bytes.to_vec())).unwrap();
-    bytes[0] ^= 1;
-    let (id, frame) = ((raw & 0x7F) as u8, Frame::data(Id::Base(raw), &bytes).unwrap());
-    world.log[at].record = Record::of_frame(0, &frame, false);
-    let own =
-        |entry: &&Entry| entry.real_time().is_some_and(|(raw, _)| (raw & 0x7F) as u8 == id && raw >> 7 > 0);
-    assert_eq!(world.replay(id), Err(world.log[..at].iter().filter(own).count()));
+    for (byte, bit) in [(0, 0), (4, 1), (4, 3), (4, 6)] {
+        let mut world = World::new(1);
+        let state =
+            |entry: &Entry| entry.real_time().is_some_and(|(raw, _)| function_of(raw) == function::STATE);
+        let states: Vec<usize> = (0..world.log.len()).filter(|&at| state(&world.log[at])).collect();
+        let at = states[states.len() / 2];
+        let (raw, mut bytes) = world.log[at].real_time().map(|(raw, bytes)| (raw, bytes.to_vec())).unwrap();
+        bytes[byte] ^= 1 << bit;
+        let (id, frame) = ((raw & 0x7F) as u8, Frame::data(Id::Base(raw), &bytes).unwrap());
+        world.log[at].record = Record::of_frame(0, &frame, false);
+        let own = |entry: &&Entry| {
+            entry.real_time().is_some_and(|(raw, _)| (raw & 0x7F) as u8 == id && raw >> 7 > 0)
+        };
+        let before = world.log[..at].iter().filter(own).count();
+        assert_eq!(world.replay(id), Err(before), "bit {bit} of byte {byte}");
+    }
 }

@@ -100,9 +100,7 @@ impl Files {
         let read = || read_column(&self.folder.join(&key[0]), &key[1], &key[2]);
         columns.entry(key.clone()).or_insert_with(read).clone()
     }
-}
 
-impl Files {
     /// Each column that was read, as a file of its own.
     pub fn copies(&self) -> Vec<InputFile> {
         let columns = self.columns.borrow();
