@@ -247,7 +247,15 @@ cmd_doc() { #: the crates' documentation, with warnings denied
     RUSTDOCFLAGS="-D warnings" cargo doc --quiet --locked --workspace --no-deps
 }
 
-cmd_package() { #: pack and build what can be published: law, protocol, node (dry run)
+# Crates below a user's test of a network.
+readonly CRATES_OF_A_TEST=40
+
+cmd_package() { #: pack and build what can be published (dry run), and count the crates below a test of a network
+    local crates
+    cargo check --quiet --locked --package funnelnet-sim --lib
+    crates=$(cargo tree --locked --quiet --package funnelnet-sim --edges normal,build --prefix none --format '{p}' | awk '{ print $1, $2 }' | sort -u | wc -l)
+    say "$crates crates in a test of a network, funnelnet-sim among them"
+    (( crates <= CRATES_OF_A_TEST )) || fail "more than $CRATES_OF_A_TEST crates below a test of a network"
     # In a folder of its own each time: cargo keeps what it has unpacked by the path of the registry, and takes an older law for this one.
     local folder status=0
     folder=$(mktemp -d)

@@ -17,7 +17,7 @@ while (( $# > 0 )); do
 done
 (( ${#targets[@]} > 0 )) || mapfile -t targets < <(cd targets && ls | sed 's/\.rs$//')
 
-# The host program, with all that it needs, is compiled for the one target that reads scenarios.
+# The simulator is compiled for the one target that reads scenarios.
 builds=()
 for target in "${targets[@]}"; do
     builds+=(--bin "$target")

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use sim_host::scenario::Scenario;
+use funnelnet_sim::scenario::Scenario;
 use std::path::Path;
 
 fuzz_target!(|text: &str| {

@@ -4,34 +4,24 @@
 //! equations of the paper in f64.
 #![forbid(unsafe_code)]
 
+pub use funnelnet_sim::{
+    bus, central, check, configure, emergent, engine, extremes, figure, judge, loopback, noise, number,
+    presence, printable, random, reference, sampled, scenario,
+};
+
 pub mod bench;
-pub mod bus;
 pub mod can;
-pub mod central;
-pub mod check;
 pub mod cli;
 pub mod compare;
 pub mod conductor;
-pub mod configure;
-pub mod emergent;
 pub mod emulator;
-pub mod engine;
 pub mod exit;
-pub mod extremes;
-pub mod figure;
 pub mod flash_file;
 pub mod host_node;
 pub mod hub;
 pub mod interrupt;
-pub mod judge;
-pub mod noise;
-pub mod presence;
-pub mod printable;
 pub mod progress;
-pub mod random;
 pub mod record;
-pub mod reference;
 pub mod replay;
 pub mod report;
 pub mod run;
-pub mod scenario;

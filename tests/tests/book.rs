@@ -143,10 +143,22 @@ fn the_code_of_the_worked_example_is_what_is_built() {
 }
 
 #[test]
+fn the_network_of_the_page_on_tests_is_one_that_runs() {
+    let blocks = code(&read(&repository(BOOK).join("your-own-test.md")), "rust");
+    let built = read(&repository("sim/tests/heaters.rs")) + &read(&repository("sim/README.md"));
+    assert!(blocks.len() >= 2);
+    for block in blocks {
+        assert!(built.contains(&block), "neither sim/tests/heaters.rs nor sim/README.md has:\n{block}");
+    }
+}
+
+#[test]
 fn what_the_evidence_names_is_there() {
     let text = read(&repository(BOOK).join("evidence.md"));
     let mut code = String::new();
-    for folder in ["law/tests", "node/tests", "sim-host/tests", "sim-host/src", "tests/tests"] {
+    for folder in
+        ["law/tests", "node/tests", "sim/src", "sim/tests", "sim-host/tests", "sim-host/src", "tests/tests"]
+    {
         files(&repository(folder), "rs").iter().for_each(|path| code += &read(path));
     }
     let names = text.split('`').skip(1).step_by(2).filter(|name| name.matches('_').count() >= 2);

@@ -139,7 +139,7 @@ fn bits(seen: &Observation<f32>) -> [u32; 5] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::engine_of;
+    use crate::loopback::engine as engine_of;
     use crate::scenario::Scenario;
     use std::path::Path;
 

@@ -4,10 +4,7 @@
 
 mod atomic;
 mod bus_files;
-mod bus_table;
 mod junit;
-mod number;
-mod reference;
 mod rights;
 mod summary;
 mod summary_text;
@@ -18,14 +15,12 @@ mod trajectory;
 pub(crate) use atomic::follow;
 pub use atomic::{AtomicFile, RecordError, is_standard_output, write_atomic};
 pub use bus_files::{BusFiles, BusLogs, OnBus};
-pub use bus_table::{BusTable, BusTables, IdentifierRow, LatencyRow, node_of};
 pub use junit::{JunitError, junit, junit_error};
-pub use number::{Precision, shortest};
 pub use rights::remove_earlier;
 pub use summary::{
-    AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary,
-    DuringEventsSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary,
-    PerComponent, PerInterface, ReferenceSummary, Summary, SyncSummary, WiresSummary,
+    BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, DuringEventsSummary,
+    EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent,
+    PerInterface, Summary, SyncSummary, WiresSummary,
 };
 pub use summary_text::failures;
 pub use temporary::remove_abandoned;

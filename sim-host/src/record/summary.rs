@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use serde::{Serialize, Serializer};
 
 use super::atomic::{RecordError, write_atomic};
-use super::bus_table::BusTables;
+use crate::bus::table::BusTables;
 use crate::emergent::Contraction;
-use crate::judge::{Check, CounterSummary};
+use crate::judge::{AbsenceSummary, Check, CounterSummary, ReferenceSummary};
 
 /// What a run came to. A part that the run does not have is `null`, and so is a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -153,19 +153,6 @@ impl Serialize for PerComponent {
     }
 }
 
-/// How far from the continuous-time reference, in state units.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct ReferenceSummary {
-    /// Over all nodes and ticks.
-    pub max_error: f64,
-    /// Over all nodes, at the end.
-    pub final_error: f64,
-    /// Whether the reference is near enough to the exact solution to stand for it. If not, no distance to it is judged.
-    pub resolved: bool,
-    /// How far the reference itself may be from the exact solution; `null` where it is not known to any bound.
-    pub error_estimate: f64,
-}
-
 /// What the bus carried.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct BusSummary {
@@ -291,19 +278,6 @@ impl Serialize for PerInterface {
             interfaces => interfaces.serialize(serializer),
         }
     }
-}
-
-/// The time that a node was away.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct AbsenceSummary {
-    /// Its id.
-    pub node: u8,
-    /// First tick that it has missed.
-    pub from_tick: u32,
-    /// First tick that it took part in again; `null` if it did not come back.
-    pub to_tick: Option<u32>,
-    /// Why it was given up.
-    pub why: String,
 }
 
 /// One node of a bench.

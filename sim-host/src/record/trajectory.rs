@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use super::atomic::{AtomicFile, RecordError};
-use super::number::Precision;
+use crate::number::Precision;
 
 /// One recorded instant; the vectors have one entry per node and component, by id and then by component.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -2,8 +2,8 @@
 
 use super::reader::LogReader;
 use super::{Entry, says};
+use crate::bus::table::node_of;
 use crate::can::AnyFormat;
-use crate::record::node_of;
 use crate::run::RunError;
 use crate::scenario::Scenario;
 use funnelnet_can_bus::{Id, response};

@@ -2,11 +2,12 @@
 
 use super::survey::{Drive, Survey};
 use super::{Entry, says};
+use crate::bus::table::node_of;
 use crate::can::{AnyFormat, PortFrame};
 use crate::configure::node_configs;
+use crate::loopback::LOOPBACK;
 use crate::noise::Noise;
-use crate::record::node_of;
-use crate::run::{LOCKSTEP, LOOPBACK, RunError};
+use crate::run::{LOCKSTEP, RunError};
 use crate::scenario::Scenario;
 use funnelnet_can_bus::Id;
 use funnelnet_link::Frame as _;

@@ -2,7 +2,7 @@
 
 use super::bench_buses::Logged;
 use super::error::RunError;
-use super::fidelity::{LOCKSTEP, bus_between, can_engine, engine, lockstep, needs_no_can};
+use super::fidelity::{LOCKSTEP, can_engine, lockstep, needs_no_can};
 use super::network::Network;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
@@ -12,11 +12,10 @@ use crate::bench::{BenchFile, Clock, Comparison, Difference, Skew, Stampings, Wi
 use crate::conductor::Conductor;
 use crate::configure::node_configs;
 use crate::hub::{Absence, CanCounts, Contact, Hub};
+use crate::judge::AbsenceSummary;
+use crate::loopback::{engine, ideal_bus_between};
 use crate::noise::Noise;
-use crate::record::{
-    AbsenceSummary, BenchNodeSummary, BenchSummary, BusSummary, BusTables, CanSummary, PerInterface,
-    WiresSummary,
-};
+use crate::record::{BenchNodeSummary, BenchSummary, BusSummary, CanSummary, PerInterface, WiresSummary};
 use crate::scenario::{BusModel, Scenario};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::Identity;
@@ -47,7 +46,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let mut rows = Logged::new(rows, scenario, options.interfaces(scenario));
     let attached = attach(file, &ids, &options.emulator())?;
     let id = |index: usize| ids.get(index).copied().unwrap_or(0);
-    let bus = bus_between(scenario, |from, to| !file.is_wired(id(from), id(to)));
+    let bus = ideal_bus_between(scenario, |from, to| !file.is_wired(id(from), id(to)));
     let hub = Hub::new(attached, &configs, bus, file.patience())?;
     let hub = if wired > 0 { hub.with_wires(file.settle) } else { hub };
     let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
@@ -171,7 +170,7 @@ impl Files {
 }
 
 /// With what was on the buses, by identifier; those of a run on one bus whose bit rate is known say how busy that was.
-fn with_tables(bus: BusSummary, can: BusTables) -> BusSummary {
+fn with_tables(bus: BusSummary, can: crate::bus::table::BusTables) -> BusSummary {
     let utilisation = match can.0.as_slice() {
         [table] => table.utilisation.unwrap_or(0.0),
         _ => 0.0,

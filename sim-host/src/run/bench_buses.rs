@@ -2,7 +2,8 @@
 
 use super::error::RunError;
 use super::rows::Rows;
-use crate::record::{BusTable, BusTables, OnBus, Row};
+use crate::bus::table::{BusTable, BusTables};
+use crate::record::{OnBus, Row};
 use crate::scenario::{BusModel, Scenario};
 use funnelnet_can_bus::record::ERROR;
 use funnelnet_can_bus::{Id, Length, Record, Table, Timing};

@@ -92,9 +92,10 @@ mod tests {
     use super::*;
     use crate::bus::Traffic;
     use crate::engine::Engine;
+    use crate::loopback::engine as engine_of;
     use crate::presence::Presence;
+    use crate::run::Fidelity;
     use crate::run::testing::options;
-    use crate::run::{Fidelity, engine_of};
     use crate::scenario::Override;
     use funnelnet_node::Observation;
     use std::path::Path;

@@ -2,6 +2,7 @@
 
 use crate::exit::Exit;
 use crate::hub::HubError;
+use crate::loopback::Refused;
 use crate::record::RecordError;
 use funnelnet_protocol::service::StageError;
 use std::fmt;
@@ -58,6 +59,12 @@ impl fmt::Display for RunError {
 }
 
 impl std::error::Error for RunError {}
+
+impl From<Refused> for RunError {
+    fn from(refused: Refused) -> Self {
+        Self::bad_input(refused)
+    }
+}
 
 impl From<RecordError> for RunError {
     fn from(error: RecordError) -> Self {

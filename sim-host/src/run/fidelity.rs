@@ -4,39 +4,26 @@ use super::drive::{Cut, Record, drive};
 use super::error::RunError;
 use super::heard;
 use super::network::Network;
-use super::options::{RunOptions, SIMULATED};
+use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
-use crate::bus::Medium;
-use crate::bus::Traffic;
-use crate::bus::can::{CanBus, LinkNoise, OnWire};
-use crate::bus::ideal::{IdealBus, IdealParams};
-use crate::bus::links::Payload;
-use crate::bus::uart::UartBus;
+use crate::bus::table::{BusTable, BusTables};
+use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
-use crate::configure::{Drive, central_configs, listeners, node_configs};
+use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
-use crate::engine::{self, Engine, SimField, SimNode, World};
+use crate::engine::Engine;
 use crate::hub::Hub;
+use crate::loopback::{LOOPBACK, accepted, can_bus, compute, engine, ideal_bus, nodes, uart_bus};
 use crate::noise::Noise;
-use crate::random::{self, Purpose};
-use crate::record::{BusSummary, BusTable, BusTables};
-use crate::scenario::{BusModel, Coupling, NodeSpec, Scenario};
-use funnelnet_can_bus::BitErrors;
+use crate::record::BusSummary;
+use crate::scenario::{BusModel, Coupling, Scenario};
 use funnelnet_link::{Classic, Fd};
-use funnelnet_node::{Node, Params};
+use funnelnet_protocol::Refusal;
 use funnelnet_protocol::config::TickSource;
-use funnelnet_protocol::message::NodeId;
 use funnelnet_protocol::report::Report;
-use funnelnet_protocol::{NodeConfig, Refusal};
-use rand_pcg::rand_core::Rng as _;
 use std::collections::BTreeMap;
 
-/// Drive of nodes in this program.
-pub(crate) const LOOPBACK: Drive =
-    Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
-/// Drive of nodes in this program that come during a run: only SYNC tells them the tick.
-const JOINING: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes behind streams of bytes: they tick when the hub says so, and tell all they see.
 pub(crate) const LOCKSTEP: Drive =
     Drive { tick_source: TickSource::Sync, telemetry_every: 1, is_simulated: false };
@@ -66,15 +53,6 @@ fn on<M: Medium>(
     let log = options.out.is_some() && options.bus_logs.any();
     engine.bus_mut().watch(scenario.time.tick_ns, log);
     in_program(scenario, options, rows, engine)
-}
-
-/// Time that each node takes from its tick to its frames, ns, by index.
-fn compute(scenario: &Scenario) -> Vec<u64> {
-    scenario.nodes.iter().map(|node| node.compute_ns).collect()
-}
-
-fn uart_bus(scenario: &Scenario) -> UartBus {
-    UartBus::new(&scenario.bus, listeners(scenario), scenario.seed, &scenario.links)
 }
 
 fn in_program<M: Medium>(
@@ -142,49 +120,9 @@ fn tables<M: Medium>(engine: &mut Engine<M>, scenario: &Scenario, utilisation: f
 /// The nodes of a scenario in this program, on its CAN bus, not started yet.
 pub(crate) fn can_engine(
     scenario: &Scenario,
-) -> Result<Engine<CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
+) -> Result<Engine<crate::bus::can::CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
     Ok(engine.with_noise(Noise::of(scenario)))
-}
-
-/// The nodes of a scenario in this program, on an ideal bus, not started yet.
-pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario));
-    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
-    if scenario.events.is_empty() {
-        return Ok(engine);
-    }
-    let fresh = nodes(scenario, JOINING)?;
-    let world = World::new(
-        &scenario.course().on_clock(&scenario.time),
-        scenario.time.tick_ns,
-        listeners(scenario),
-        fresh,
-    );
-    Ok(engine.with_world(world))
-}
-
-/// The nodes of a scenario, configured.
-fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<SimNode>, RunError> {
-    let configs = node_configs(scenario, drive).map_err(RunError::bad_input)?;
-    let params = accepted(&configs, scenario)?.into_iter();
-    Ok(params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
-}
-
-/// The scenario's CAN bus, with as many bit errors as it asks for.
-fn can_bus<F: OnWire>(
-    scenario: &Scenario,
-) -> Result<CanBus<impl funnelnet_can_bus::Noise + use<F>, F>, RunError> {
-    let (spec, seed) = (&scenario.bus, scenario.seed);
-    let timing = spec.timing().ok_or_else(|| RunError::defect("a bus without bit rates"))?;
-    let mut stream = random::stream(seed, Purpose::BitErrors, 0);
-    let errors =
-        BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64()).map_err(RunError::bad_input)?;
-    let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
-    let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
-    let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
-    let bus = CanBus::with_format(timing, noise, &ids, &listeners(scenario));
-    Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
 }
 
 /// Nodes that are not in this program have no bus but the ideal one of the hub, or a real one.
@@ -196,16 +134,6 @@ pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
     Err(RunError::bad_input(format!(
         "bus.model = \"{model}\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\""
     )))
-}
-
-/// Parameters that the nodes make of their configurations.
-fn accepted(configs: &[NodeConfig], scenario: &Scenario) -> Result<Vec<Params<f32, SimField>>, RunError> {
-    let params = |(config, spec): (&NodeConfig, &NodeSpec)| {
-        engine::params(config, spec).map_err(|error| {
-            RunError::bad_input(format!("node {} refused its configuration: {error}", config.id))
-        })
-    };
-    configs.iter().zip(&scenario.nodes).map(params).collect()
 }
 
 /// Weakly-centralised coupling, in one loop over all nodes and without a bus.
@@ -242,7 +170,7 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let attached = emulator::attach(&ids, &options.emulator())?;
-    let hub = Hub::new(attached, &configs, bus(scenario), emulator::PATIENCE)?;
+    let hub = Hub::new(attached, &configs, ideal_bus(scenario), emulator::PATIENCE)?;
     let mut hub = hub.with_noise(Noise::of(scenario));
     let outcome = lockstep("emulator", (scenario, options), &mut hub, rows, |_, _| Ok(()))?;
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
@@ -303,24 +231,6 @@ fn with_words_of(
     }
     let warnings = conductor.warnings();
     Outcome { bus, warnings, unheard, silent, contradictions, ended_early: early, ..outcome }
-}
-
-pub(super) fn bus<P: Payload>(scenario: &Scenario) -> IdealBus<P> {
-    bus_between(scenario, |_, _| true)
-}
-
-/// The same, where it carries the frames of one node to another only if `carries` says so, by index.
-pub(super) fn bus_between<P: Payload>(
-    scenario: &Scenario,
-    carries: impl Fn(usize, usize) -> bool,
-) -> IdealBus<P> {
-    let mut listeners = listeners(scenario);
-    for (from, list) in listeners.iter_mut().enumerate() {
-        list.retain(|&to| carries(from, to));
-    }
-    let spec = &scenario.bus;
-    let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-    IdealBus::new(params, scenario.seed, listeners).with_links(scenario.seed, &scenario.links)
 }
 
 fn bus_record<'a>(traffic: Traffic, reports: impl IntoIterator<Item = &'a Report>) -> BusSummary {

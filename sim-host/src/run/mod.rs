@@ -29,10 +29,8 @@ pub use claim::Claim;
 pub use commission::{commission, erase};
 pub use error::RunError;
 pub use event_log::MoreEvents;
-#[cfg(test)]
-pub(crate) use fidelity::engine as engine_of;
-pub(crate) use fidelity::{LOCKSTEP, LOOPBACK};
-pub use options::{Fidelity, RunOptions, SIMULATED, Verbosity};
+pub(crate) use fidelity::LOCKSTEP;
+pub use options::{Fidelity, RunOptions, Verbosity};
 pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
 pub(crate) use own_clock::DRIVE as OWN_CLOCK;

@@ -1,6 +1,7 @@
 //! What the user asks of a run.
 
 use crate::bench::BenchFile;
+use crate::bus::SIMULATED;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
 use crate::record::BusLogs;
@@ -70,9 +71,6 @@ pub struct RunOptions {
     /// The command that repeats the run.
     pub repeat: String,
 }
-
-/// Name of the interface of a simulated bus in its logs.
-pub const SIMULATED: &str = "can0";
 
 /// Rows of a trajectory that is not asked for more closely.
 const DEFAULT_ROWS: u64 = 2000;

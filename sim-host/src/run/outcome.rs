@@ -7,10 +7,12 @@ use crate::emergent::Prediction;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::extremes::larger;
-use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
+use crate::judge::{
+    Account, Check, CounterSummary, Evidence, Findings, ReferenceSummary, Stop, WindowFigures, checks,
+};
 use crate::record::{
     BelievedSummary, BenchSummary, BusSummary, DuringEventsSummary, EmergentSummary, Expectation,
-    FunnelSummary, PerComponent, ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
+    FunnelSummary, PerComponent, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{EventSpec, Scenario, Window};
 use funnelnet_node::Event;

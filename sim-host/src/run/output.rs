@@ -9,9 +9,8 @@ use super::outcome::Outcome;
 use super::rows::Rows;
 use crate::engine::NodeEvent;
 use crate::exit::Exit;
-use crate::record::{
-    AtomicFile, BusFiles, OnBus, Precision, RecordError, Row, Shape, Summary, TrajectoryWriter,
-};
+use crate::number::Precision;
+use crate::record::{AtomicFile, BusFiles, OnBus, RecordError, Row, Shape, Summary, TrajectoryWriter};
 use crate::report::{MarkKind, PlotError, Trace, agreement_svg, funnels_svg, inputs_svg, states_svg};
 use crate::scenario::{Absence, Course, EventKind, EventSpec, Scenario, TimeSpec};
 use std::fmt::Write as _;
@@ -256,7 +255,8 @@ fn seconds(ns: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{AbsenceSummary, BenchSummary};
+    use crate::judge::AbsenceSummary;
+    use crate::record::BenchSummary;
     use funnelnet_node::Event;
 
     #[test]

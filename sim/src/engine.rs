@@ -1,0 +1,404 @@
+//! The loopback engine: f32 nodes, a bus, and integer time. Every state travels as the bytes of a CAN frame.
+//!
+//! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
+
+mod field;
+mod plants;
+mod world;
+
+pub use field::{Outside, SimField, SimNode, params, params_as};
+pub use plants::{Driven, Plants};
+pub use world::World;
+
+use crate::bus::Medium;
+use crate::bus::Traffic;
+use crate::bus::ideal::IdealBus;
+use crate::noise::Noise;
+use crate::presence::Presence;
+use crate::scenario::Change;
+use funnelnet_law::field::VectorField;
+use funnelnet_node::{Action, Event, Node, Observation, Phase};
+use funnelnet_protocol::can::CanFrame;
+use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Target, TickStamp};
+use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::report::Report;
+use std::collections::VecDeque;
+
+/// An event of a node, with the node's index and the engine's time (ns).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeEvent {
+    /// Time since the start, ns.
+    pub at: u64,
+    /// Index of the node.
+    pub node: usize,
+    /// The event.
+    pub event: Event,
+}
+
+/// A node that waits for a message.
+const NEVER: u64 = u64::MAX;
+
+/// What is seen of a node that is off. Not a number, so that nothing is judged by it unnoticed.
+const NOTHING: Observation<f32> =
+    Observation { tick: u32::MAX, x: f32::NAN, nu: f32::NAN, psi: f32::NAN, ratio: f32::NAN, u: f32::NAN };
+
+/// Nodes on a bus, an ideal one if no other is said.
+pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
+    nodes: Vec<Node<f32, V>>,
+    bus: M,
+    noise: Noise,
+    /// Time from the tick of each node to its frames, ns; none where they go at once.
+    compute: Vec<u64>,
+    /// What the node that is polled has said and still computes.
+    said: Vec<Message>,
+    /// What nodes still compute, in the order of time.
+    later: VecDeque<Later>,
+    plants: Plants,
+    /// Where events happen.
+    world: Option<World<V>>,
+    /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
+    wakes: Vec<u64>,
+    /// Node by node, and the components of each in order.
+    observations: Vec<Observation<f32>>,
+    events: Vec<NodeEvent>,
+}
+
+/// Messages that a node will have computed at some time (ns).
+struct Later {
+    at: u64,
+    node: usize,
+    messages: Vec<Message>,
+}
+
+impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
+    /// Nodes that are ready to start, all with as many components; `bus` must know as many nodes.
+    pub fn new(nodes: Vec<Node<f32, V>>, bus: M) -> Self {
+        let observations = nodes.iter().flat_map(|node| node.observations().iter().copied()).collect();
+        let noise = Noise::default();
+        let wakes = vec![NEVER; nodes.len()];
+        Self {
+            nodes,
+            bus,
+            noise,
+            compute: Vec::new(),
+            said: Vec::new(),
+            later: VecDeque::new(),
+            plants: Plants::default(),
+            world: None,
+            wakes,
+            observations,
+            events: Vec::new(),
+        }
+    }
+
+    /// With nodes that compute for so long (ns, by index) before they send.
+    pub fn with_compute(self, compute: Vec<u64>) -> Self {
+        let takes_time = compute.iter().any(|&ns| ns > 0);
+        Self { compute: if takes_time { compute } else { Vec::new() }, ..self }
+    }
+
+    /// With noise on the states that nodes send.
+    pub fn with_noise(self, noise: Noise) -> Self {
+        Self { noise, ..self }
+    }
+
+    /// With nodes that measure and drive these plants.
+    pub fn with_plants(self, plants: Plants) -> Self {
+        Self { plants, ..self }
+    }
+
+    /// With the events of a world.
+    pub fn with_world(mut self, world: World<V>) -> Self {
+        self.bus.set_listeners(world.listeners());
+        self.world = Some(world);
+        let absent: Vec<usize> = (0..self.nodes.len()).filter(|&index| !self.is_on(index)).collect();
+        absent.into_iter().for_each(|index| self.forget(index));
+        self
+    }
+
+    /// Starts all nodes that are on at time 0.
+    pub fn start(&mut self) {
+        self.happen(0);
+        for index in 0..self.nodes.len() {
+            if self.is_on(index) && self.nodes.get(index).map(Node::phase) == Some(Phase::Ready) {
+                self.command(index, Command::Start, 0);
+            }
+        }
+    }
+
+    /// Runs until all nodes that are due at the next tick instant have ticked, and gives what they saw, by index and
+    /// then by component. `None` when nothing is left to do, which is never where events may happen.
+    ///
+    /// A node that has stopped keeps its last observation.
+    pub fn advance(&mut self) -> Option<&[Observation<f32>]> {
+        let now = match self.world.as_mut().map(World::next_tick) {
+            Some((tick, now)) => {
+                self.happen(now);
+                self.deliver_before(now);
+                self.synchronise(tick, now);
+                now
+            }
+            None => {
+                let now = self.wakes.iter().copied().min().filter(|&at| at != NEVER)?;
+                self.deliver_before(now);
+                now
+            }
+        };
+        for index in 0..self.nodes.len() {
+            if self.wakes.get(index) == Some(&now) {
+                self.poll(index, now);
+            }
+        }
+        Some(&self.observations)
+    }
+
+    /// Observations of the nodes at their last tick, by index and then by component.
+    pub fn observations(&self) -> &[Observation<f32>] {
+        &self.observations
+    }
+
+    /// Presence of each node at tick `k`, at which all were due last, by index.
+    pub fn presence(&self, k: u64) -> Vec<Presence> {
+        let components = self.nodes.first().map_or(1, Node::components);
+        let of = |(index, seen): (usize, &[Observation<f32>])| match seen.first() {
+            _ if !self.is_on(index) => Presence::Off,
+            Some(seen) if u64::from(seen.tick) == k => Presence::Ran,
+            // Its state is what it stopped with.
+            _ => Presence::Stopped,
+        };
+        self.observations.chunks(components).enumerate().map(of).collect()
+    }
+
+    /// Whether no event keeps a node off, by index.
+    pub fn is_on(&self, index: usize) -> bool {
+        self.world.as_ref().is_none_or(|world| world.is_on(index))
+    }
+
+    /// Whether two nodes that are on can hear each other: no event has cut their link.
+    pub fn are_joined(&self, a: usize, b: usize) -> bool {
+        let world = self.world.as_ref();
+        world.is_none_or(|world| world.is_on(a) && world.is_on(b) && !world.is_cut(a, b))
+    }
+
+    /// What the nodes report since they were last switched on, by index; `None` for one that is off.
+    pub fn reports(&self) -> Vec<Option<Report>> {
+        let report = |(index, node): (usize, &Node<f32, V>)| self.is_on(index).then(|| node.report());
+        self.nodes.iter().enumerate().map(report).collect()
+    }
+
+    /// The nodes, by index.
+    pub fn nodes(&self) -> &[Node<f32, V>] {
+        &self.nodes
+    }
+
+    /// A node, for who plays its host between two ticks.
+    pub fn node_mut(&mut self, index: usize) -> Option<&mut Node<f32, V>> {
+        self.nodes.get_mut(index)
+    }
+
+    /// Events that the nodes reported since the last call.
+    pub fn take_events(&mut self) -> Vec<NodeEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Part of the time so far for which the bus was busy.
+    pub fn utilisation(&self) -> f64 {
+        self.bus.utilisation()
+    }
+
+    /// Frame counts so far.
+    pub fn traffic(&self) -> Traffic {
+        self.bus.traffic()
+    }
+
+    /// The bus.
+    pub fn bus(&self) -> &M {
+        &self.bus
+    }
+
+    /// The bus, to have it watched.
+    pub fn bus_mut(&mut self) -> &mut M {
+        &mut self.bus
+    }
+
+    /// Does what events do up to `now`, each at its time.
+    fn happen(&mut self, now: u64) {
+        while let Some(at) = self.world.as_ref().and_then(World::next_change).filter(|&at| at <= now) {
+            self.deliver_before(at);
+            while let Some(change) = self.world.as_mut().and_then(|world| world.take_change(at)) {
+                self.change(change, at);
+            }
+            if let Some(world) = &self.world {
+                self.bus.set_listeners(world.listeners());
+            }
+        }
+    }
+
+    /// Makes one change.
+    fn change(&mut self, change: Change, now: u64) {
+        if let Change::Off { node, told: true } = change {
+            self.command(node, Command::Stop, now);
+        }
+        if let Some(world) = &mut self.world {
+            world.make(change);
+        }
+        match change {
+            Change::Off { node, .. } => self.forget(node),
+            Change::On { node } => self.command(node, Command::Start, now),
+            Change::Cut(..) | Change::Mend(..) => {}
+        }
+    }
+
+    /// Takes a node's state away: what is left is what it is made of after power-on.
+    fn forget(&mut self, index: usize) {
+        let fresh = self.world.as_ref().and_then(|world| world.fresh(index));
+        let (Some(node), Some(fresh)) = (self.nodes.get_mut(index), fresh) else { return };
+        let first = index * fresh.components();
+        self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
+        *node = fresh;
+        self.plants.power_off(index);
+        self.later.retain(|later| later.node != index);
+        if let Some(wake) = self.wakes.get_mut(index) {
+            *wake = NEVER;
+        }
+    }
+
+    /// Gives a command to one node, and does what follows.
+    fn command(&mut self, index: usize, command: Command, now: u64) {
+        let joins =
+            command == Command::Start && self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
+        let at_tick = if joins { JOIN } else { 0 };
+        let message = Message::Ctrl { target: Target::All, command, arg: 0, at_tick };
+        receive(&mut self.nodes, index, Ok(message), now);
+        self.poll(index, now);
+    }
+
+    /// Marks `tick` for the nodes that tick by SYNC.
+    fn synchronise(&mut self, tick: u64, now: u64) {
+        let previous_tick = TickStamp::full((tick as u32).wrapping_sub(1));
+        let sync = Message::Sync { source: None, previous_tick, phase_us: 0 };
+        for index in 0..self.nodes.len() {
+            let by_sync = self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
+            if by_sync && self.nodes.get(index).map(Node::phase) == Some(Phase::Running) {
+                receive(&mut self.nodes, index, Ok(sync), now);
+                if let Some(wake) = self.wakes.get_mut(index) {
+                    *wake = now;
+                }
+            }
+        }
+    }
+
+    fn deliver_before(&mut self, now: u64) {
+        loop {
+            let arrival = self.bus.next_arrival().filter(|&at| at < now);
+            if !self.later.is_empty() && self.sends_first(now, arrival) {
+                continue;
+            }
+            let Some(at) = arrival else { return };
+            let nodes = &mut self.nodes;
+            self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
+            for (index, count) in self.bus.take_off() {
+                self.fail(index, count, at);
+            }
+        }
+    }
+
+    /// Sends what a node has computed before `now`, if that is before the next arrival; whether there was something.
+    #[cold]
+    fn sends_first(&mut self, now: u64, arrival: Option<u64>) -> bool {
+        let Some(later) = self.later.front() else { return false };
+        let is_first = later.at < now && arrival.is_none_or(|at| later.at <= at);
+        if is_first {
+            self.send_later();
+        }
+        is_first
+    }
+
+    fn send_later(&mut self) {
+        let Some(Later { at, node, messages }) = self.later.pop_front() else { return };
+        messages.iter().for_each(|message| self.bus.send(at, node, message));
+        self.bus.flush(at, node);
+    }
+
+    /// Has a node send at `at` (ns) what it computes until then.
+    #[cold]
+    fn send_at(&mut self, at: u64, node: usize) {
+        let messages = std::mem::take(&mut self.said);
+        self.bus.computes(node, at);
+        let place = self.later.partition_point(|later| later.at <= at);
+        self.later.insert(place, Later { at, node, messages });
+    }
+
+    /// Stops a node that its bus has lost, as its app does.
+    #[cold]
+    fn fail(&mut self, index: usize, count: u16, now: u64) {
+        if let Some(node) = self.nodes.get_mut(index) {
+            node.fail(FaultCode::BUS_OFF, count);
+        }
+        self.poll(index, now);
+    }
+
+    // Where `Node::poll` is called in one place, it is inlined there (`./ci.sh cost`).
+    fn poll(&mut self, index: usize, now: u64) {
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        let compute = self.compute.get(index).copied().unwrap_or(0);
+        let mut says = false;
+        let wake = loop {
+            let action = node.poll(now);
+            let is_done = action.is_none();
+            match action {
+                Some(Action::Send(message)) => {
+                    let message =
+                        if self.noise.is_none() { message } else { self.noise.disturb(index, message) };
+                    if compute == 0 {
+                        self.bus.send(now, index, &message);
+                        says = true;
+                    } else {
+                        self.said.push(message);
+                    }
+                }
+                Some(Action::Report(event)) => self.events.push(NodeEvent { at: now, node: index, event }),
+                Some(action @ (Action::Safe | Action::Sample | Action::Actuate)) => {
+                    self.plants.act(index, &action, node);
+                }
+                None => {}
+            }
+            let wake = node.poll_at().unwrap_or(NEVER);
+            if is_done || wake > now {
+                break wake;
+            }
+        };
+        let seen = node.observations();
+        // All nodes have as many components.
+        let first = index * seen.len();
+        if let Some(slots) = self.observations.get_mut(first..first + seen.len()) {
+            slots.copy_from_slice(seen);
+        }
+        if let Some(next) = self.wakes.get_mut(index) {
+            *next = wake;
+        }
+        if says {
+            self.bus.flush(now, index);
+        }
+        if !self.said.is_empty() {
+            self.send_at(now.saturating_add(compute), index);
+        }
+    }
+}
+
+/// Hands a node what its link has heard, or counts that it could not be read.
+// Inlined because a decoded message never goes through memory then (`./ci.sh cost`).
+#[inline(always)]
+fn receive<V: VectorField<f32>>(
+    nodes: &mut [Node<f32, V>],
+    index: usize,
+    heard: Result<Message, Refusal>,
+    now: u64,
+) {
+    let Some(node) = nodes.get_mut(index) else { return };
+    match heard {
+        // The node counts what it refuses; nothing else is to be done about it here.
+        Ok(message) => drop(node.on_message(&message, now)),
+        Err(reason) => node.refuse(reason),
+    }
+}

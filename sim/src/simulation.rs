@@ -1,0 +1,280 @@
+//! A scenario's network in a test of your own: the node of the firmware, on a simulated bus, with fields and plants that you write.
+
+mod field;
+mod network;
+#[cfg(test)]
+mod tests;
+mod verdict;
+
+pub use field::NodeField;
+pub use verdict::Verdict;
+
+use crate::bus::Medium;
+use crate::central::Central;
+use crate::configure::{central_configs, listeners, node_configs};
+use crate::engine::{self, Driven, Engine, NodeEvent, Plants, World};
+use crate::judge::{Judge, Moment, Stop};
+use crate::loopback::{JOINING, LOOPBACK, Refused, accepted, can_bus, compute, ideal_bus, uart_bus};
+use crate::noise::Noise;
+use crate::scenario::{BusModel, Coupling, LARGEST_RUN, Scenario};
+use funnelnet_law::field::VectorField;
+use funnelnet_link::{Classic, Fd};
+use funnelnet_node::{Event, Fixed, Model, Node, Observation, Params};
+use funnelnet_plant::Plant;
+use funnelnet_protocol::NodeConfig;
+use funnelnet_protocol::config::ConfigError;
+use network::Network;
+use std::sync::Arc;
+
+/// Makes the parameters of a node from its configuration.
+type Make = Box<dyn Fn(&NodeConfig) -> Result<Params<f32, NodeField>, ConfigError>>;
+
+/// A network that is not started yet: its nodes may get fields and plants.
+pub struct Setup<'s> {
+    scenario: &'s Scenario,
+    /// By index; none for a node that is as the scenario says.
+    makes: Vec<Option<Make>>,
+    plants: Vec<Option<Box<dyn Driven>>>,
+}
+
+/// A network that runs.
+pub struct Simulation<'s> {
+    scenario: &'s Scenario,
+    network: Box<dyn Network + 's>,
+    judge: Judge<'s>,
+    /// Tick that comes next.
+    next: u64,
+    events: Vec<NodeEvent>,
+    /// States and inputs of the tick, by index and then by component.
+    x: Vec<f64>,
+    u: Vec<f64>,
+}
+
+impl<'s> Simulation<'s> {
+    /// The network of a scenario, whose nodes are as it says, on its bus.
+    ///
+    /// # Errors
+    /// See [`Refused`].
+    pub fn new(scenario: &'s Scenario) -> Result<Self, Refused> {
+        Self::setup(scenario).start()
+    }
+
+    /// The same, where nodes get fields or plants first.
+    #[must_use]
+    pub fn setup(scenario: &'s Scenario) -> Setup<'s> {
+        let nodes = scenario.nodes.len();
+        Setup {
+            scenario,
+            makes: (0..nodes).map(|_| None).collect(),
+            plants: (0..nodes).map(|_| None).collect(),
+        }
+    }
+
+    /// Runs the next tick of all nodes and gives its number, from 0 on; `None` after the last one of the scenario.
+    pub fn step(&mut self) -> Option<u64> {
+        let k = self.next;
+        if k > self.scenario.time.ticks {
+            return None;
+        }
+        self.next += 1;
+        self.network.advance();
+        let (seen, presence) = (self.network.observations(), self.network.presence(k));
+        self.x.clear();
+        self.x.extend(seen.iter().map(|seen| f64::from(seen.x)));
+        self.u.clear();
+        self.u.extend(seen.iter().map(|seen| f64::from(seen.u)));
+        self.judge.tick(&Moment { k, x: &self.x, u: &self.u, presence: &presence }, None);
+        self.events.extend(self.network.take_events());
+        Some(k)
+    }
+
+    /// Runs all ticks that are left, and judges.
+    #[must_use]
+    pub fn run(mut self) -> Verdict {
+        while self.step().is_some() {}
+        self.verdict()
+    }
+
+    /// Judges the ticks so far.
+    #[must_use]
+    pub fn verdict(self) -> Verdict {
+        let (scenario, ticks) = (self.scenario, self.next);
+        let stop = |event: &NodeEvent| match event.event {
+            Event::Fault(code) => Some(Stop {
+                id: scenario.nodes.get(event.node)?.id,
+                // Tick 0 is one tick after the start, when the announced states have arrived.
+                at_s: scenario.time.from_clock(event.at.saturating_sub(scenario.time.tick_ns)) as f64 / 1e9,
+                why: code.to_string(),
+            }),
+            _ => None,
+        };
+        let stops = self.events.iter().filter_map(stop).collect();
+        Verdict { findings: self.judge.finish(), stops, ticks, of: scenario.time.ticks + 1 }
+    }
+
+    /// What the node with this id saw at the last tick, component by component; empty for an id that is not there.
+    #[must_use]
+    pub fn node(&self, id: u16) -> &[Observation<f32>] {
+        let components = self.scenario.components();
+        let first = index_of(id).map_or(usize::MAX, |index| index.saturating_mul(components));
+        let seen = self.network.observations();
+        seen.get(first..first.saturating_add(components)).unwrap_or_default()
+    }
+
+    /// What nodes reported so far.
+    #[must_use]
+    pub fn events(&self) -> &[NodeEvent] {
+        &self.events
+    }
+}
+
+impl<'s> Setup<'s> {
+    /// Gives the node with this id a vector field in place of the scenario's, as `funnelnet_node::Fixed` does on a board.
+    ///
+    /// An id that is not in the scenario is refused by [`Self::start`].
+    #[must_use]
+    pub fn field(self, id: u16, field: impl VectorField<f32> + Clone + 'static) -> Self {
+        self.with(id, move |config| made(config, &Fixed(field.clone())), None)
+    }
+
+    /// Gives the node with this id a plant, the same that a board has: the node samples and drives it, and its model is the node's field.
+    #[must_use]
+    pub fn plant<P: Plant + 'static>(self, id: u16, plant: P) -> Self
+    where
+        P::Model: 'static,
+        <P::Model as Model>::Field: 'static,
+    {
+        let model = plant.model();
+        self.with(id, move |config| made(config, &model), Some(Box::new(plant)))
+    }
+
+    fn with(
+        mut self,
+        id: u16,
+        make: impl Fn(&NodeConfig) -> Result<Params<f32, NodeField>, ConfigError> + 'static,
+        plant: Option<Box<dyn Driven>>,
+    ) -> Self {
+        // Beyond the scenario's nodes, where it is refused at the start.
+        let index = index_of(id).unwrap_or(usize::from(u16::MAX));
+        if index >= self.makes.len() {
+            self.makes.resize_with(index + 1, || None);
+        }
+        self.makes[index] = Some(Box::new(make));
+        if let Some(slot) = self.plants.get_mut(index) {
+            *slot = plant;
+        }
+        self
+    }
+
+    /// Starts all nodes.
+    ///
+    /// # Errors
+    /// See [`Refused`].
+    pub fn start(self) -> Result<Simulation<'s>, Refused> {
+        let scenario = self.scenario;
+        let nodes = scenario.nodes.len();
+        if nodes > LARGEST_RUN || self.makes.len() > nodes {
+            return Err(Refused::Nodes { asked: self.makes.len().max(nodes), most: nodes.min(LARGEST_RUN) });
+        }
+        let mut network = self.network()?;
+        network.start();
+        let (judge, events) = (Judge::new(scenario), Vec::new());
+        Ok(Simulation { scenario, network, judge, next: 0, events, x: Vec::new(), u: Vec::new() })
+    }
+
+    fn network(self) -> Result<Box<dyn Network + 's>, Refused> {
+        let scenario = self.scenario;
+        if scenario.coupling == Coupling::WeaklyCentralised {
+            return self.central();
+        }
+        match scenario.bus.model {
+            BusModel::Ideal => self.on_ideal(),
+            BusModel::Can => self.on(can_bus::<Classic>(scenario)?),
+            BusModel::CanFd => self.on(can_bus::<Fd>(scenario)?),
+            BusModel::Uart => self.on(uart_bus(scenario)),
+        }
+    }
+
+    /// One loop over all nodes, which is none for nodes with fields or plants of their own.
+    fn central(self) -> Result<Box<dyn Network + 's>, Refused> {
+        let scenario = self.scenario;
+        if self.makes.iter().any(Option::is_some) {
+            return Err(Refused::Unfit(crate::configure::Unfit::NotLocal));
+        }
+        let params = accepted(&central_configs(scenario, LOOPBACK)?, scenario)?;
+        Ok(Box::new(Central::new(params, &scenario.graph, Noise::of(scenario))))
+    }
+
+    fn on_ideal(self) -> Result<Box<dyn Network + 's>, Refused> {
+        let scenario = self.scenario;
+        let world = match scenario.events.is_empty() {
+            true => None,
+            false => Some(World::new(
+                &scenario.course().on_clock(&scenario.time),
+                scenario.time.tick_ns,
+                listeners(scenario),
+                self.nodes(JOINING)?,
+            )),
+        };
+        let engine = self.engine(ideal_bus(scenario))?;
+        Ok(Box::new(match world {
+            Some(world) => engine.with_world(world),
+            None => engine,
+        }))
+    }
+
+    fn on<M: Medium + 's>(self, medium: M) -> Result<Box<dyn Network + 's>, Refused> {
+        Ok(Box::new(self.engine(medium)?))
+    }
+
+    fn engine<M: Medium>(self, medium: M) -> Result<Engine<M, NodeField>, Refused> {
+        let scenario = self.scenario;
+        let engine = Engine::new(self.nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario));
+        Ok(engine.with_compute(compute(scenario)).with_plants(Plants::new(self.plants)))
+    }
+
+    /// The nodes, configured.
+    fn nodes(&self, drive: crate::configure::Drive) -> Result<Vec<Node<f32, NodeField>>, Refused> {
+        let configs = node_configs(self.scenario, drive)?;
+        let node = |(index, config): (usize, &NodeConfig)| {
+            let params = match self.makes.get(index) {
+                Some(Some(make)) => make(config),
+                _ => engine::params_as(config, &self.scenario.nodes[index], NodeField::Configured),
+            };
+            let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
+            Ok(Node::new(params, &config.neighbours))
+        };
+        configs.iter().enumerate().map(node).collect()
+    }
+}
+
+/// The parameters of a node with a model of its own.
+fn made<M: Model>(config: &NodeConfig, model: &M) -> Result<Params<f32, NodeField>, ConfigError>
+where
+    M::Field: 'static,
+{
+    Params::of_model(config, &AsField(model))
+}
+
+/// A model whose field is any field.
+struct AsField<'a, M>(&'a M);
+
+impl<M: Model> Model for AsField<'_, M>
+where
+    M::Field: 'static,
+{
+    type Field = NodeField;
+
+    fn field(&self, config: &NodeConfig, tick: f64) -> Result<NodeField, ConfigError> {
+        Ok(NodeField::Own(Arc::new(self.0.field(config, tick)?)))
+    }
+
+    fn plant(&self) -> Option<funnelnet_node::PlantSetup> {
+        self.0.plant()
+    }
+}
+
+/// Index of the node with this id; ids are 1, 2, ... in the order of the nodes.
+fn index_of(id: u16) -> Option<usize> {
+    usize::from(id).checked_sub(1)
+}

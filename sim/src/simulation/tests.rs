@@ -1,0 +1,77 @@
+use super::*;
+use crate::scenario::Override;
+use std::path::Path;
+
+fn gallery(file: &str, sets: &[&str]) -> Scenario {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios").join(file);
+    let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    Scenario::load(&path, &sets).unwrap()
+}
+
+#[derive(Clone)]
+struct Still;
+
+impl VectorField<f32> for Still {
+    fn at(&self, _: u64, _: f32) -> f32 {
+        0.0
+    }
+}
+
+#[test]
+fn the_nodes_and_the_bits_are_those_of_the_engine() {
+    for sets in [&["time.duration=1s"][..], &["time.duration=1s", "bus.loss=0.2"]] {
+        let scenario = gallery("five-agents.toml", sets);
+        let (mut simulation, mut engine) =
+            (Simulation::new(&scenario).unwrap(), crate::loopback::engine(&scenario).unwrap());
+        engine.start();
+        while simulation.step().is_some() {
+            let seen = engine.advance().unwrap();
+            for (index, seen) in seen.iter().enumerate() {
+                assert_eq!(simulation.node(index as u16 + 1)[0].x.to_bits(), seen.x.to_bits());
+            }
+        }
+    }
+}
+
+#[test]
+fn every_bus_carries_it_and_a_dead_one_fails() {
+    for bus in ["ideal", "can", "can-fd"] {
+        let bus = format!("bus.model={bus}");
+        let scenario = gallery("five-agents.toml", &["time.duration=1s", &bus]);
+        let verdict = Simulation::new(&scenario).unwrap().run();
+        assert!(verdict.holds(), "{bus}: {verdict}");
+    }
+    let dead = gallery("five-agents.toml", &["bus.loss=1.0"]);
+    let verdict = Simulation::new(&dead).unwrap().run();
+    assert!(!verdict.holds(), "{verdict}");
+}
+
+#[test]
+fn a_field_of_ones_own_moves_the_node_and_no_other_does() {
+    let scenario = gallery("five-agents.toml", &["coupling.kind=none", "time.duration=1s"]);
+    let mut simulation = Simulation::setup(&scenario).field(3, Still).start().unwrap();
+    while simulation.step().is_some() {}
+    let moved = |id: u16| f64::from(simulation.node(id)[0].x) - scenario.nodes[usize::from(id) - 1].state[0];
+    assert_eq!(moved(3), 0.0);
+    assert!([1, 2, 4, 5].iter().all(|&id| moved(id) != 0.0));
+}
+
+#[test]
+fn what_is_said_of_a_node_that_is_not_there_is_refused() {
+    let scenario = gallery("five-agents.toml", &[]);
+    for id in [0, 6] {
+        let refused = Simulation::setup(&scenario).field(id, Still).start().err().unwrap();
+        assert!(refused.to_string().contains("ids are 1 to 5 here"), "{refused}");
+    }
+}
+
+#[test]
+fn a_run_that_is_not_whole_holds_nothing() {
+    let scenario = gallery("five-agents.toml", &["time.duration=1s"]);
+    let mut simulation = Simulation::new(&scenario).unwrap();
+    for _ in 0..10 {
+        simulation.step();
+    }
+    let verdict = simulation.verdict();
+    assert!(!verdict.holds() && verdict.to_string().contains("ticks were run"), "{verdict}");
+}
