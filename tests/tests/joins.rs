@@ -160,6 +160,24 @@ impl World {
             if k - COMES < joined.spoke.saturating_add(AFTER) {
                 joined.others = joined.others.max(self.ratios(k, false).0);
             }
+            if std::env::var("TRACE").is_ok() && (k % 100 == 0 || (COMES - 3..COMES + 40).contains(&k)) {
+                let t = self.scenario.time.at_s(k);
+                let psi = self.scenario.nodes[0].funnel.width(t);
+                let x: Vec<f64> = (0..5).map(|i| f64::from(self.nodes[i].observations()[0].x)).collect();
+                let nu = |with: bool| -> Vec<f64> {
+                    let mut terms = vec![0.0; 5];
+                    for edge in &self.scenario.graph.edges {
+                        if with || (edge.a != NEWCOMER && edge.b != NEWCOMER) {
+                            let term = edge.weight * (x[edge.b] - x[edge.a]);
+                            terms[edge.a] += term;
+                            terms[edge.b] -= term;
+                        }
+                    }
+                    terms.iter().map(|nu| (nu / psi * 1e3).round() / 1e3).collect()
+                };
+                let u: Vec<f64> = (0..5).map(|i| f64::from(self.nodes[i].observations()[0].u)).collect();
+                println!("{} without {:?} with {:?} u {:.1?}", k as i64 - COMES as i64, nu(false), nu(true), u);
+            }
             let (others, all) = self.ratios(k, self.speaks);
             joined.with_edges = joined.with_edges.max(others);
             let outside = all >= 1.0 || !self.speaks;

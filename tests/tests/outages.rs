@@ -100,6 +100,30 @@ fn halves_that_part_are_no_worse_than_before_and_soon_inside_again() {
     }
 }
 
+/// What a longer extrapolation of silent neighbours gives and takes: outages of links on one side, crashes on the other.
+#[test]
+#[ignore = "minutes: ./ci.sh extended"]
+fn no_time_of_extrapolation_serves_both_silent_links_and_crashed_nodes() {
+    let shares = |outage: Outage, edition: Edition| {
+        let (mut share, mut after) = (0.0, 0.0);
+        for case in cases(SEEDS) {
+            let seen = run(&case, outage, edition);
+            share += seen.share();
+            after += seen.outside_after as f64 / seen.node_ticks as f64;
+        }
+        let cases = cases(SEEDS).count() as f64;
+        (100.0 * share / cases, 100.0 * after / cases)
+    };
+    for outage in [Outage::Wobble, Outage::Bursts, Outage::Restart(100), Outage::Restart(2_000)] {
+        let (before, before_after) = shares(outage, Edition::Today);
+        println!("{outage:?}, before: {before:.4} % outside, {before_after:.4} % after its end");
+        for ticks in [10, 15, 20, 30, 60, 120] {
+            let (share, after) = shares(outage, Edition::Extrapolating(ticks));
+            println!("  {ticks} ticks: {share:.4} % outside, {:.2} times as before; {after:.4} % after its end", share / before);
+        }
+    }
+}
+
 /// Here nodes are outside for longer than before: those that stay follow one that is gone for as long as the funnel allows, and not for ten ticks.
 /// They are not further outside, their inputs are smaller, and they are inside again as soon.
 #[test]
