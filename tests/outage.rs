@@ -1,7 +1,8 @@
 //! Edges that fall silent and come back (LAW.md 9): the shipped nodes behind the engine, on a bus of which single links fail, judged by true states.
 //!
 //! "Today" is the law before the second edition, on the same nodes: law (*), no bounded input, a silent neighbour extrapolated for ten ticks,
-//! no input once all edges are gone. Rounding, first tick, floor and how a node joins are those of the shipped node in both.
+//! no input once all edges are gone. Rounding, first tick, floor and how a node joins are those of the shipped node in both, but that a
+//! newcomer waited for nothing.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 #![allow(
     clippy::approx_constant,
@@ -248,6 +249,7 @@ fn forget_bounds(config: &mut NodeConfig) {
 fn params<F: Real>(config: &NodeConfig, edition: Edition) -> Params<F> {
     let mut params = Params::new(config).unwrap();
     if edition == Edition::Today {
+        params.newcomer_patience = 0;
         let degree = config.neighbours.iter().map(|edge| f64::from(edge.weight)).sum();
         let period = config.period_ns() as f64 * 1e-9;
         params.law = NodeWise::with(params.law.gain, period, degree, Constants::WITHOUT_LOOK_BACK);

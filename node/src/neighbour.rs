@@ -463,6 +463,16 @@ impl<F: Real> Neighbours<F> {
         known.fold(F::ZERO, |sum, edge| sum + edge.weight)
     }
 
+    /// The largest `alpha_j |x_j - x|` at tick `k` in one component, for the node's own state `x`; state units.
+    #[cold]
+    pub fn largest_term(&self, k: u32, component: u8, x: F) -> F {
+        let known = self.edges.iter().filter(|edge| edge.is_known() && edge.component == component);
+        known.fold(F::ZERO, |most, edge| {
+            let (value, _) = edge.at(k, self.slope_limit);
+            larger(most, (edge.weight * (value - x)).abs())
+        })
+    }
+
     /// Takes note that a tick lasts so many times as long from tick `k` on: so do the increments that came before it.
     #[cold]
     pub fn stretch(&mut self, k: u32, times: F) {
