@@ -398,7 +398,9 @@ impl<F: Real> Neighbours<F> {
     pub fn leaves(&mut self, id: NodeId, tick: TickStamp, own: u32) -> bool {
         let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
         let of_id = self.edges.get_mut(first..first + usize::from(self.components));
-        let Some((edges, tick)) = of_id.zip(tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD)) else { return false };
+        let Some((edges, tick)) = of_id.zip(tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD)) else {
+            return false;
+        };
         let dropped = edges.iter_mut().fold(false, |dropped, edge| edge.leaves(tick) | dropped);
         if dropped {
             self.alone = !self.edges.iter().any(Edge::is_known);

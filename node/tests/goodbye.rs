@@ -154,7 +154,10 @@ fn a_node_that_is_told_to_stop_alone_says_goodbye() {
         }
         node.on_message(&ctrl(target, Command::Stop), MS).unwrap();
         assert_eq!(node.phase(), Phase::Stopped);
-        actions(&mut node, 2 * MS).into_iter().filter(|action| matches!(action, Action::Send(_))).collect::<Vec<_>>()
+        actions(&mut node, 2 * MS)
+            .into_iter()
+            .filter(|action| matches!(action, Action::Send(_)))
+            .collect::<Vec<_>>()
     };
     let goodbye = |tick: u32| {
         let tick = TickStamp::full(tick);

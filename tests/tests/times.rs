@@ -65,8 +65,8 @@ fn with_rounds_there_is_a_row_at_each_tick() {
 #[test]
 fn what_happens_between_two_rounds_is_judged() {
     let outcome = |round: &str, every: u64| {
-        let sets = ["time.duration=6s", round, "expect.reference_error=1.0"];
-        let scenario = scenario("narrow-ring.toml", &sets);
+        let expect = Expect { reference_error: Some(1.0), ..Expect::default() };
+        let scenario = Scenario { expect, ..scenario("narrow-ring.toml", &["time.duration=6s", round]) };
         let outcome = run(&scenario, Fidelity::Loopback);
         let ratio = |row: &Row| {
             let ratios = row.true_nu.iter().zip(&row.asked_psi).map(|(nu, psi)| nu.abs() / psi);

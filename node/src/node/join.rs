@@ -117,9 +117,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     #[cold]
     fn comes_gently(&self, k: u32, psi: F) -> bool {
         let limit = F::from_f32(GENTLE) * psi;
-        let edge = |(component, part): (usize, &Part<F>)| {
-            self.neighbours.largest_term(k, component as u8, part.x)
-        };
+        let edge =
+            |(component, part): (usize, &Part<F>)| self.neighbours.largest_term(k, component as u8, part.x);
         self.parts.iter().enumerate().map(edge).all(|term| term < limit)
     }
 

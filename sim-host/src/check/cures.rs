@@ -120,7 +120,8 @@ fn slowly_started(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     }
     let start_ns = SLOW_START_NS.next_multiple_of(time.tick_ns);
     let slowly = Setting::new("time.slow_start", format_duration(start_ns));
-    let guarded = (subject.scenario.guard == 0.0).then(|| Setting::new("coupling.guard", format!("{SLOW_GUARD:?}")));
+    let guarded =
+        (subject.scenario.guard == 0.0).then(|| Setting::new("coupling.guard", format!("{SLOW_GUARD:?}")));
     let with_guard = guarded.map(|guard| vec![slowly.clone(), guard]);
     [vec![slowly]].into_iter().chain(with_guard).collect()
 }
