@@ -1,7 +1,8 @@
 //! Edges that fall silent and come back (LAW.md 9): the shipped nodes behind the engine, on a bus of which single links fail, judged by true states.
 //!
 //! "Today" is the law before the second edition, on the same nodes: law (*), no bounded input, a silent neighbour extrapolated for ten ticks,
-//! no input once all edges are gone. Rounding, first tick, floor and how a node joins are those of the shipped node in both.
+//! no input once all edges are gone. Rounding, first tick, floor and how a node joins are those of the shipped node in both, but that a
+//! newcomer waited for nothing.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 #![allow(
     clippy::approx_constant,
@@ -46,8 +47,10 @@ pub enum Outage {
     Bursts,
     /// The network falls into two halves for so many ticks.
     Halves(u64),
-    /// A node is off for so many ticks, and joins.
+    /// A node crashes, is off for so many ticks, and joins.
     Restart(u64),
+    /// The same, but it is told to stop, and says goodbye; before the second edition nobody did.
+    Leave(u64),
 }
 
 impl Outage {
@@ -58,7 +61,7 @@ impl Outage {
             + match self {
                 Self::None | Self::Wobble => 6_000,
                 Self::Bursts => 3_000,
-                Self::Halves(ticks) | Self::Restart(ticks) => BEFORE + ticks + 1_500,
+                Self::Halves(ticks) | Self::Restart(ticks) | Self::Leave(ticks) => BEFORE + ticks + 1_500,
             }
     }
 
@@ -67,7 +70,9 @@ impl Outage {
     pub fn end(self) -> Option<u64> {
         match self {
             Self::None | Self::Wobble | Self::Bursts => None,
-            Self::Halves(ticks) | Self::Restart(ticks) => Some(SETTLING + BEFORE + ticks),
+            Self::Halves(ticks) | Self::Restart(ticks) | Self::Leave(ticks) => {
+                Some(SETTLING + BEFORE + ticks)
+            }
         }
     }
 }
@@ -104,7 +109,7 @@ impl Case {
     }
 
     /// Its scenario for so many ticks.
-    fn scenario(&self, outage: Outage) -> Scenario {
+    fn scenario(&self, outage: Outage, edition: Edition) -> Scenario {
         let mut draw = random::stream(self.seed, Purpose::Graph, 0);
         let (nodes, edges) = self.edges();
         let mut uniform = |width: f64| width * random::uniform(&mut draw);
@@ -124,11 +129,15 @@ impl Case {
         };
         let nodes_text: String = (0..nodes).map(node).collect();
         let edges: Vec<_> = edges.iter().map(|(a, b)| format!("[{}, {}]", a + 1, b + 1)).collect();
+        let (goes, node) = (SETTLING + BEFORE, self.restarts() + 1);
         let event = match outage {
-            Outage::Restart(ticks) => format!(
-                "event = [{{ at = \"{}ms\", kind = \"bounce\", node = {}, for = \"{ticks}ms\" }}]\n",
-                SETTLING + BEFORE,
-                self.restarts() + 1
+            Outage::Leave(ticks) if edition != Edition::Today => format!(
+                "event = [{{ at = \"{goes}ms\", kind = \"leave\", node = {node} }}, \
+                 {{ at = \"{}ms\", kind = \"join\", node = {node} }}]\n",
+                goes + ticks
+            ),
+            Outage::Restart(ticks) | Outage::Leave(ticks) => format!(
+                "event = [{{ at = \"{goes}ms\", kind = \"bounce\", node = {node}, for = \"{ticks}ms\" }}]\n"
             ),
             _ => String::new(),
         };
@@ -155,6 +164,8 @@ pub struct Seen {
     pub node_ticks: u64,
     /// Of them truly outside.
     pub outside: u64,
+    /// Of these, those after the end of an outage that ends.
+    pub outside_after: u64,
     /// The largest true ratio.
     pub ratio: f64,
     /// The largest input, state units / s; before it has settled, too.
@@ -178,12 +189,14 @@ pub enum Edition {
     Today,
     /// The shipped one.
     Second,
+    /// The shipped one, where a silent neighbour is extrapolated for so many ticks.
+    Extrapolating(u8),
 }
 
 /// Runs a case.
 #[must_use]
 pub fn run(case: &Case, outage: Outage, edition: Edition) -> Seen {
-    let scenario = case.scenario(outage);
+    let scenario = case.scenario(outage, edition);
     let configs = |tick_source| configs(&scenario, tick_source, edition);
     let (timed, synced) = (configs(TickSource::Timer), configs(TickSource::Sync));
     let bus = Failing::new(case, &scenario, outage);
@@ -212,8 +225,12 @@ pub fn run(case: &Case, outage: Outage, edition: Edition) -> Seen {
 pub fn configs(scenario: &Scenario, tick_source: TickSource, edition: Edition) -> Vec<NodeConfig> {
     let drive = Drive { tick_source, telemetry_every: 0, is_simulated: false };
     let mut configs = node_configs(scenario, drive).unwrap();
-    if edition == Edition::Today {
-        configs.iter_mut().for_each(forget_bounds);
+    match edition {
+        Edition::Today => configs.iter_mut().for_each(forget_bounds),
+        Edition::Second => {}
+        Edition::Extrapolating(ticks) => {
+            configs.iter_mut().for_each(|config| config.extrapolate_ticks = ticks);
+        }
     }
     configs
 }
@@ -232,6 +249,7 @@ fn forget_bounds(config: &mut NodeConfig) {
 fn params<F: Real>(config: &NodeConfig, edition: Edition) -> Params<F> {
     let mut params = Params::new(config).unwrap();
     if edition == Edition::Today {
+        params.newcomer_patience = 0;
         let degree = config.neighbours.iter().map(|edge| f64::from(edge.weight)).sum();
         let period = config.period_ns() as f64 * 1e-9;
         params.law = NodeWise::with(params.law.gain, period, degree, Constants::WITHOUT_LOOK_BACK);
@@ -315,7 +333,7 @@ impl Failing {
     fn carries(&mut self, from: usize, to: usize, k: u64) -> bool {
         let Some(link) = self.links.get_mut(&(from, to)).filter(|_| k > SETTLING) else { return true };
         match self.outage {
-            Outage::None | Outage::Restart(_) => true,
+            Outage::None | Outage::Restart(_) | Outage::Leave(_) => true,
             Outage::Wobble => (k + link.phase) % WOBBLE.1 >= WOBBLE.0,
             Outage::Bursts => {
                 let turns = random::happens(&mut link.draw, if link.is_bad { TO_GOOD } else { TO_BAD });
@@ -373,7 +391,7 @@ struct Judge<'s> {
 
 impl<'s> Judge<'s> {
     fn new(scenario: &'s Scenario, outage: Outage) -> Self {
-        let seen = Seen { node_ticks: 0, outside: 0, ratio: 0.0, input: 0.0, after: 0 };
+        let seen = Seen { node_ticks: 0, outside: 0, outside_after: 0, ratio: 0.0, input: 0.0, after: 0 };
         Self { scenario, end: outage.end(), listens: vec![false; scenario.nodes.len()], seen }
     }
 
@@ -412,6 +430,7 @@ impl<'s> Judge<'s> {
             self.seen.ratio = self.seen.ratio.max(ratio);
             if ratio >= 1.0 {
                 self.seen.outside += 1;
+                self.seen.outside_after += u64::from(self.end.is_some_and(|end| k >= end));
                 self.seen.after = self.end.map_or(0, |end| k.saturating_sub(end));
             }
         }

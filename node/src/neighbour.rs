@@ -20,6 +20,9 @@ pub const WINDOW_BACK: u32 = 8;
 /// Ticks that a received one may lie ahead.
 pub const WINDOW_AHEAD: u32 = 2;
 
+/// Ticks that received ones may lie apart.
+const SPAN: i32 = (WINDOW_BACK + WINDOW_AHEAD) as i32;
+
 /// One component of one edge, as one end sees it.
 #[derive(Clone, Copy, Debug)]
 struct Edge<F> {
@@ -96,6 +99,25 @@ impl<F: Real> Edge<F> {
             (self.hearing, self.memory) = (given_up, Memory::default());
         }
         gives_up
+    }
+
+    /// Drops the edge to a neighbour that has stopped, with the state of `tick` as its last one; whether there was one to drop. Not where it has spoken
+    /// since: then it is back.
+    fn leaves(&mut self, tick: u32) -> bool {
+        self.hearing = match self.hearing {
+            Hearing::Known if self.tick.wrapping_sub(tick) as i32 <= 0 => Hearing::Lost,
+            Hearing::New | Hearing::Waiting => Hearing::Missed,
+            Hearing::Known | Hearing::Lost | Hearing::Missed => return false,
+        };
+        (self.tick, self.memory) = (tick, Memory::default());
+        true
+    }
+
+    /// Whether a value of `tick` is one of those that a neighbour has said before it stopped, and that came after that.
+    fn is_of_before(&self, tick: u32) -> bool {
+        let since = tick.wrapping_sub(self.tick) as i32;
+        // Ticks wrap, and it may be gone for longer than half of their range.
+        self.presence() == Presence::Lost && (-SPAN..=0).contains(&since)
     }
 
     /// Ticks since `value`; below zero where it came early.
@@ -352,7 +374,7 @@ impl<F: Real> Neighbours<F> {
         let age = own.wrapping_sub(tick) as i32;
         if !edge.is_known() {
             // Older than what is extrapolated, it would be dropped again at the next tick.
-            if age > self.extrapolate_ticks as i32 {
+            if age > self.extrapolate_ticks as i32 || edge.is_of_before(tick) {
                 return Err(Refusal::Stale);
             }
             (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
@@ -368,6 +390,22 @@ impl<F: Real> Neighbours<F> {
         }
         (edge.value, edge.tick) = (x, tick);
         Ok((Heard::Newer, age))
+    }
+
+    /// Drops the edge to neighbour `id`, which says that it has stopped and that its last state was that of `tick`; `own` is the tick that the node
+    /// computes next. Gives whether there was one to drop.
+    #[cold]
+    pub fn leaves(&mut self, id: NodeId, tick: TickStamp, own: u32) -> bool {
+        let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
+        let of_id = self.edges.get_mut(first..first + usize::from(self.components));
+        let Some((edges, tick)) = of_id.zip(tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD)) else {
+            return false;
+        };
+        let dropped = edges.iter_mut().fold(false, |dropped, edge| edge.leaves(tick) | dropped);
+        if dropped {
+            self.alone = !self.edges.iter().any(Edge::is_known);
+        }
+        dropped
     }
 
     /// Sums of one component at tick `k`, for the node's own state.
@@ -425,6 +463,16 @@ impl<F: Real> Neighbours<F> {
     pub fn known_degree(&self, component: u8) -> F {
         let known = self.edges.iter().filter(|edge| edge.is_known() && edge.component == component);
         known.fold(F::ZERO, |sum, edge| sum + edge.weight)
+    }
+
+    /// The largest `alpha_j |x_j - x|` at tick `k` in one component, for the node's own state `x`; state units.
+    #[cold]
+    pub fn largest_term(&self, k: u32, component: u8, x: F) -> F {
+        let known = self.edges.iter().filter(|edge| edge.is_known() && edge.component == component);
+        known.fold(F::ZERO, |most, edge| {
+            let (value, _) = edge.at(k, self.slope_limit);
+            larger(most, (edge.weight * (value - x)).abs())
+        })
     }
 
     /// Takes note that a tick lasts so many times as long from tick `k` on: so do the increments that came before it.

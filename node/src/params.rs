@@ -25,6 +25,9 @@ pub use funnelnet_law::range::{
     SHORTEST_TICK_NS, SMALLEST, WIDEST_GUARD,
 };
 
+/// Ticks for which a newcomer waits at most: neighbours that are apart come together in a second or never.
+pub const NEWCOMER_PATIENCE: u16 = 1_000;
+
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
 ///
 /// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
@@ -69,6 +72,8 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub on_breach: OnBreach<F>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
     pub extrapolate_ticks: u32,
+    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no neighbour's term by much (LAW.md 9).
+    pub newcomer_patience: u16,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
     /// So many neighbours lost at the same time stop the node; 0 never does.
@@ -207,6 +212,7 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             floor: Floor::new(degree, period),
             on_breach: check_policy(&config.on_breach, &config.coupling, period)?,
             extrapolate_ticks: config.extrapolate_ticks.into(),
+            newcomer_patience: NEWCOMER_PATIENCE,
             plant: None,
             lost_neighbours: config.lost_neighbours,
             holdover_ns: check_holdover(config)?,

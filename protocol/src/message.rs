@@ -166,6 +166,8 @@ impl FaultCode {
     pub const INPUT: Self = Self(10);
     /// The node's own field has given what is not a finite number; the argument is its component.
     pub const FIELD: Self = Self(11);
+    /// The node was told to stop, it alone, and leaves a network that runs: its goodbye. Argument 0.
+    pub const LEAVES: Self = Self(12);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -183,6 +185,7 @@ macro_rules! say {
             FaultCode::COMMIT => $($write)::+!($f, "its storage has failed at a commit"),
             FaultCode::INPUT => $($write)::+!($f, "its input is not a finite number"),
             FaultCode::FIELD => $($write)::+!($f, "its own field is not a finite number"),
+            FaultCode::LEAVES => $($write)::+!($f, "it was told to stop"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };

@@ -264,7 +264,8 @@ fn options(
 }
 
 fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
-    let tick = scenario.time.tick_ns;
+    // Not rounds: there are rows between two of them.
+    let tick = scenario.time.tick_ns / u64::from(scenario.time.round);
     let duration = scenario.time.end_ns();
     if every_ns == 0 || !every_ns.is_multiple_of(tick) || every_ns > duration {
         let [every, tick, duration] = [every_ns, tick, duration].map(format_duration);

@@ -1,7 +1,7 @@
 //! Designs that `check` once called fine and that leave their funnels, and what it must say of them.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use sim_host::check::{Finding, Report, Status, check};
+use sim_host::check::{Finding, Report, Setting, Status, check};
 use sim_host::interrupt::Interrupt;
 use sim_host::run::{Fidelity, RunOptions, Verbosity, simulate};
 use sim_host::scenario::{Override, Scenario};
@@ -58,6 +58,27 @@ fn the_tick_that_is_advised_cures_the_start() {
     );
     // Half a kick is warned about, and does not fail.
     assert_eq!(find(&case("fool1", &["time.tick=2500us"]), "kick").status, Status::Warn);
+}
+
+/// By machine: its key and value, and what has to be set beside it.
+#[test]
+fn a_slow_start_is_advised_where_the_start_alone_is_the_cause() {
+    let keys = |report: &Report| -> Vec<Setting> {
+        let advice = find(report, "sampled").advice.clone().unwrap();
+        advice.settings().cloned().collect()
+    };
+    let settings = keys(&case("fool1", &[]));
+    assert_eq!(settings[0].key, "time.slow_start", "{settings:?}");
+    let sets: Vec<String> = settings.iter().map(|set| format!("{}={}", set.key, set.value)).collect();
+    let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
+    assert_eq!(find(&case("fool1", &sets), "sampled").status, Status::Ok, "{sets:?}");
+    // Here the funnel is left later, and noise goes on.
+    for later in ["fan-path", "fool2"] {
+        assert!(keys(&case(later, &[])).iter().all(|set| set.key != "time.slow_start"), "{later}");
+    }
+    // It has one, and something else is to be done.
+    let slow = keys(&case("fool1", &["time.slow_start=10ms", "coupling.funnel.factor=0.2"]));
+    assert!(slow.iter().all(|set| set.key != "time.slow_start"), "{slow:?}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 
 use funnelnet_law::math;
 use funnelnet_node::Event;
+use funnelnet_protocol::message::NodeId;
 use sim_host::exit::Exit;
 use sim_host::interrupt::Interrupt;
 use sim_host::record::{Row, Summary, TraceHash};
@@ -134,6 +135,10 @@ fn a_node_that_leaves_is_told_to_stop() {
     let run = outcome(&scenario);
     assert_eq!(gaps(&run, 2), range(400, 1001));
     assert_eq!(said(&run, 2).last(), Some(&(400, Event::Stopped)));
+    // It says so, and nobody extrapolates it.
+    let lost = (401, Event::NeighbourLost(NodeId::new(2).unwrap()));
+    assert!([1, 3].iter().all(|&id| said(&run, id).contains(&lost)), "{:?}", said(&run, 1));
+    assert_eq!(run.counters[0].extrapolated, 0);
     let summary = run.judge(&scenario, Fidelity::Loopback);
     assert!(summary.passed && summary.stopped.is_empty(), "{summary:?}");
 }

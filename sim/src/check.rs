@@ -209,6 +209,14 @@ pub fn check(scenario: &Scenario) -> Report {
     }
 }
 
+/// Part of the narrowest funnel that one exchange per tick takes, by the formula: `narrowest` over `psi_min` of the finding `narrowest-funnel`. `None` where
+/// the motion is not predicted. For who asks of thousands of scenarios: the law itself is not followed.
+#[must_use]
+pub fn taken_of_narrowest(scenario: &Scenario) -> Option<f64> {
+    let subject = Subject::by_formula(scenario);
+    subject.forecast.as_ref().map(|forecast| limits::taken_of_narrowest(&subject, forecast))
+}
+
 /// Findings that rest on the motion that is predicted.
 const ALONG_XI: [&str; 7] =
     ["fields", "emergent", "narrowest-funnel", "resolution", "margin", "input", "linear-part"];

@@ -268,9 +268,15 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let joins =
             command == Command::Start && self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
         let at_tick = if joins { JOIN } else { 0 };
-        let message = Message::Ctrl { target: Target::All, command, arg: 0, at_tick };
+        let target = if command == Command::Stop { self.target(index) } else { Target::All };
+        let message = Message::Ctrl { target, command, arg: 0, at_tick };
         receive(&mut self.nodes, index, Ok(message), now);
         self.poll(index, now);
+    }
+
+    /// That node alone: so it knows that the others go on without it.
+    fn target(&self, index: usize) -> Target {
+        self.nodes.get(index).map_or(Target::All, |node| Target::Node(node.id()))
     }
 
     /// Marks `tick` for the nodes that tick by SYNC.
@@ -350,7 +356,8 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 Some(Action::Send(message)) => {
                     let message =
                         if self.noise.is_none() { message } else { self.noise.disturb(index, message) };
-                    if compute == 0 {
+                    // A node that stops does not compute any more.
+                    if compute == 0 || matches!(message, Message::Fault { .. }) {
                         self.bus.send(now, index, &message);
                         says = true;
                     } else {

@@ -36,7 +36,7 @@ fn table(outage: Outage, compared: &[Compared]) -> (f64, f64) {
     let (today, second) = (mean(&|one| one.today.share()), mean(&|one| one.second.share()));
     println!(
         "{outage:?}: outside {:.4} % -> {:.4} %; largest ratio {:.1} -> {:.1}; largest input {:.0} -> {:.0}, {:.2} -> {:.2} times the calm one; \
-         last outside {} -> {} ticks after",
+         last outside {} -> {} ticks after, {:.4} % -> {:.4} % from then on",
         100.0 * today,
         100.0 * second,
         most(&|one| one.today.ratio),
@@ -47,6 +47,8 @@ fn table(outage: Outage, compared: &[Compared]) -> (f64, f64) {
         most(&|one| one.second.input / one.calm_input),
         most(&|one| one.today.after as f64),
         most(&|one| one.second.after as f64),
+        100.0 * mean(&|one| one.today.outside_after as f64 / one.today.node_ticks as f64),
+        100.0 * mean(&|one| one.second.outside_after as f64 / one.second.node_ticks as f64),
     );
     for one in compared.iter().filter(|one| one.second.outside > one.today.outside) {
         let Compared { case, today, second, .. } = one;
@@ -92,6 +94,44 @@ fn outages_of_single_edges_put_nodes_outside_half_as_often_as_before() {
 fn halves_that_part_are_no_worse_than_before_and_soon_inside_again() {
     let calm: Vec<_> = cases(SEEDS).map(|case| (case, calm(&case))).collect();
     for outage in [Outage::Halves(200), Outage::Halves(2_000)] {
+        let compared: Vec<_> = calm.iter().map(|&(case, input)| compare(case, outage, input)).collect();
+        let (today, second) = table(outage, &compared);
+        assert!(second <= today, "{outage:?}: {second} {today}");
+        assert!(bounded(&compared), "{outage:?}");
+        assert!(compared.iter().all(|one| one.second.after <= 100), "{outage:?}");
+    }
+}
+
+/// Seeds of the table of times of extrapolation, which has many columns.
+const FEW_SEEDS: u64 = 2;
+
+/// What a longer extrapolation of silent neighbours gives and takes: outages of links on one side, crashes on the other.
+#[test]
+#[ignore = "minutes: ./ci.sh extended"]
+fn no_time_of_extrapolation_serves_both_silent_links_and_crashed_nodes() {
+    let share = |outage: Outage, edition: Edition| {
+        let shares = cases(FEW_SEEDS).map(|case| run(&case, outage, edition).share());
+        100.0 * shares.sum::<f64>() / cases(FEW_SEEDS).count() as f64
+    };
+    let [silent, crashed] = [Outage::Wobble, Outage::Restart(100)];
+    let before = [share(silent, Edition::Today), share(crashed, Edition::Today)];
+    println!("before: {:.4} % outside with silent links, {:.4} % with a crash", before[0], before[1]);
+    let mut serves_both = false;
+    for ticks in [10, 15, 20, 30, 60, 120] {
+        let now = [silent, crashed].map(|outage| share(outage, Edition::Extrapolating(ticks)));
+        let times = [now[0] / before[0], now[1] / before[1]];
+        println!("{ticks} ticks: {:.4} %, {:.2} times; {:.4} %, {:.2} times", now[0], times[0], now[1], times[1]);
+        serves_both |= times[0] <= 0.5 && times[1] <= 1.0;
+    }
+    assert!(!serves_both, "then that is the time to take");
+}
+
+/// A node that says goodbye is dropped at once, and comes back when that is no jump.
+#[test]
+#[ignore = "minutes: ./ci.sh extended"]
+fn a_restart_with_a_goodbye_is_no_worse_than_before_and_soon_inside_again() {
+    let calm: Vec<_> = cases(SEEDS).map(|case| (case, calm(&case))).collect();
+    for outage in [Outage::Leave(100), Outage::Leave(2_000)] {
         let compared: Vec<_> = calm.iter().map(|&(case, input)| compare(case, outage, input)).collect();
         let (today, second) = table(outage, &compared);
         assert!(second <= today, "{outage:?}: {second} {today}");

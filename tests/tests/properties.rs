@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 use sim_host::bus::ideal::{IdealBus, IdealParams};
-use sim_host::check::check;
+use sim_host::check::{check, taken_of_narrowest};
 use sim_host::configure::{Drive, listeners, node_configs};
 use sim_host::engine::Engine;
 use sim_host::record::Row;
@@ -107,9 +107,7 @@ fn simulate(scenario: &Scenario) -> Outcome {
 
 /// The tick that `check` asks for, with its margin; over as many ticks.
 fn with_the_tick_of_check(scenario: &Scenario) -> Scenario {
-    let finding =
-        check(scenario).findings.into_iter().find(|found| found.name == "narrowest-funnel").unwrap();
-    let share = finding.values["narrowest"].as_f64().unwrap() / finding.values["psi_min"].as_f64().unwrap();
+    let share = taken_of_narrowest(scenario).unwrap();
     // Twice as much room as where it warns.
     let factor = (0.25 / share).sqrt().min(1.0);
     let tick_ns = (TICK_NS as f64 * factor) as u64;
@@ -244,6 +242,17 @@ proptest! {
     }
 }
 
+#[test]
+fn the_tick_is_the_one_that_check_asks_for() {
+    let mut runner = TestRunner::new_with_rng(cases(1), TestRng::deterministic_rng(RngAlgorithm::ChaCha));
+    for _ in 0..3 {
+        let scenario = network().new_tree(&mut runner).unwrap().current();
+        let found = check(&scenario).findings.into_iter().find(|found| found.name == "narrowest-funnel").unwrap();
+        let share = found.values["narrowest"].as_f64().unwrap() / found.values["psi_min"].as_f64().unwrap();
+        assert_eq!(taken_of_narrowest(&scenario), Some(share));
+    }
+}
+
 /// A ratio `|nu| / psi`, and the tick that has it.
 type Ratio = (f64, u64);
 
@@ -258,9 +267,10 @@ fn ratios(scenario: &Scenario, from: u64) -> (Ratio, Ratio) {
     let (mut before, mut after): (Ratio, Ratio) = ((0.0, 0), (0.0, 0));
     for k in 0..=scenario.time.ticks {
         let seen = engine.advance().unwrap();
-        let ratio = seen.iter().fold(0.0f64, |most, seen| most.max(seen.ratio.into()));
+        // What is not a number is the largest.
+        let ratio = seen.iter().map(|seen| f64::from(seen.ratio)).max_by(f64::total_cmp).unwrap();
         let most = if k < from { &mut before } else { &mut after };
-        if ratio > most.0 {
+        if ratio > most.0 || ratio.is_nan() {
             *most = (ratio, k);
         }
     }

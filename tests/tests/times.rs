@@ -43,14 +43,44 @@ fn terms_are_those_of_the_states(scenario: &Scenario, rows: &[Row]) {
     }
 }
 
+/// Inputs, believed terms and funnels of a row between two rounds are held; states and true terms are not.
 #[test]
-fn with_rounds_there_is_a_row_at_each_round_and_none_between() {
+fn with_rounds_there_is_a_row_at_each_tick() {
     let scenario = scenario("narrow-ring.toml", &["time.duration=1s", "time.round=4ms"]);
     let rows = run(&scenario, Fidelity::Loopback).rows;
     let times: Vec<f64> = rows.iter().map(|row| row.t).collect();
-    assert_eq!(times, (0..=250).map(|k| f64::from(k) * 4.0 / 1e3).collect::<Vec<_>>());
+    assert_eq!(times, (0..=1_000).map(|k| f64::from(k) / 1e3).collect::<Vec<_>>());
     terms_are_those_of_the_states(&scenario, &rows);
     rows_follow(&scenario, &rows, 1e-3);
+    for round in rows.chunks(4) {
+        let [first, rest @ ..] = round else { continue };
+        for row in rest {
+            assert_eq!((&row.u, &row.nu, &row.psi), (&first.u, &first.nu, &first.psi));
+            assert!(row.x != first.x && row.asked_psi != first.asked_psi, "{row:?}");
+        }
+    }
+}
+
+/// The hash is of what nodes say, at rounds; the figures of a run are of every tick.
+#[test]
+fn what_happens_between_two_rounds_is_judged() {
+    let outcome = |round: &str, every: u64| {
+        let expect = Expect { reference_error: Some(1.0), ..Expect::default() };
+        let scenario = Scenario { expect, ..scenario("narrow-ring.toml", &["time.duration=6s", round]) };
+        let outcome = run(&scenario, Fidelity::Loopback);
+        let ratio = |row: &Row| {
+            let ratios = row.true_nu.iter().zip(&row.asked_psi).map(|(nu, psi)| nu.abs() / psi);
+            ratios.fold(0.0, f64::max)
+        };
+        let at_rounds = outcome.rows.iter().step_by(every as usize).map(ratio).fold(0.0, f64::max);
+        let most = outcome.rows.iter().map(ratio).fold(0.0, f64::max);
+        let judged = outcome.judge(&scenario, Fidelity::Loopback);
+        assert_eq!(judged.funnel.unwrap().max_ratio, most, "{round}");
+        (most, at_rounds, judged.reference.unwrap().max_error)
+    };
+    let (most, at_rounds, error) = outcome("time.round=5ms", 5);
+    println!("rounds of 5 ms: ratio {most}, at rounds {at_rounds}, error {error}");
+    assert!(most > 1.001 * at_rounds, "{most} {at_rounds}");
 }
 
 /// Eighths of a millisecond until 10 ms, then milliseconds.
@@ -86,10 +116,11 @@ fn with_a_slow_start_rows_are_of_network_time() {
 fn with_rounds_a_slow_start_is_one_of_rounds() {
     let (scenario, outcome) = slowly(&["time.round=2ms"], Expect::default());
     let rows = outcome.rows;
-    assert_eq!((rows[1].t, rows[39].t, rows[40].t, rows[41].t), (0.25e-3, 9.75e-3, 10e-3, 12e-3));
+    assert_eq!((rows[2].t, rows[78].t, rows[80].t, rows[82].t), (0.25e-3, 9.75e-3, 10e-3, 12e-3));
+    assert_eq!((rows[1].t, rows[81].t), (0.125e-3, 11e-3));
     assert_eq!(rows.last().unwrap().t, 2.0);
-    rows_follow(&scenario, &rows[..41], 0.125e-3);
-    rows_follow(&scenario, &rows[40..], 1e-3);
+    rows_follow(&scenario, &rows[..81], 0.125e-3);
+    rows_follow(&scenario, &rows[80..], 1e-3);
 }
 
 #[test]

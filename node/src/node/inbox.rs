@@ -2,11 +2,11 @@
 
 use super::Node;
 use crate::neighbour::Heard;
-use crate::observe::Event;
+use crate::observe::{Event, Phase};
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
-use funnelnet_protocol::message::{Component, FaultCode, Message, NodeId, TickStamp};
+use funnelnet_protocol::message::{Component, FaultCode, Message, NodeId, Severity, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::count;
 
@@ -27,10 +27,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             }
             Message::Sync { previous_tick, .. } => self.on_sync(previous_tick, now),
             Message::Ctrl { target, command, at_tick, .. } if target.includes(self.params.id) => {
-                self.on_command(command, at_tick, now)
+                self.on_command(command, target, at_tick, now)
             }
             Message::Ctrl { .. } => Ok(()),
-            Message::Fault { source, .. } => self.on_fault(source),
+            Message::Fault { source, severity, tick, .. } => self.on_fault(source, severity, tick),
             Message::Edge { source, neighbour, weight } => self.on_edge(source, neighbour, weight),
         };
         match outcome {
@@ -78,8 +78,25 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
 
     /// Takes a FAULT. It goes from line to line, so one with the node's own id may be its own, come back: no
     /// sign of a twin, which sends states, too.
-    fn on_fault(&mut self, source: NodeId) -> Result<(), Refusal> {
-        if source == self.params.id { Err(Refusal::OwnId) } else { Ok(()) }
+    fn on_fault(&mut self, source: NodeId, severity: Severity, tick: TickStamp) -> Result<(), Refusal> {
+        if source == self.params.id {
+            return Err(Refusal::OwnId);
+        }
+        if severity == Severity::Stopped && self.phase == Phase::Running {
+            self.dismiss(source, tick);
+        }
+        Ok(())
+    }
+
+    /// Drops the edge to a neighbour that says that it has stopped. To extrapolate it, as one that is silent, would be to follow one that is known to be gone (LAW.md 9).
+    #[cold]
+    #[inline(never)]
+    fn dismiss(&mut self, source: NodeId, tick: TickStamp) {
+        if self.neighbours.leaves(source, tick, self.clock.tick) {
+            self.disturb();
+            count(&mut self.counters.neighbours_lost);
+            self.outbox.report(Event::NeighbourLost(source));
+        }
     }
 
     /// Compares an announced weight with the node's own (paper, Assumption 1). The law goes on; people must

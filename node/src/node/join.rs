@@ -20,6 +20,8 @@ const INSIDE: f32 = 1.05;
 const ROOM: f32 = 1.25;
 /// Shortest time constant of the private funnel, s.
 const SHORTEST: f64 = 0.1;
+/// What its coming may move the term of a neighbour by, over its own funnel: a node at the mean of neighbours that are apart pulls them together.
+const GENTLE: f32 = 0.5;
 /// Times as long as a silent neighbour is extrapolated, after which a node that hears nobody speaks.
 const NOBODY: u32 = 3;
 
@@ -32,6 +34,8 @@ pub(super) struct Newcomer<F> {
     private: Option<Private<F>>,
     /// Ticks in a row inside its own funnel.
     inside: u8,
+    /// Ticks for which it could have spoken.
+    ready: u16,
 }
 
 /// Funnel of a node with a plant that has to move first.
@@ -57,7 +61,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     }
 
     /// Whether a newcomer at tick `k`, whose largest diffusive term is `nu` (state units), has no input yet. A
-    /// virtual node takes the mean of its neighbours and is one of them.
+    /// virtual node takes the mean of its neighbours.
     #[cold]
     pub(super) fn waits(&mut self, k: u32, nu: &mut F) -> bool {
         let Some(mut newcomer) = self.newcomer else { return false };
@@ -80,8 +84,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if self.plant.is_none() {
             self.adopt_mean();
             *nu = F::ZERO;
-            self.speak(k);
-            return false;
+            // From now on it is where it should be.
+            newcomer.inside = SETTLED;
         }
         newcomer.private = Some(self.private_funnel(*nu));
         self.newcomer = Some(newcomer);
@@ -92,14 +96,30 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// term, state units.
     #[cold]
     pub(super) fn private(&mut self, k: u32, nu: F, psi: Widths<F>) -> Widths<F> {
-        let Some(Newcomer { private: Some(private), inside, .. }) = &mut self.newcomer else { return psi };
+        let Some(Newcomer { private: Some(private), inside, ready, .. }) = &mut self.newcomer else {
+            return psi;
+        };
         let width = private.width;
         private.width = width * private.decay;
         *inside = if nu < F::from_f32(INSIDE) * psi.now { inside.saturating_add(1) } else { 0 };
         if *inside >= SETTLED {
-            self.speak(k);
+            *ready = ready.saturating_add(1);
+            // One with a plant has taken its time.
+            let waits_no_longer = self.plant.is_some() || *ready > self.params.newcomer_patience;
+            if waits_no_longer || self.comes_gently(k, psi.now) {
+                self.speak(k);
+            }
         }
         Widths { now: larger(psi.now, width), ahead: larger(psi.ahead, width) }
+    }
+
+    /// Whether its edges would move the term of no neighbour by much of a funnel of `psi` (state units): neighbours on a path that it closes may be several funnels apart.
+    #[cold]
+    fn comes_gently(&self, k: u32, psi: F) -> bool {
+        let limit = F::from_f32(GENTLE) * psi;
+        let edge =
+            |(component, part): (usize, &Part<F>)| self.neighbours.largest_term(k, component as u8, part.x);
+        self.parts.iter().enumerate().map(edge).all(|term| term < limit)
     }
 
     fn speak(&mut self, k: u32) {

@@ -6,11 +6,17 @@ use crate::observe::{Event, Phase};
 use funnelnet_law::field::VectorField;
 use funnelnet_law::gain::GainFunction;
 use funnelnet_law::math::Real;
-use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, TickStamp};
+use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    pub(super) fn on_command(&mut self, command: Command, at_tick: u16, now: u64) -> Result<(), Refusal> {
+    pub(super) fn on_command(
+        &mut self,
+        command: Command,
+        target: Target,
+        at_tick: u16,
+        now: u64,
+    ) -> Result<(), Refusal> {
         match (command, self.phase) {
             (Command::Start, Phase::Ready) => {
                 self.phase = Phase::Running;
@@ -23,6 +29,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 Ok(())
             }
             (Command::Stop, Phase::Ready | Phase::Running) => {
+                // Where all stop, nobody needs to know.
+                if self.phase == Phase::Running && target != Target::All {
+                    self.outbox.fault = Some(self.fault_message(FaultCode::LEAVES, Severity::Stopped, 0));
+                }
                 self.halt(Phase::Stopped);
                 self.outbox.report(Event::Stopped);
                 Ok(())

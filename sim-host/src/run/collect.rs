@@ -1,5 +1,6 @@
 //! Takes what f32 nodes see, tick by tick, and keeps what a run is judged by.
 
+use super::between::Round;
 use super::error::RunError;
 use super::outcome::{Believed, Outcome};
 use super::rows::Rows;
@@ -28,7 +29,11 @@ const WIDEST: f64 = 1e17;
 /// Collector of one run.
 pub struct Collector<'a> {
     scenario: &'a Scenario,
+    /// Steps of the nodes' fields from one row to the next.
     stride: u64,
+    /// The round that has begun, where what happens in it is looked at.
+    round: Option<Round>,
+    looks_into_rounds: bool,
     predictor: Predictor<'a>,
     judge: Judge<'a>,
     /// Continuous-time states at every tick, where they are asked for.
@@ -46,7 +51,8 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
-    /// For `scenario`, with a row every `stride` ticks, which goes to `rows`.
+    /// For `scenario`, with a row every `stride` steps of the nodes' fields, which goes to `rows`. Where a tick is a round of several steps, there are rows
+    /// between two ticks for [`Self::between_rounds`] only.
     pub fn new(
         scenario: &'a Scenario,
         stride: u64,
@@ -57,6 +63,8 @@ impl<'a> Collector<'a> {
         Self {
             scenario,
             stride,
+            round: None,
+            looks_into_rounds: false,
             predictor: Predictor::new(scenario),
             judge: Judge::new(scenario),
             reference,
@@ -71,6 +79,11 @@ impl<'a> Collector<'a> {
         }
     }
 
+    /// Looks into the rounds, too: nodes have no plants.
+    pub fn between_rounds(self) -> Self {
+        Self { looks_into_rounds: self.scenario.time.round > 1, ..self }
+    }
+
     /// Takes how many deliveries were lost up to the tick that is taken next.
     pub fn lost(&mut self, so_far: u64) {
         self.lost.0 = so_far;
@@ -81,21 +94,50 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// The row cannot be written.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
+        if self.looks_into_rounds {
+            self.end_round(presence)?;
+            self.round = Some(Round::new(k, seen, presence));
+        }
         for (seen, presence) in seen.chunks(self.scenario.components()).zip(presence) {
             let known = presence.is_known();
             self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { NO_STATE }));
         }
+        self.judge((k, 0), seen, presence);
+        self.account(k, seen, presence);
+        self.predict(k, seen, presence)
+    }
+
+    /// Judges what the nodes saw so many steps after tick `k`.
+    fn judge(&mut self, (k, part): (u64, u8), seen: &[Observation<f32>], presence: &[Presence]) {
         self.x.clear();
         self.x.extend(seen.iter().map(|observation| f64::from(observation.x)));
         self.u.clear();
         self.u.extend(seen.iter().map(|observation| f64::from(observation.u)));
-        let exact = self.reference.and_then(|exact| exact.x.chunks_exact(exact.nodes).nth(k as usize));
-        self.judge.tick(&Moment { k, x: &self.x, u: &self.u, presence }, exact);
-        self.account(k, seen, presence);
+        let step = k * u64::from(self.scenario.time.round) + u64::from(part);
+        let exact = self.reference.and_then(|exact| exact.x.chunks_exact(exact.nodes).nth(step as usize));
+        self.judge.tick(&Moment { k, part, x: &self.x, u: &self.u, presence }, exact);
         if let Some(exact) = exact {
             self.compare(exact, presence);
         }
-        self.predict(k, seen, presence)
+    }
+
+    /// Takes what has happened in the round that ends, now that these are at its end.
+    fn end_round(&mut self, presence: &[Presence]) -> Result<(), RunError> {
+        let Some(mut round) = self.round.take() else { return Ok(()) };
+        round.ends_with(presence);
+        for part in 1..self.scenario.time.round {
+            round.step(self.scenario, part - 1);
+            self.judge((round.k, part), &round.seen, &round.presence);
+            if self.has_row(round.k, part) {
+                self.row((round.k, part), &round.seen, &round.presence)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether there is a row so many steps after tick `k`.
+    fn has_row(&self, k: u64, part: u8) -> bool {
+        (k * u64::from(self.scenario.time.round) + u64::from(part)).is_multiple_of(self.stride)
     }
 
     /// Takes tick `k`, which was the last to come, as the end of the run.
@@ -108,9 +150,9 @@ impl<'a> Collector<'a> {
         seen: &[Observation<f32>],
         presence: &[Presence],
     ) -> Result<(), RunError> {
-        self.judge.end(&Moment { k, x: &self.x, u: &self.u, presence });
+        self.judge.end(&Moment { k, part: 0, x: &self.x, u: &self.u, presence });
         self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
-        if k.is_multiple_of(self.stride) { Ok(()) } else { self.row(k, seen, presence) }
+        if self.has_row(k, 0) { Ok(()) } else { self.row((k, 0), seen, presence) }
     }
 
     /// Takes what was on the buses since the last call.
@@ -146,17 +188,22 @@ impl<'a> Collector<'a> {
 
     fn predict(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
         let last = k == self.scenario.time.ticks;
-        if !last && !k.is_multiple_of(self.stride) {
+        if !last && !self.has_row(k, 0) {
             return Ok(());
         }
         if last {
             self.outcome.widest = largest(0.0, self.judge.psi().iter().copied());
         }
-        self.row(k, seen, presence)
+        self.row((k, 0), seen, presence)
     }
 
-    fn row(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) -> Result<(), RunError> {
-        let t = self.scenario.time.at_s(k);
+    fn row(
+        &mut self,
+        (k, part): (u64, u8),
+        seen: &[Observation<f32>],
+        presence: &[Presence],
+    ) -> Result<(), RunError> {
+        let t = self.scenario.time.part_at_s(k, part);
         let prediction = self.predictor.advance(t);
         let (so_far, before) = self.lost;
         self.lost.1 = so_far;

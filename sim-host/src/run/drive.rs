@@ -4,7 +4,7 @@ use super::collect::Collector;
 use super::error::RunError;
 use super::event_log::EventLog;
 use super::network::Network;
-use super::options::{RunOptions, Verbosity};
+use super::options::{Fidelity, RunOptions, Verbosity};
 use super::outcome::{EarlyEnd, Outcome};
 use super::reference;
 use super::rows::Rows;
@@ -50,7 +50,15 @@ pub(super) fn drive<N: Network>(
     mut each: impl FnMut(u64, &mut N) -> Result<(), RunError>,
 ) -> Result<Record, RunError> {
     let exact = reference::where_expected(scenario, options)?;
-    let mut collector = Collector::new(scenario, options.stride(scenario.time.ticks), exact.as_ref(), rows);
+    let stride = options.stride(&scenario.time);
+    let mut collector = match options.on {
+        // A board may have a plant, which goes its own way.
+        Fidelity::Bench => {
+            let rounds = stride.next_multiple_of(scenario.time.round.into());
+            Collector::new(scenario, rounds, exact.as_ref(), rows)
+        }
+        _ => Collector::new(scenario, stride, exact.as_ref(), rows).between_rounds(),
+    };
     let progress = Progress::new(what, scenario.time.end_s(), options.verbosity == Verbosity::Quiet);
     network.start()?;
     let (mut seen, mut presence, mut cut) = (Vec::new(), Vec::new(), None);

@@ -1,6 +1,7 @@
 //! Runs a scenario at a fidelity, and judges it.
 
 mod bench;
+mod between;
 mod bench_buses;
 mod claim;
 mod collect;

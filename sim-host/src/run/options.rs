@@ -5,7 +5,7 @@ use crate::bus::SIMULATED;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
 use crate::record::BusLogs;
-use crate::scenario::{BusModel, Scenario};
+use crate::scenario::{BusModel, Scenario, TimeSpec};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -52,7 +52,7 @@ pub struct RunOptions {
     pub on: Fidelity,
     /// Folder for trajectory, summary and plots; made where it is missing.
     pub out: Option<PathBuf>,
-    /// Ticks between two rows of the trajectory; `None` means every tick, thinned to 2,000 rows.
+    /// Ticks between two rows of the trajectory, those between two rounds included; `None` means every tick, thinned to 2,000 rows.
     pub every_ticks: Option<u64>,
     /// File for the summary as JSON; `-` is standard output, here and below.
     pub json: Option<PathBuf>,
@@ -98,8 +98,8 @@ impl RunOptions {
         }
     }
 
-    /// Ticks between two rows of the trajectory, for a run of `ticks`.
-    pub fn stride(&self, ticks: u64) -> u64 {
-        self.every_ticks.unwrap_or_else(|| ticks.div_ceil(DEFAULT_ROWS)).max(1)
+    /// Ticks between two rows of the trajectory, those between two rounds included.
+    pub fn stride(&self, time: &TimeSpec) -> u64 {
+        self.every_ticks.unwrap_or_else(|| time.steps().div_ceil(DEFAULT_ROWS)).max(1)
     }
 }

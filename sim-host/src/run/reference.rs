@@ -21,7 +21,8 @@ const JUDGED_STATES: u64 = 1 << 24;
 
 /// Runs the reference by itself. It is judged at every tick, or in a long run at every so many, whatever `--every` asks for.
 pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Result<Outcome, RunError> {
-    let (ticks, stride) = (scenario.time.ticks, options.stride(scenario.time.ticks));
+    // Between two rounds, too: a solution knows no rounds.
+    let (ticks, stride) = (scenario.time.steps(), options.stride(&scenario.time));
     let judged = (ticks * scenario.nodes.len() as u64).div_ceil(JUDGED_STATES).max(1);
     let is_row = |k: u64| k.is_multiple_of(stride) || k == ticks;
     let is_judged = |k: u64| k.is_multiple_of(judged) || k == ticks;
@@ -38,7 +39,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Resu
     let mut outcome = Outcome::default();
     for (&k, mut row) in wanted.iter().zip(rows(&solution)) {
         if is_judged(k) || k == end {
-            judge.tick(&Moment { k, x: &row.x, u: &row.u, presence: &presence }, Some(&row.x));
+            let (k, part) = scenario.time.tick_of_step(k);
+            judge.tick(&Moment { k, part, x: &row.x, u: &row.u, presence: &presence }, Some(&row.x));
         }
         if is_row(k) || k == end {
             let prediction = predictor.advance(row.t);
@@ -58,12 +60,12 @@ pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Resu
         // The reference is its own reference: what it may be off by is in its estimate.
         reference: Some(ReferenceSummary::beside(&solution)),
         ended_early: (end < ticks || options.interrupt.is_set())
-            .then(|| EarlyEnd::after(end + 1, scenario, RunError::interrupted())),
+            .then(|| EarlyEnd::after(scenario.time.tick_of_step(end).0 + 1, scenario, RunError::interrupted())),
         ..outcome
     })
 }
 
-/// The states at every tick, where an expectation asks for them.
+/// The states at every tick, those between two rounds included, where an expectation asks for them.
 ///
 /// # Errors
 /// The scenario has no continuous-time solution that can be resolved, or an interrupt.
@@ -74,7 +76,7 @@ pub fn where_expected(
     if !scenario.expect.asks_for_reference() {
         return Ok(None);
     }
-    let wanted: Vec<u64> = (0..=scenario.time.ticks).collect();
+    let wanted: Vec<u64> = (0..=scenario.time.steps()).collect();
     let solution = solve(scenario, &problem(scenario)?, options, &wanted).map_err(explained)?;
     within_limits(scenario, &solution).map(|()| Some(solution))
 }
@@ -105,9 +107,13 @@ fn solve(
     scenario: &Scenario,
     problem: &CoupledProblem,
     options: &RunOptions,
-    ticks: &[u64],
+    steps: &[u64],
 ) -> Result<ReferenceSolution, ReferenceError> {
-    let times: Vec<f64> = ticks.iter().map(|&k| scenario.time.at_s(k)).collect();
+    let time_of = |&n: &u64| {
+        let (k, part) = scenario.time.tick_of_step(n);
+        scenario.time.part_at_s(k, part)
+    };
+    let times: Vec<f64> = steps.iter().map(time_of).collect();
     let quiet = options.verbosity == Verbosity::Quiet;
     let progress = Progress::new("reference", scenario.time.end_s(), quiet);
     let mut on_step = |t: f64| {

@@ -16,6 +16,9 @@ const PARTS: [u64; 10] = [2, 4, 5, 8, 10, 20, 25, 40, 50, 100];
 const WIDER: [f64; 12] = [1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0];
 /// Dampings that are tried where frames get lost.
 const DAMPINGS: [f64; 4] = [3.0, 4.0, 6.0, 8.0];
+/// A slow start, and the guard beside it, by which no random network left its funnel at the start (LAW.md 7).
+const SLOW_START_NS: u64 = 10_000_000;
+const SLOW_GUARD: f64 = 0.1;
 /// A ratio that is so much lower than before counts as better.
 const BETTER: f64 = 0.9;
 
@@ -86,6 +89,7 @@ fn stays(subject: &Subject<'_>, followed: &Followed) -> bool {
 fn candidates(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     let scenario = subject.scenario;
     let mut list = unclipped(subject);
+    list.extend(slowly_started(subject));
     list.extend(damped(scenario).map(|set| vec![set]));
     list.extend(in_rounds(scenario));
     list.extend(shorter(scenario));
@@ -101,6 +105,25 @@ fn unclipped(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
         (given < asked).then(|| Setting::new("coupling.u_max", figure(12.0 * asked)))
     });
     needed.map(|set| vec![set]).into_iter().collect()
+}
+
+/// A slow start, where the start alone throws a node out: it costs some real time once, and nothing later (LAW.md 7).
+fn slowly_started(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
+    let time = subject.scenario.time;
+    let is_the_start = |followed: &Followed| match followed.left {
+        Some(t) => t <= sampled::START,
+        // It has come close to it, and nowhere else.
+        None => followed.start.ratio >= subject.calm_start(),
+    };
+    if !time.start.is_none() || !subject.followed.as_ref().is_some_and(is_the_start) {
+        return Vec::new();
+    }
+    let start_ns = SLOW_START_NS.next_multiple_of(time.tick_ns);
+    let slowly = Setting::new("time.slow_start", format_duration(start_ns));
+    let guarded =
+        (subject.scenario.guard == 0.0).then(|| Setting::new("coupling.guard", format!("{SLOW_GUARD:?}")));
+    let with_guard = guarded.map(|guard| vec![slowly.clone(), guard]);
+    [vec![slowly]].into_iter().chain(with_guard).collect()
 }
 
 /// More damping, for a bus that loses frames.
@@ -280,7 +303,7 @@ fn show(subject: &Subject<'_>, now: &Followed, settings: &[Setting]) -> Shown {
 pub(super) fn cause(subject: &Subject<'_>, followed: &Followed) -> &'static str {
     match followed.left {
         Some(t) if t <= sampled::START && hears_perfectly(subject.scenario) => {
-            " at the start, which is the cause: a shorter tick or a wider funnel at the beginning, not later"
+            " at the start, which is the cause: a slow start, a shorter tick or a wider funnel at the beginning, not later"
         }
         _ => "",
     }

@@ -24,10 +24,21 @@ pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Findin
     found
 }
 
+/// Part of the narrowest funnel that one exchange per tick takes at the node where that is most, by the formula alone.
+pub(super) fn taken_of_narrowest(subject: &Subject<'_>, forecast: &Forecast) -> f64 {
+    let index = tightest(forecast);
+    forecast.nodes[index].floor / subject.narrowest(index)
+}
+
+/// Index of the node whose funnel has the least room for an exchange per tick.
+fn tightest(forecast: &Forecast) -> usize {
+    largest(forecast.nodes.iter().map(|node| node.taken)).0
+}
+
 /// One exchange per tick adds `theta c T^2 d |d/dt (f_em - f_i)| / psi` to the steady ratio (LAW.md 2, theorem 2). The sum of the sizes is
 /// predicted, and what holds follows from it.
 fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
-    let (index, _) = largest(forecast.nodes.iter().map(|node| node.taken));
+    let index = tightest(forecast);
     let (_, ratio) = largest(forecast.nodes.iter().map(|node| node.ratio));
     let seen = &forecast.nodes[index];
     let floor = if seen.taken == 0.0 { 0.0 } else { seen.taken * seen.taken_of };

@@ -35,6 +35,12 @@ const ABOVE_STEADY: f64 = 0.02;
 
 impl<'s> Subject<'s> {
     pub fn of(scenario: &'s Scenario) -> Self {
+        let subject = Self::by_formula(scenario);
+        Self { followed: sampled::follow(scenario, &subject.degrees), ..subject }
+    }
+
+    /// With what formulas say, and without following the law, which takes by far the longest.
+    pub fn by_formula(scenario: &'s Scenario) -> Self {
         let spectrum = scenario.graph.spectrum();
         let widths = Widths::of(scenario);
         let degrees = scenario.graph.degrees();
@@ -43,7 +49,7 @@ impl<'s> Subject<'s> {
             lambda_max: spectrum.last().copied().unwrap_or(0.0),
             ratios: initial_ratios(scenario),
             forecast: follows_the_paper(scenario).then(|| Forecast::of(scenario, &widths, &degrees)),
-            followed: sampled::follow(scenario, &degrees),
+            followed: None,
             cure: OnceCell::new(),
             degrees,
             widths,

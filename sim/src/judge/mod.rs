@@ -30,6 +30,8 @@ use windows::Windows;
 pub struct Moment<'a> {
     /// The tick.
     pub k: u64,
+    /// Steps of the nodes' own fields since then: 0 but between two ticks of a network that decides in rounds.
+    pub part: u8,
     /// States, state units; those of nodes that are not known are not looked at.
     pub x: &'a [f64],
     /// Inputs that were applied, state units / s.
@@ -158,7 +160,7 @@ impl<'a> Judge<'a> {
         raise(&mut self.findings.max_spread, spread);
         let ratio = (ratios.judged > 0).then_some(ratios.largest);
         self.windows.tick(moment, ratio, spread, input, reference);
-        if moment.k == self.scenario.time.ticks {
+        if (moment.k, moment.part) == (self.scenario.time.ticks, 0) {
             self.end(moment);
         }
     }
@@ -200,7 +202,7 @@ impl<'a> Judge<'a> {
 
     /// The scenario's funnels at the tick, not narrower than the accepted floor.
     fn widths(&mut self, moment: &Moment<'_>) {
-        let (t, components) = (self.scenario.time.at_s(moment.k), self.scenario.components());
+        let (t, components) = (self.scenario.time.part_at_s(moment.k, moment.part), self.scenario.components());
         for (index, node) in self.scenario.nodes.iter().enumerate() {
             let width = node.funnel.width(t);
             let floor = match self.scenario.floor {

@@ -21,7 +21,7 @@ const RAN: [Presence; 3] = [Presence::Ran; 3];
 fn findings(scenario: &Scenario, ticks: &[(u64, [f64; 3], [Presence; 3])]) -> Findings {
     let mut judge = Judge::new(scenario);
     for (k, x, presence) in ticks {
-        judge.tick(&Moment { k: *k, x, u: &[0.0, -7.0, 1.0], presence }, None);
+        judge.tick(&Moment { k: *k, part: 0, x, u: &[0.0, -7.0, 1.0], presence }, None);
     }
     judge.finish()
 }
@@ -104,7 +104,7 @@ fn a_funnel_that_opens_from_next_to_nothing_has_a_width_at_the_start() {
     let opening = "coupling.funnel={kind='exponential',start=1e-9,end=1e9,rate=1.0}";
     let scenario = scenario(PATH, &[opening]);
     let mut judge = Judge::new(&scenario);
-    judge.tick(&Moment { k: 0, x: &[0.0, 0.0, 0.0], u: &[0.0; 3], presence: &RAN }, None);
+    judge.tick(&Moment { k: 0, part: 0, x: &[0.0, 0.0, 0.0], u: &[0.0; 3], presence: &RAN }, None);
     assert_eq!((judge.psi(), judge.terms()), (&[1e-9; 3][..], &[0.0; 3][..]));
     assert_eq!(judge.finish().breaches, 0);
 }
@@ -145,7 +145,7 @@ fn a_node_that_is_off_has_no_state_and_no_edge() {
     let presence = [Presence::Off, Presence::Ran, Presence::Ran];
     let mut judge = Judge::new(&scenario);
     let u = [f64::NAN, 0.5, 1.0];
-    judge.tick(&Moment { k: 10, x: &[f64::NAN, 3.0, 1.0], u: &u, presence: &presence }, None);
+    judge.tick(&Moment { k: 10, part: 0, x: &[f64::NAN, 3.0, 1.0], u: &u, presence: &presence }, None);
     // 0.5 (1 - 3), and nothing of node 1; its funnel is the scenario's all the same.
     assert_eq!((judge.terms()[1], judge.terms()[2], judge.psi()), (-1.0, 1.0, &[2.0; 3][..]));
     assert!(judge.terms()[0].is_nan());

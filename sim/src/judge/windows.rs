@@ -58,7 +58,7 @@ impl<'a> Windows<'a> {
             return;
         }
         let components = self.scenario.components();
-        let t = self.scenario.time.at_s(moment.k);
+        let t = self.scenario.time.part_at_s(moment.k, moment.part);
         let emergent =
             self.emergent.as_mut().and_then(|emergent| distance(moment, components, emergent.advance(t)));
         let reference = reference.and_then(|exact| distance(moment, components, exact));

@@ -194,6 +194,32 @@ impl TimeSpec {
         self.start.eighths(k).saturating_mul(self.tick_ns) as f64 / (f64::from(PARTS) * 1e9)
     }
 
+    /// The time of a step of the nodes' own fields in seconds: the one number `part` after tick `k`.
+    #[must_use]
+    pub fn part_at_s(&self, k: u64, part: u8) -> f64 {
+        let step_ns = self.tick_ns / u64::from(self.round.max(1));
+        if self.start.is_none() {
+            let ns = k.saturating_mul(self.tick_ns).saturating_add(step_ns * u64::from(part));
+            return ns as f64 / 1e9;
+        }
+        let eighths = if k < self.start.slow_ticks().into() { 1 } else { u64::from(PARTS) };
+        let ns = self.start.eighths(k).saturating_mul(self.tick_ns);
+        ns.saturating_add(eighths * step_ns * u64::from(part)) as f64 / (f64::from(PARTS) * 1e9)
+    }
+
+    /// Steps of the nodes' own fields in the whole run.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.ticks.saturating_mul(self.round.into())
+    }
+
+    /// The tick in which step `n` begins, and the number of the step in it.
+    #[must_use]
+    pub fn tick_of_step(&self, n: u64) -> (u64, u8) {
+        let round = u64::from(self.round.max(1));
+        (n / round, (n % round) as u8)
+    }
+
     /// The end of the run in seconds.
     #[must_use]
     pub fn end_s(&self) -> f64 {
