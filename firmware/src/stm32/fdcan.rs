@@ -27,7 +27,7 @@ type Format = funnelnet_link::Classic;
 /// Words of message RAM per place of a receive FIFO (RM0440, message RAM): identifier, kind and length, 64 bytes.
 const PLACE_WORDS: usize = 18;
 /// Places of the FIFO.
-const PLACES: u8 = 3;
+const PLACES: usize = 3;
 /// Filters for identifiers of 11 bits. The first one lets everything in while the others change.
 const FILTERS: usize = 28;
 
@@ -142,18 +142,22 @@ impl Handler<FDCAN1_IT0> for TakeFrames {
 
 /// Takes the frame at this place of the FIFO, unless it is none of the plane: one with a 29-bit identifier, a remote frame.
 fn take(place: u8) {
-    let ram = pac::FDCANRAM1;
-    let at = usize::from(place.min(PLACES - 1)) * PLACE_WORDS;
-    let [head, kind] = [0, 1].map(|word| ram.rxfifo0(at + word).read());
+    let at = usize::from(place) * PLACE_WORDS;
+    let [head, kind] = [at, at + 1].map(fifo_word);
     let (is_extended, is_remote) = (head >> 30 & 1 == 1, head >> 29 & 1 == 1);
     let Some(id) = StandardId::new((head >> 18 & 0x7FF) as u16).filter(|_| !is_extended && !is_remote) else {
         return;
     };
     let mut data = [0; LONGEST];
     for (word, bytes) in data.chunks_exact_mut(4).enumerate() {
-        bytes.copy_from_slice(&ram.rxfifo0(at + 2 + word).read().to_le_bytes());
+        bytes.copy_from_slice(&fifo_word(at + 2 + word).to_le_bytes());
     }
     received::put(id, length(kind), data);
+}
+
+/// A word of FIFO 0; no place is behind its end.
+fn fifo_word(word: usize) -> u32 {
+    if word < PLACES * PLACE_WORDS { pac::FDCANRAM1.rxfifo0(word).read() } else { 0 }
 }
 
 /// Data bytes of a frame of this kind. A DLC of 9 to 15 means eight bytes in a classic frame (ISO 11898-1).
