@@ -157,8 +157,7 @@ fn nodes_on_a_bus_tick_by_their_timers_and_stop_where_it_is_lost() {
 fn a_service_line_that_takes_nothing_delays_no_tick_and_answers_come_before_telemetry() {
     let (time, log) = (Time::default(), Words::default());
     let (line, bus) = (Line::new(&time), Bus::<2>::new(&time));
-    let mut node =
-        pin!(node(&time, CanNode::new(bus.tap::<Classic>(0), Serial::new(&line)), Absent, &log));
+    let mut node = pin!(node(&time, CanNode::new(bus.tap::<Classic>(0), Serial::new(&line)), Absent, &log));
     line.ask(&Request::Configure(NodeConfig { telemetry_every: 1, ..config(1) }));
     line.tell(&start());
     time.run(node.as_mut(), 10 * MS);
@@ -177,7 +176,11 @@ fn a_service_line_that_takes_nothing_delays_no_tick_and_answers_come_before_tele
         panic!("{heard:?}")
     };
     assert_eq!((first.tick, report.counters.overruns), (10, 0));
-    assert_eq!(report.counters.link.unsaid, report.counters.ticks - 11, "all telemetry after that of tick 10");
+    assert_eq!(
+        report.counters.link.unsaid,
+        report.counters.ticks - 11,
+        "all telemetry after that of tick 10"
+    );
 }
 
 /// A controller that loses what it is told to have lost, and remembers what it listens for.

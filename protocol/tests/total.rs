@@ -112,13 +112,7 @@ fn largest_reply_fits_and_little_is_wasted() {
         skipped: most,
         limited: most,
         field_not_finite: most,
-        link: Losses {
-            frames: most,
-            bus_errors: most,
-            bus_offs: most,
-            line_errors: most,
-            unsaid: most,
-        },
+        link: Losses { frames: most, bus_errors: most, bus_offs: most, line_errors: most, unsaid: most },
         refused: [most; Refusal::COUNT],
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });

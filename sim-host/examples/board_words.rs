@@ -6,11 +6,11 @@
 #![allow(clippy::expect_used, clippy::panic)]
 
 use funnelnet_link::{Classic, Fd, Format, Frame as _};
+use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, Deframer, Frame, HOST, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Reply, Request};
-use funnelnet_protocol::NodeConfig;
 use serde_json::{Value, json};
 use sim_host::configure::{Drive, node_configs};
 use sim_host::interrupt::Interrupt;

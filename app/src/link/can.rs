@@ -204,11 +204,7 @@ impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
     }
 
     fn health(&self) -> Health {
-        Health {
-            state: self.port.state(),
-            counters: self.controller.counters(),
-            losses: self.losses(),
-        }
+        Health { state: self.port.state(), counters: self.controller.counters(), losses: self.losses() }
     }
 
     fn listen(&mut self, filters: Filters<'_>) {

@@ -46,7 +46,12 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
         peers: [(W, R); PEERS],
         junction: &'static mut Junction<PEERS>,
     ) -> &'static mut Self {
-        place.init_with(|| Self { host: Line::new(host), peers: peers.map(Line::new), junction, errors: None })
+        place.init_with(|| Self {
+            host: Line::new(host),
+            peers: peers.map(Line::new),
+            junction,
+            errors: None,
+        })
     }
 
     /// Counts errors that the drivers of all lines count, and of which no read fails.
