@@ -1,7 +1,7 @@
 //! The loop of every node: it waits for the link or for the next tick, and does what the session asks for.
 
 use embassy_futures::select::select;
-use funnelnet_link::Change;
+use funnelnet_link::{Change, Filters};
 use funnelnet_node::watchdog::FEED_EVERY_NS;
 use funnelnet_node::{Output, Session};
 use funnelnet_plant::Plant;
@@ -37,6 +37,8 @@ pub struct App<'a, P: Plant, L, S, W, C, G> {
     guard: Guard<W>,
     clock: C,
     log: G,
+    /// The [changes](Session::changes) of the configuration that the link listens for.
+    listens_since: u8,
 }
 
 impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P, L, S, W, C, G> {
@@ -49,7 +51,7 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         platform: Platform<W, C, G>,
     ) -> Self {
         let Platform { watchdog, clock, log } = platform;
-        Self { session, link, storage, plant, guard: Guard::new(watchdog), clock, log }
+        Self { session, link, storage, plant, guard: Guard::new(watchdog), clock, log, listens_since: 0 }
     }
 
     /// Runs the node for ever.
@@ -88,6 +90,7 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         let latest = self.clock.now() + FEED_EVERY_NS;
         let at = self.session.poll_at().map_or(latest, |at| at.min(latest));
         select(self.link.wait(self.clock), self.clock.wait_until(at)).await;
+        self.session.note_losses(self.link.health().losses);
         while let Some(input) = self.link.next(self.clock.now()) {
             match input {
                 Input::Frame(frame) => self.session.on_frame(frame, self.clock.now()),
@@ -113,7 +116,7 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
     async fn drain(&mut self) {
         loop {
             let now = self.clock.now();
-            let Some(output) = self.session.poll(now) else { return };
+            let Some(output) = self.session.poll(now) else { return self.listen() };
             match output {
                 Output::Send(message) => self.link.send(&message, now).await,
                 Output::Reply(reply) => self.link.reply(&reply, self.session.id()).await,
@@ -123,6 +126,17 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
                 Output::Actuate => self.actuate(),
                 Output::Safe => self.make_safe(),
             }
+        }
+    }
+
+    /// Has the link let in what the configuration says that others say to this node.
+    fn listen(&mut self) {
+        if self.listens_since == self.session.changes() {
+            return;
+        }
+        self.listens_since = self.session.changes();
+        if let Some(config) = self.session.config() {
+            self.link.listen(Filters::new(config.id, &config.neighbours));
         }
     }
 

@@ -5,7 +5,7 @@ mod bench;
 
 use bench::{Bus, Line, MS, Said, Time, config, start};
 use embassy_futures::join::join;
-use funnelnet_app::link::can::CanNode;
+use funnelnet_app::link::can::{CanNode, Controller, Exchange, FrameOf};
 use funnelnet_app::link::serial::Serial;
 use funnelnet_app::link::{Health, Link};
 use funnelnet_app::storage::{Absent, Storage};
@@ -13,13 +13,14 @@ use funnelnet_app::watchdog::{self, Watchdog};
 use funnelnet_app::{App, Log, Platform};
 use funnelnet_law::PreparedField;
 use funnelnet_law::field::State;
-use funnelnet_link::{Change, Classic, Fd, Format};
+use funnelnet_link::{BusState, Change, Classic, Fd, Filter, Filters, Format};
 use funnelnet_node::watchdog::FEED_EVERY_NS;
 use funnelnet_node::{Configured, Event, InputRange, Model, PlantSetup, Session, Task};
 use funnelnet_plant::{Failure, Plant, Virtual};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
 use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, Target};
+use funnelnet_protocol::report::Losses;
 use funnelnet_protocol::service::{Identity, Reply, Request, StoreError};
 use std::cell::{Cell, RefCell};
 use std::pin::pin;
@@ -150,6 +151,92 @@ fn nodes_on_a_bus_tick_by_their_timers_and_stop_where_it_is_lost() {
     }
     check::<Classic>();
     check::<Fd>();
+}
+
+#[test]
+fn a_service_line_that_takes_nothing_delays_no_tick_and_answers_come_before_telemetry() {
+    let (time, log) = (Time::default(), Words::default());
+    let (line, bus) = (Line::new(&time), Bus::<2>::new(&time));
+    let mut node = pin!(node(&time, CanNode::new(bus.tap::<Classic>(0), Serial::new(&line)), Absent, &log));
+    line.ask(&Request::Configure(NodeConfig { telemetry_every: 1, ..config(1) }));
+    line.tell(&start());
+    time.run(node.as_mut(), 10 * MS);
+    assert!(line.heard().len() > 9, "with room it is all said");
+    // In the middle of a frame.
+    line.has_room_for(3);
+    time.run(node.as_mut(), 100 * MS);
+    line.ask(&Request::Report);
+    time.run(node.as_mut(), 110 * MS);
+    let ticks = bus.sent.take().iter().filter(|&&id| id == 3 << 7 | 1).count();
+    assert_eq!(ticks, 111, "a state at the start and after each tick");
+    line.has_room_for(usize::MAX);
+    time.run(node.as_mut(), 111 * MS);
+    let heard = line.heard();
+    let [Said::Reply(Reply::Telemetry(first)), Said::Reply(Reply::Report(report)), ..] = &heard[..] else {
+        panic!("{heard:?}")
+    };
+    assert_eq!((first.tick, report.counters.overruns), (10, 0));
+    assert_eq!(
+        report.counters.link.unsaid,
+        report.counters.ticks - 11,
+        "all telemetry after that of tick 10"
+    );
+}
+
+/// A controller that loses what it is told to have lost, and remembers what it listens for.
+struct Losing<'a, C> {
+    inner: C,
+    losses: &'a Cell<Losses>,
+    filters: &'a RefCell<Vec<Filter>>,
+}
+
+impl<C: Controller> Controller for Losing<'_, C> {
+    type Format = C::Format;
+
+    async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange {
+        self.inner.exchange(next).await
+    }
+
+    fn cancel(&mut self) {}
+
+    fn state(&self) -> BusState {
+        self.inner.state()
+    }
+
+    fn counters(&self) -> (u8, u8) {
+        self.inner.counters()
+    }
+
+    fn restart(&mut self) {}
+
+    fn losses(&self) -> Losses {
+        self.losses.get()
+    }
+
+    fn listen(&mut self, filters: Filters<'_>) {
+        *self.filters.borrow_mut() = filters.within(28).collect();
+    }
+}
+
+#[test]
+fn what_a_controller_has_lost_since_the_configuration_is_reported() {
+    let (time, log) = (Time::default(), Words::default());
+    let (line, bus) = (Line::new(&time), Bus::<2>::new(&time));
+    let (losses, filters) = (Cell::default(), RefCell::default());
+    let link = Losing { inner: bus.tap::<Classic>(0), losses: &losses, filters: &filters };
+    let mut node = pin!(node(&time, CanNode::new(link, Serial::new(&line)), Absent, &log));
+    losses.set(Losses { frames: 5, bus_errors: 6, ..Losses::default() });
+    time.run(node.as_mut(), MS);
+    assert_eq!(*filters.borrow(), [], "a blank node leaves its controller as it is: open");
+    assert_eq!(line.report(node.as_mut()).counters.link, losses.get());
+    line.ask(&Request::Configure(config(1)));
+    time.run(node.as_mut(), 2 * MS);
+    assert_eq!(line.heard(), said([Reply::Configured(Ok(()))]));
+    assert_eq!(*filters.borrow(), Filters::new(1, &config(1).neighbours).within(28).collect::<Vec<_>>());
+    assert_eq!(line.report(node.as_mut()).counters.link, Losses::default());
+    losses.set(Losses { frames: 7, bus_errors: 6, ..Losses::default() });
+    time.run(node.as_mut(), 3 * MS);
+    assert_eq!(line.report(node.as_mut()).counters.link, Losses { frames: 2, ..Losses::default() });
 }
 
 #[test]

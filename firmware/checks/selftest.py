@@ -345,7 +345,7 @@ UNKNOWN, POWER_ON, WATCHDOG, PANIC, HARD_FAULT = 0, 1, 4, 6, 7
 
 def identity_body(id, reset, starts, checksum=None, has_key=False):
     checksum = (zlib.crc32(NODE_CONFIG) if id else 0) if checksum is None else checksum
-    return bytes([2, 0, 1, 0, id, 0, reset, starts]) + varint(checksum) + bytes([has_key])
+    return bytes([3, 0, 1, 0, id, 0, reset, starts]) + varint(checksum) + bytes([has_key])
 
 
 def restart_after_defect(command, cause, arg, logged):

@@ -3,9 +3,10 @@
 //! The node decides and the protocol encodes; what is here only moves bytes and time. The async app is `funnelnet_app`, which a computer runs,
 //! too; [`app`] puts it on a chip, and a board adds its peripherals and a binary of some 100 lines in `src/bin`. Exactly one board feature chooses it.
 //!
-//! `unsafe` is allowed in ten files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
+//! `unsafe` is allowed in thirteen files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
 //! table), `executor.rs` (polling), `priority.rs` (the NVIC), `panic.rs` (the fault handler),
-//! `storage/flash.rs` (addresses from the linker), `stm32/ecc.rs` and `mps2/watchdog.rs` (NMI handlers), `reset.rs` and `mps2/flash.rs` (sections that
+//! `storage/flash.rs` (addresses from the linker), `stm32/ecc.rs` and `mps2/watchdog.rs` (NMI handlers), `stm32/fdcan.rs`, `stm32/bxcan.rs` and
+//! `stm32/line.rs` (interrupt handlers, which are unsafe to call), `reset.rs` and `mps2/flash.rs` (sections that
 //! survive a reset); and in the interrupt bindings that embassy's macro writes into a board's binary.
 #![no_std]
 

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bus;
+pub mod filter;
 mod flood;
 pub mod format;
 pub mod junction;
@@ -14,6 +15,7 @@ mod newest;
 pub mod port;
 
 pub use bus::{Bus, BusState, Change, Step};
+pub use filter::{Filter, Filters};
 pub use format::{Classic, Fd, Format, Frame};
 pub use junction::{HOST_LINE, Junction};
 pub use mailbox::{Mailbox, Put};

@@ -16,7 +16,7 @@ use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
 use funnelnet_protocol::message::{Command, FaultCode, Message};
 use funnelnet_protocol::refusal::Refusal;
-use funnelnet_protocol::report::{Counters, Report};
+use funnelnet_protocol::report::{Counters, Losses, Report};
 use funnelnet_protocol::serial::{Frame, HOST};
 use funnelnet_protocol::service::{Identity, Reply, Request, ResetCause, StageError, StoreError};
 use storage_request::{Staged, StorageRequest};
@@ -56,6 +56,11 @@ pub struct Session<M: Model = Configured> {
     staged: Option<Staged>,
     /// Counters of a blank node.
     counters: Counters,
+    /// What the link has lost since the start, and what of it before the node was made.
+    losses: Losses,
+    losses_before: Losses,
+    /// How often the configuration has changed.
+    changes: u8,
     teller: Teller,
     reply: Option<Reply>,
     /// Request that the app is to be given.
@@ -91,6 +96,9 @@ impl<M: Model> Session<M> {
             config_buffer: None,
             staged: None,
             counters,
+            losses: Losses::default(),
+            losses_before: Losses::default(),
+            changes: 0,
             teller: Teller::default(),
             reply: None,
             storage_request: None,
@@ -120,6 +128,16 @@ impl<M: Model> Session<M> {
     /// The configuration of the node; `None` while blank.
     pub fn config(&self) -> Option<&NodeConfig> {
         self.config.as_ref()
+    }
+
+    /// How often the configuration has changed, wrapping: an app that hands parts of it to a driver does so when this changes.
+    pub fn changes(&self) -> u8 {
+        self.changes
+    }
+
+    /// Takes note of what the link has lost since the start: REPORT says what of it was since the configuration.
+    pub fn note_losses(&mut self, losses: Losses) {
+        self.losses = losses;
     }
 
     /// The node, once it is configured.
@@ -320,6 +338,7 @@ impl<M: Model> Session<M> {
             node.warn(FaultCode::PANIC, arg);
         }
         self.teller.restart();
+        self.losses_before = self.losses;
         self.settle();
         Ok(())
     }
@@ -327,6 +346,7 @@ impl<M: Model> Session<M> {
     /// Makes what is in the buffer the configuration that the node has.
     fn settle(&mut self) {
         core::mem::swap(&mut self.config, &mut self.config_buffer);
+        self.changes = self.changes.wrapping_add(1);
         if let Some(config) = &self.config {
             self.teller.tell_every(config.telemetry_every);
             self.identity.checksum = config.checksum();
@@ -334,10 +354,12 @@ impl<M: Model> Session<M> {
     }
 
     fn report(&self) -> Report {
-        match &self.node {
+        let mut report = match &self.node {
             Some(node) => node.report(),
             None => Report { max_ratio: 0.0, counters: self.counters.clone() },
-        }
+        };
+        report.counters.link = self.losses.since(&self.losses_before);
+        report
     }
 
     fn refuse(&mut self, reason: Refusal) {

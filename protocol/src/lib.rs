@@ -24,4 +24,4 @@ pub use refusal::Refusal;
 pub use service::{Reply, Request};
 
 /// Version of the wire. Nodes report it in [`service::Identity`]; unequal versions do not talk.
-pub const WIRE_VERSION: u8 = 2;
+pub const WIRE_VERSION: u8 = 3;

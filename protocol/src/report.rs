@@ -40,6 +40,42 @@ pub struct Counters {
     pub skipped: u32,
     /// Ticks at which the law asked for more than the largest input that it may.
     pub limited: u32,
+    /// Ticks after which the node's own field was not a finite number: it stopped (fault code 11).
+    pub field_not_finite: u32,
+    /// What its link has lost.
+    pub link: Losses,
+}
+
+/// What a node's link has lost or found broken since the node's configuration. A link that has no such thing says 0. All saturate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Losses {
+    /// Received CAN frames for which the node's queue had no room, and times that the controller's own places had none: then one
+    /// frame was lost, or more.
+    pub frames: u32,
+    /// Errors that the CAN controller has found on the bus.
+    pub bus_errors: u32,
+    /// Times that the CAN controller went off the bus.
+    pub bus_offs: u32,
+    /// Serial lines: overruns, noise, wrong stop bits, and reads and writes that failed.
+    pub line_errors: u32,
+    /// Replies and telemetry that a service line had no time for: they were not said, so that no tick had to wait for it.
+    pub unsaid: u32,
+}
+
+impl Losses {
+    /// What was lost since `before`.
+    #[must_use]
+    pub fn since(&self, before: &Self) -> Self {
+        let Self { frames, bus_errors, bus_offs, line_errors, unsaid } = self;
+        Self {
+            frames: frames.saturating_sub(before.frames),
+            bus_errors: bus_errors.saturating_sub(before.bus_errors),
+            bus_offs: bus_offs.saturating_sub(before.bus_offs),
+            line_errors: line_errors.saturating_sub(before.line_errors),
+            unsaid: unsaid.saturating_sub(before.unsaid),
+        }
+    }
 }
 
 impl Counters {

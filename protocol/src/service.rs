@@ -9,7 +9,7 @@ use crate::report::{Report, Telemetry};
 use serde::{Deserialize, Serialize};
 
 /// Longest body of a [`Reply`], bytes: a report whose counters are all at their largest.
-pub const MAX_REPLY_BODY: usize = 157;
+pub const MAX_REPLY_BODY: usize = 187;
 
 /// Kinds of serial frame of the service plane.
 pub mod kind {

@@ -6,7 +6,7 @@ use funnelnet_protocol::config::{
     MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Program, Shape, Sine, TickSource, Tuning,
 };
 use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
-use funnelnet_protocol::report::{Counters, Report};
+use funnelnet_protocol::report::{Counters, Losses, Report};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
 use funnelnet_protocol::service::{
     Body, Identity, Key, MAX_REPLY_BODY, Reply, Request, ResetCause, StageError, StoreError,
@@ -14,7 +14,7 @@ use funnelnet_protocol::service::{
 use funnelnet_protocol::{Refusal, can};
 use proptest::prelude::*;
 
-/// `largest_config` of wire version 2, written down on 2026-11-28.
+/// `largest_config` of wire versions 2 and 3, written down on 2026-11-28.
 const GOLDEN_CHECKSUM: u32 = 0x430A_B83A;
 
 fn largest_config() -> NodeConfig {
@@ -111,6 +111,8 @@ fn largest_reply_fits_and_little_is_wasted() {
         late: most,
         skipped: most,
         limited: most,
+        field_not_finite: most,
+        link: Losses { frames: most, bus_errors: most, bus_offs: most, line_errors: most, unsaid: most },
         refused: [most; Refusal::COUNT],
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });

@@ -5,11 +5,12 @@
 //! So the tests know no byte of the wire themselves: they follow its version.
 #![allow(clippy::expect_used, clippy::panic)]
 
+use funnelnet_link::{Classic, Fd, Format, Frame as _};
+use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::message::{Command, Component, Message, NodeId, Target, TickStamp};
 use funnelnet_protocol::serial::{self, Deframer, Frame, HOST, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Reply, Request};
-use funnelnet_protocol::{NodeConfig, can};
 use serde_json::{Value, json};
 use sim_host::configure::{Drive, node_configs};
 use sim_host::interrupt::Interrupt;
@@ -74,8 +75,13 @@ fn options() -> RunOptions {
     }
 }
 
-/// A node's configuration, and the same with another state to begin with: that has another checksum.
+/// A node's configuration; the same with another state to begin with, which has another checksum; with neighbours whose numbers are larger by
+/// one; with its own clock; with telemetry at each tick.
 fn node(config: &NodeConfig) -> Value {
+    let by_timer = NodeConfig { tick_source: TickSource::Timer, ..config.clone() };
+    let telling = NodeConfig { telemetry_every: 1, ..by_timer.clone() };
+    let mut moved = config.clone();
+    moved.neighbours.iter_mut().for_each(|edge| edge.id += 1);
     let mut other = config.clone();
     other.initial_state.iter_mut().for_each(|x| *x += 1.0);
     json!({
@@ -84,6 +90,9 @@ fn node(config: &NodeConfig) -> Value {
         "checksum": config.checksum(),
         "stage_other": service(&Request::Stage(other.clone())),
         "other_checksum": other.checksum(),
+        "stage_moved": service(&Request::Stage(moved)),
+        "configure_by_timer": service(&Request::Configure(by_timer)),
+        "configure_telling": service(&Request::Configure(telling)),
     })
 }
 
@@ -113,10 +122,15 @@ fn sync(tick: u32) -> Message {
     Message::Sync { source: None, previous_tick: TickStamp::full(tick.wrapping_sub(1)), phase_us: 0 }
 }
 
-/// A message on a serial line, and on CAN.
+/// A message on a serial line, and on CAN in both formats; of a state with several components the first one.
 fn message(message: &Message) -> Value {
-    let frame = can::encode(message);
-    json!({ "serial": hex(&serial::encode(message)), "can": { "id": frame.id(), "data": hex(frame.data()) } })
+    json!({ "serial": hex(&serial::encode(message)), "can": frame::<Classic>(message), "fd": frame::<Fd>(message) })
+}
+
+fn frame<F: Format>(message: &Message) -> Value {
+    let mut format = F::default();
+    let frame = format.pack(message).into_iter().flatten().next().or_else(|| format.flush());
+    frame.map_or(Value::Null, |frame| json!({ "id": frame.id(), "data": hex(frame.data()) }))
 }
 
 fn service(request: &Request) -> String {

@@ -466,7 +466,7 @@ fn the_list_shows_who_answers_and_who_does_not() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success());
     let answer = format!(
-        "{}  uid = \"0000000000000abc\"  firmware 0.1.0, wire version 2, blank, last reset: unknown, starts: 0\n",
+        "{}  uid = \"0000000000000abc\"  firmware 0.1.0, wire version 3, blank, last reset: unknown, starts: 0\n",
         first.path
     );
     assert!(text.contains(&answer), "{text}");

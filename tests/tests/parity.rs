@@ -26,7 +26,7 @@ fn assert_logs(emulator: &Outcome) {
     let ids: Vec<_> = emulator.logs.iter().map(|(id, _)| *id).collect();
     assert_eq!(ids, [1, 2, 3, 4, 5]);
     for (id, log) in &emulator.logs {
-        for word in ["ready, wire version 2", "started", "stopped"] {
+        for word in ["ready, wire version 3", "started", "stopped"] {
             assert!(log.contains(word), "no '{word}' in the log of node {id}:\n{log}");
         }
         assert!(!log.contains("malformed"), "the log of node {id}:\n{log}");

@@ -2,16 +2,21 @@
 
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
-use funnelnet_link::{BusState, CanPort, Format, Heard, Request};
+use funnelnet_link::{BusState, CanPort, Filters, Format, Heard, Request};
 use funnelnet_protocol::can_fd::MAX_DATA;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
-use funnelnet_protocol::serial::Frame;
+use funnelnet_protocol::report::Losses;
+use funnelnet_protocol::serial::{self, Frame};
 use funnelnet_protocol::service::Reply;
 
+use super::outgoing::Outgoing;
 use super::serial::Serial;
 use super::{Health, Input, Link};
 use crate::clock::Clock;
+
+/// Received frames that are taken one after the other before anything else has its turn: the line, frames to send.
+const IN_A_ROW: u8 = 16;
 
 /// A received data frame with an 11-bit identifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +64,11 @@ pub trait Controller {
     /// Waits for a frame and, where there is one, for room for `next`. Dropping the future loses nothing.
     async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange;
 
+    /// A frame that has been received already, and waits: without this, each has a wait of its own.
+    fn received(&mut self) -> Option<Exchange> {
+        None
+    }
+
     /// Drops the frames that were taken and not sent, but one that is being sent.
     fn cancel(&mut self);
 
@@ -70,6 +80,15 @@ pub trait Controller {
 
     /// Begins the recovery from bus-off; it must never happen by itself.
     fn restart(&mut self);
+
+    /// Frames that were received and lost, and errors on the bus of which no [exchange](Self::exchange) tells, both since the start.
+    fn losses(&self) -> Losses {
+        Losses::default()
+    }
+
+    /// Lets in what these filters pass, from now on; what passes both the old ones and these is never missed. More than that only where
+    /// there is no room for them. Without this, it lets in everything.
+    fn listen(&mut self, _filters: Filters<'_>) {}
 }
 
 /// The frames that a controller sends.
@@ -79,13 +98,27 @@ pub type FrameOf<C> = <<C as Controller>::Format as Format>::Frame;
 pub struct CanNode<C: Controller, U> {
     controller: C,
     service: Serial<U>,
+    outgoing: Outgoing,
     port: CanPort<C::Format>,
+    /// Frames that may be taken before the next wait.
+    in_a_row: u8,
 }
 
 impl<C: Controller, U: Read + Write> CanNode<C, U> {
     /// A node on this controller, with its service plane on this line.
     pub fn new(controller: C, service: Serial<U>) -> Self {
-        Self { controller, service, port: CanPort::new() }
+        Self { controller, service, outgoing: Outgoing::new(), port: CanPort::new(), in_a_row: 0 }
+    }
+
+    fn losses(&self) -> Losses {
+        let of_controller = self.controller.losses();
+        Losses {
+            bus_errors: of_controller.bus_errors.saturating_add(self.port.errors()),
+            bus_offs: self.port.offs().into(),
+            line_errors: self.service.errors(),
+            unsaid: self.outgoing.unsaid(),
+            ..of_controller
+        }
     }
 
     fn note(&mut self, exchange: Exchange) {
@@ -113,6 +146,19 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
         self.obey(request);
     }
 
+    /// The next thing on CAN for the node.
+    fn hear(&mut self) -> Option<Heard> {
+        loop {
+            self.flush();
+            if let Some(heard) = self.port.hear() {
+                return Some(heard);
+            }
+            self.in_a_row = self.in_a_row.checked_sub(1)?;
+            let exchange = self.controller.received()?;
+            self.note(exchange);
+        }
+    }
+
     /// Looks at the error state where that is due.
     fn look(&mut self, now: u64) {
         if now >= self.port.look_at() {
@@ -125,43 +171,44 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
 impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
     async fn wait(&mut self, clock: impl Clock) {
         self.flush();
+        self.outgoing.write(&mut self.service);
         let can =
             select(self.controller.exchange(self.port.next_frame()), clock.wait_until(self.port.look_at()));
         match select(can, self.service.wait(clock)).await {
             Either::First(Either::First(exchange)) => self.note(exchange),
             Either::First(Either::Second(())) | Either::Second(()) => {}
         }
+        self.in_a_row = IN_A_ROW;
         self.look(clock.now());
     }
 
     fn next(&mut self, now: u64) -> Option<Input<'_>> {
-        self.flush();
-        match self.port.hear() {
+        match self.hear() {
             Some(Heard::Change(change)) => Some(Input::Change(change)),
             Some(Heard::Message(message)) => Some(Input::Frame(message.map(Frame::RealTime))),
             None => self.service.next(now).map(for_the_service_line),
         }
     }
 
-    async fn send(&mut self, message: &Message, now: u64) {
+    async fn send(&mut self, message: &Message, _: u64) {
         let request = self.port.send(message);
         self.obey(request);
         if matches!(message, Message::Fault { .. }) {
-            self.service.send(message, now).await;
+            self.outgoing.say(&serial::encode(message), &mut self.service);
         }
     }
 
+    /// Without waiting for the line: it is slower than the bus, and frames and ticks would wait, too.
     async fn reply(&mut self, reply: &Reply, source: u8) {
-        self.service.reply(reply, source).await;
+        self.outgoing.reply(reply, source, &mut self.service);
     }
 
     fn health(&self) -> Health {
-        Health {
-            state: self.port.state(),
-            bus_offs: self.port.offs(),
-            counters: self.controller.counters(),
-            failures: self.port.errors().saturating_add(self.service.health().failures),
-        }
+        Health { state: self.port.state(), counters: self.controller.counters(), losses: self.losses() }
+    }
+
+    fn listen(&mut self, filters: Filters<'_>) {
+        self.controller.listen(filters);
     }
 }
 

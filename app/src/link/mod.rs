@@ -2,13 +2,15 @@
 //! a serial line for the service plane ([`can`]).
 
 pub mod can;
+mod outgoing;
 pub mod peers;
 mod receiving;
 pub mod serial;
 
-use funnelnet_link::{BusState, Change};
+use funnelnet_link::{BusState, Change, Filters};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::report::Losses;
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::Reply;
 
@@ -28,12 +30,10 @@ pub enum Input<'a> {
 pub struct Health {
     /// Error state; a serial line is always active.
     pub state: BusState,
-    /// CAN: how often the controller went off the bus.
-    pub bus_offs: u16,
     /// CAN: the controller's transmit and receive error counters.
     pub counters: (u8, u8),
-    /// Reads and writes that the driver reported as failed: noise, overrun, errors on the bus.
-    pub failures: u32,
+    /// What was lost since the start.
+    pub losses: Losses,
 }
 
 /// A link of the node. The app waits, takes what has come until there is nothing more, and sends.
@@ -54,4 +54,7 @@ pub trait Link {
 
     /// How the link is doing.
     fn health(&self) -> Health;
+
+    /// Has a controller let in what these filters pass, and more only where it has no room for them. Most links bring nothing else anyway.
+    fn listen(&mut self, _filters: Filters<'_>) {}
 }

@@ -2,6 +2,7 @@
 
 use core::future::pending;
 use core::ops::Range;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_futures::poll_once;
 use embassy_futures::select::{select, select_array};
@@ -9,6 +10,7 @@ use embedded_io_async::{Read, Write};
 use funnelnet_link::{HOST_LINE, Junction};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
+use funnelnet_protocol::report::Losses;
 use funnelnet_protocol::serial::{self, Frame, MAX_FRAME, MAX_REAL_TIME_FRAME};
 use funnelnet_protocol::service::Reply;
 use static_cell::StaticCell;
@@ -28,6 +30,7 @@ pub struct Peers<HR, HW, R, W, const PEERS: usize> {
     host: Line<HR, HW, MAX_FRAME, MAX_REPLY>,
     peers: [PeerLine<R, W>; PEERS],
     junction: &'static mut Junction<PEERS>,
+    errors: Option<&'static AtomicU32>,
 }
 
 impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R, W, PEERS> {
@@ -43,12 +46,22 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
         peers: [(W, R); PEERS],
         junction: &'static mut Junction<PEERS>,
     ) -> &'static mut Self {
-        place.init_with(|| Self { host: Line::new(host), peers: peers.map(Line::new), junction })
+        place.init_with(|| Self {
+            host: Line::new(host),
+            peers: peers.map(Line::new),
+            junction,
+            errors: None,
+        })
+    }
+
+    /// Counts errors that the drivers of all lines count, and of which no read fails.
+    pub fn count_errors(&mut self, errors: &'static AtomicU32) {
+        self.errors = Some(errors);
     }
 
     /// Gives every line as much as it has room for.
     fn write(&mut self) {
-        let Self { host, peers, junction } = self;
+        let Self { host, peers, junction, .. } = self;
         host.writing.write_from(HOST_LINE, junction);
         for (peer, line) in peers.iter_mut().zip(HOST_LINE + 1..) {
             peer.writing.write_from(line, junction);
@@ -133,7 +146,10 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Link for Peers<
 
     fn health(&self) -> Health {
         let peers = self.peers.iter().map(Line::failures);
-        Health { failures: peers.fold(self.host.failures(), u32::saturating_add), ..Health::default() }
+        let reported = peers.fold(self.host.failures(), u32::saturating_add);
+        let of_drivers = self.errors.map_or(0, |errors| errors.load(Ordering::Relaxed));
+        let line_errors = reported.saturating_add(of_drivers);
+        Health { losses: Losses { line_errors, ..Losses::default() }, ..Health::default() }
     }
 }
 

@@ -1,7 +1,10 @@
 //! Both planes on a serial line.
 
+use core::sync::atomic::{AtomicU32, Ordering};
+
 use embedded_io_async::{Read, Write};
 use funnelnet_protocol::message::Message;
+use funnelnet_protocol::report::Losses;
 use funnelnet_protocol::serial::{self, MAX_FRAME};
 use funnelnet_protocol::service::{MAX_REPLY_BODY, Reply};
 
@@ -19,21 +22,39 @@ pub(super) const MAX_REPLY: usize = MAX_RAW + 2;
 /// A send waits until the driver has room. Latest value wins all the same, since the session makes a frame only when the one
 /// before it has been taken.
 pub struct Serial<U> {
-    uart: U,
+    pub(super) uart: U,
     receiving: Receiving<MAX_FRAME>,
     failures: u32,
+    errors: Option<&'static AtomicU32>,
 }
 
 impl<U: Read + Write> Serial<U> {
     /// A link on this UART.
     pub fn new(uart: U) -> Self {
-        Self { uart, receiving: Receiving::new(), failures: 0 }
+        Self { uart, receiving: Receiving::new(), failures: 0, errors: None }
+    }
+
+    /// The same with the number of errors that its driver counts, and of which no read fails.
+    #[must_use]
+    pub fn with_errors(self, errors: &'static AtomicU32) -> Self {
+        Self { errors: Some(errors), ..self }
+    }
+
+    /// Counts a write that has failed.
+    pub(super) fn note_failure(&mut self) {
+        self.failures = self.failures.saturating_add(1);
+    }
+
+    /// Errors of this line.
+    pub(super) fn errors(&self) -> u32 {
+        let of_driver = self.errors.map_or(0, |errors| errors.load(Ordering::Relaxed));
+        of_driver.saturating_add(self.failures).saturating_add(self.receiving.failures())
     }
 
     /// What is lost of a frame fails its check at the receiver; here it is only counted.
     async fn write(&mut self, frame: &[u8]) {
         if self.uart.write_all(frame).await.is_err() {
-            self.failures = self.failures.saturating_add(1);
+            self.note_failure();
         }
     }
 }
@@ -68,6 +89,6 @@ impl<U: Read + Write> Link for Serial<U> {
     }
 
     fn health(&self) -> Health {
-        Health { failures: self.failures.saturating_add(self.receiving.failures()), ..Health::default() }
+        Health { losses: Losses { line_errors: self.errors(), ..Losses::default() }, ..Health::default() }
     }
 }

@@ -79,11 +79,20 @@ pub struct Line<'a> {
     time: &'a Time,
     to_node: RefCell<VecDeque<u8>>,
     from_node: RefCell<Vec<u8>>,
+    /// Bytes that it takes before it is full; nobody empties it.
+    room: Cell<usize>,
 }
 
 impl<'a> Line<'a> {
     pub fn new(time: &'a Time) -> Self {
-        Self { time, to_node: RefCell::default(), from_node: RefCell::default() }
+        let (to_node, from_node) = Default::default();
+        Self { time, to_node, from_node, room: Cell::new(usize::MAX) }
+    }
+
+    /// From now on it takes so many bytes more.
+    pub fn has_room_for(&self, bytes: usize) {
+        self.room.set(bytes);
+        self.time.stir();
     }
 
     /// Puts a request on the line.
@@ -140,8 +149,15 @@ impl Read for &Line<'_> {
 
 impl Write for &Line<'_> {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.from_node.borrow_mut().extend(bytes);
-        Ok(bytes.len())
+        let line = *self;
+        let taken = poll_fn(|_| match bytes.len().min(line.room.get()) {
+            0 => Poll::Pending,
+            count => Poll::Ready(count),
+        });
+        let count = taken.await;
+        self.room.set(self.room.get() - count);
+        self.from_node.borrow_mut().extend(&bytes[..count]);
+        Ok(count)
     }
 
     async fn flush(&mut self) -> Result<(), Infallible> {

@@ -1,5 +1,6 @@
 """A board with a host at its service line, and what tests ask of it."""
 
+from fdcan import Frame
 from stm32 import LineIn
 from words import IMAGES, read
 
@@ -15,9 +16,14 @@ def kind(frame):
 class Board:
     """A chip, its line, and what it has said. Subclasses say which chip."""
 
+    # Of its CAN frames: classic ones, or "fd".
+    format = "can"
+
     def __init__(self, core, uart, baud, storage):
         self.core, self.uart = core, uart
         self.line = LineIn(core, uart, baud)
+        # Lines to neighbours: the UART, and what comes there.
+        self.peers = []
         core.on_reset = self.on_reset
         if storage is not None:
             core.uc.mem_write(self.storage_at[0], storage)
@@ -41,6 +47,10 @@ class Board:
         """The chip has been reset."""
         self.rcc.cause = self.rcc.CAUSES[cause]
 
+    def add_line(self, uart, baud):
+        """A line to a neighbour."""
+        self.peers.append((uart, LineIn(self.core, uart, baud)))
+
     # --- time
 
     def ms(self, count):
@@ -49,14 +59,20 @@ class Board:
     def run(self, ns):
         end = self.core.ns + ns
         while self.core.ns < end:
-            arrival = self.line.next_event()
-            self.core.run_until(max(min(end, end if arrival is None else arrival), self.core.ns + 1000))
-            self.line.deliver()
+            lines = [self.line, *(line for _, line in self.peers)]
+            arrivals = [at for line in lines if (at := line.next_event()) is not None]
+            self.core.run_until(max(min([end, *arrivals]), self.core.ns + 1000))
+            for line in lines:
+                line.deliver()
 
     # --- words
 
     def tell(self, text):
         self.line.push(bytes.fromhex(text))
+
+    def frame(self, word):
+        """A CAN frame of the words as a controller has it."""
+        return Frame(word[self.format]["id"], bytes.fromhex(word[self.format]["data"]), is_fd=self.format == "fd")
 
     def frames(self):
         """Whole frames that it has said."""

@@ -1,14 +1,7 @@
 """A CAN bus between boards, and a host on it. Every frame reaches every other board, in the order of the boards, within STEP_NS."""
 
-from fdcan import Frame
-
 STEP_NS = 100e3
 TICK_NS = 1e6
-
-
-def frame(word):
-    """A frame of the words as a controller has it."""
-    return Frame(word["can"]["id"], bytes.fromhex(word["can"]["data"]))
 
 
 class Bus:
@@ -34,9 +27,9 @@ class Bus:
                     self.put(each, board)
 
     def start(self, words):
-        self.put(frame(words["start"]))
+        self.put(self.boards[0].frame(words["start"]))
         self.run(400e3)
 
     def tick(self, words, tick):
-        self.put(frame(words["ticks"][tick]["sync"]))
+        self.put(self.boards[0].frame(words["ticks"][tick]["sync"]))
         self.run(TICK_NS)

@@ -11,8 +11,11 @@ from fdcan import Frame, RECOVERY_NS
 MCR, MSR, TSR, RF0R, IER, ESR = 0x00, 0x04, 0x08, 0x0C, 0x14, 0x18
 MAILBOXES, RECEIVED, FM1R, FS1R, FFA1R, FA1R, BANKS = 0x180, 0x1B0, 0x204, 0x20C, 0x214, 0x21C, 0x240
 BANK_COUNT, DEPTH = 14, 3
-INRQ, SLEEP = 1, 2
+INRQ, SLEEP, ERROR = 1, 2, 4
 OVERRUN = 1 << 4
+# Of IER: interrupts for the kind of the last error, and for errors at all. Of ESR: that kind; a form error, and what software writes.
+LECIE, ERRIE = 1 << 11, 1 << 15
+KIND, FORM = 7 << 4, 2 << 4
 # Interrupts: mailbox empty, frame pending, errors.
 TX_IRQ, RX0_IRQ, SCE_IRQ = 19, 20, 22
 
@@ -27,18 +30,18 @@ class BxCan(Peripheral):
     def reset(self):
         super().reset()
         self.held.update({MCR: 0x00010002, 0x200: 0x2A1C0E01})
-        self.fifo, self.lost, self.refused = [], 0, 0
+        self.fifo, self.lost, self.refused, self.kind, self.flags = [], 0, 0, 0, 0
         self.is_off, self.recovers_at = False, None
 
     def read(self, offset):
         if offset == MSR:
-            return self.get(MCR) & (INRQ | SLEEP)
+            return self.get(MCR) & (INRQ | SLEEP) | self.flags
         if offset == TSR:
             return self.get(TSR) | 0x1C000000  # all mailboxes empty
         if offset == RF0R:
             return len(self.fifo) | (self.get(RF0R) & OVERRUN) | (8 if len(self.fifo) == DEPTH else 0)
         if offset == ESR:
-            return 248 << 16 | 7 if self.is_off else 0
+            return self.kind | (248 << 16 | 7 if self.is_off else 0)
         if RECEIVED <= offset < RECEIVED + 16:
             return self.fifo[0][(offset - RECEIVED) // 4] if self.fifo else 0
         return self.get(offset)
@@ -51,6 +54,10 @@ class BxCan(Peripheral):
                 self.fifo.pop(0)
             if value & OVERRUN:
                 self.held[RF0R] = 0
+        elif offset == MSR:
+            self.flags &= ~value
+        elif offset == ESR:
+            self.kind = value & KIND
         elif offset == MCR:
             self.leave_initialization(value)
         elif MAILBOXES <= offset < MAILBOXES + 48 and (offset - MAILBOXES) % 16 == 0 and value & 1:
@@ -69,6 +76,7 @@ class BxCan(Peripheral):
         enabled = self.get(IER)
         self.core.irq(TX_IRQ, bool(enabled & 1 and self.get(TSR) & 0x010101))
         self.core.irq(RX0_IRQ, bool(enabled & 2 and self.fifo or enabled & 8 and self.get(RF0R) & OVERRUN))
+        self.core.irq(SCE_IRQ, bool(enabled & ERRIE and self.flags & ERROR))
 
     # --- sending
 
@@ -114,7 +122,14 @@ class BxCan(Peripheral):
             self.fifo.append((identifier(frame), code, *struct.unpack("<II", (frame.data + bytes(8))[:8])))
         self.raise_lines()
 
-    # --- bus-off
+    # --- errors
+
+    def error(self):
+        """A frame on the bus was broken; error counters stay low here. One of the same kind as the one before raises no other flag."""
+        if self.kind != FORM and self.get(IER) & LECIE:
+            self.flags |= ERROR
+        self.kind = FORM
+        self.raise_lines()
 
     def go_off(self):
         self.is_off = True

@@ -3,7 +3,7 @@
 import random
 
 from board import kind
-from bus import Bus, frame
+from bus import Bus
 from core import PowerCut
 from fdcan import Frame
 import settings
@@ -13,7 +13,8 @@ SCENARIO = "firmware/emulated/pair.toml"
 DEPTHS = (0, 0.5, 1)
 TICK_US, LARGEST_JITTER = 1000, 0.05
 # Function codes of states on CAN.
-STATES = 3, 10
+STATES = 3, 11
+FLOOD_NS = 1e9
 
 
 class Words:
@@ -151,6 +152,35 @@ class OnLine(Commissioned):
         self.assertEqual((identity["id"], identity["reset"], identity["starts"]), (1, "Software", 2))
 
 
+class OnLines:
+    """Nodes with lines to each other, the last of one to the last of the other; each has a host."""
+
+    def test_two_nodes_on_a_line_to_each_other_run_the_bits_of_loopback(self):
+        boards = [self.BOARD.booted(serial=index + 1) for index in range(2)]
+        ticks, said = Words.of()["ticks"][:101], [bytearray(), bytearray()]
+        for board, node, other, said_by in zip(boards, Words.of()["nodes"], reversed(boards), said):
+            self.assertEqual(board.ask(node["configure"], CONFIGURED)["configured"], {"ok": None})
+            uart, (_, wire) = board.peers[-1][0], other.peers[-1]
+            uart.on_byte = lambda byte, wire=wire, said_by=said_by: (said_by.append(byte), wire.push([byte]))
+        tell_all(boards, Words.of()["start"]["serial"])
+        for tick in ticks[:-1]:
+            tell_all(boards, tick["sync"]["serial"])
+        for index, said_by in enumerate(said):
+            states = [frame.hex() + "00" for frame in bytes(said_by).split(b"\0") if frame and kind(frame) == STATE]
+            self.assertEqual(states, [tick["states"][index][0]["serial"] for tick in ticks])
+        self.assertEqual([uart.overruns for board in boards for uart, _ in board.peers], [0] * 2 * len(boards[0].peers))
+
+
+def tell_all(boards, text):
+    """Says the same to all at once, and runs them for a tick, none ahead of another by more than a few bytes."""
+    for board in boards:
+        board.tell(text)
+    end = max(board.core.ns for board in boards) + 1e6
+    while min(board.core.ns for board in boards) < end:
+        for board in boards:
+            board.run(50e3)
+
+
 class OnCan(Commissioned):
     """A node with its states on CAN."""
 
@@ -169,7 +199,7 @@ class OnCan(Commissioned):
         print(f"{self.BOARD.image}: {len(delays)} ticks, state {min(delays):.1f} to {max(delays):.1f} us after SYNC")
         self.assertLess(max(delays) - min(delays), LARGEST_JITTER * TICK_US)
         for index, sent in enumerate(bus.sent):
-            expected = [frame(component) for tick in ticks for component in tick["states"][index]]
+            expected = [bus.boards[0].frame(component) for tick in ticks for component in tick["states"][index]]
             states = [each for each in sent if STATES[0] <= each.id >> 7 <= STATES[1]]
             self.assertEqual(states, expected)
         self.assertEqual([board.can.lost for board in bus.boards], [0, 0])
@@ -202,21 +232,153 @@ class OnCan(Commissioned):
         self.assertEqual(board.core.resets, 0)
         self.assertEqual(board.identity(Words.of())["id"], 1)
 
-    def test_foreign_frames_at_line_rate_reset_nothing_and_are_counted(self):
+    def test_a_second_of_any_legal_frames_at_line_rate_resets_nothing_and_each_is_counted(self):
         board = self.configured(self.BOARD.booted())
-        draw, end, count = random.Random(1), board.core.ns + settings.flood_ms() * 1e6, 0
+        draw, end, count, foreign = random.Random(1), board.core.ns + FLOOD_NS, 0, 0
         while board.core.ns < end:
             frame = drawn(draw)
             board.run(line_bits(frame) * 1e3)
             board.can.receive(frame)
-            count += 1
+            count, foreign = count + 1, foreign + (not is_for(frame, 1, 2))
         board.ms(20)
         self.assertEqual(board.core.resets, 0)
-        counters = board.ask(Words.of()["report"], REPORT)["report"]["counters"]
+        counters = self.counters(board)
         heard = counters["accepted"] + sum(counters["refused"])
-        print(f"{board.image}: {count} foreign frames, {board.can.refused} filtered out, {heard} counted by the node, {board.can.lost} lost by the controller")
-        self.assertGreater(heard, 0)
-        self.assertEqual(heard + board.can.refused + board.can.lost, count)
+        print(f"{board.image}: {count} frames in {FLOOD_NS / 1e9} s, {board.can.refused} filtered out, {heard} counted by the node, "
+              f"{board.can.lost} lost by the controller, {counters['link']['frames']} losses counted")
+        self.assertEqual(board.can.refused, foreign, "the filters let in what is for node 1 with the neighbour 2")
+        self.assertEqual(heard, count - foreign)
+        self.assertEqual((board.can.lost, counters["link"]["frames"]), (0, 0))
+
+    def counters(self, board):
+        return board.ask(Words.of()["report"], REPORT)["report"]["counters"]
+
+    def lets_in(self, board, function, node):
+        """Whether the controller lets in a frame with this identifier."""
+        before = board.can.refused
+        board.can.receive(Frame(function << 7 | node, bytes(8)))
+        board.ms(1)
+        return board.can.refused == before
+
+    def test_a_commit_that_changes_the_neighbours_changes_the_filters(self):
+        board = self.BOARD.booted()
+        self.assertTrue(self.lets_in(board, STATES[0], 77), "a blank node hears all")
+        self.configured(board)
+        heard = lambda: [node for node in range(1, 128) if self.lets_in(board, STATES[0], node)]
+        self.assertEqual(heard(), [1, 2])
+        board.ask(Words.of()["nodes"][0]["stage_moved"], STAGED)
+        self.assertEqual(heard(), [1, 2])
+        board.tell(Words.of()["commit"]["serial"])
+        board.ms(600)
+        self.assertEqual(heard(), [1, 3])
+
+    def test_frames_that_the_controller_has_no_room_for_are_noticed(self):
+        board = self.configured(self.BOARD.booted())
+        # At one moment: nobody could take them out in time.
+        for tick in range(5):
+            board.can.receive(board.frame(Words.of()["ticks"][tick]["states"][1][0]))
+        board.ms(5)
+        counters = self.counters(board)
+        self.assertEqual((board.can.lost, counters["link"]["frames"]), (2, 1), "the controller tells of a loss, not of how many")
+        self.assertEqual(counters["accepted"] + sum(counters["refused"]), 3)
+        self.configured(board)
+        self.assertEqual(self.counters(board)["link"]["frames"], 0, "counted since the configuration")
+
+    def test_frames_that_come_while_it_stores_are_heard_or_counted(self):
+        board = self.configured(self.BOARD.booted())
+        board.tell(Words.of()["store"])
+        state, count = board.frame(Words.of()["ticks"][1]["states"][1][0]), 8000
+        begin, period = board.core.ns, line_bits(state) * 1e3
+        for at in (begin + index * period for index in range(count)):
+            # The core may stand still for longer than a frame.
+            board.run(max(at - board.core.ns, 0))
+            board.can.receive(state)
+        board.ms(50)
+        counters = self.counters(board)
+        heard, lost = counters["accepted"] + sum(counters["refused"]), counters["link"]["frames"]
+        print(f"{board.image}: {count} frames while it stores, {heard} heard, {board.can.lost} lost by the controller, {lost} losses counted")
+        self.assertGreater(lost, 0, "nothing was lost: the test shows nothing")
+        # Each that the node had no room for; of the controller's, the times.
+        by_node = count - heard - board.can.lost
+        self.assertGreaterEqual(by_node, 0)
+        self.assertTrue(by_node <= lost <= count - heard and (lost > by_node) == (board.can.lost > 0), f"{by_node} lost by the node itself")
+        self.assertEqual(board.core.resets, 0)
+
+    def test_errors_on_the_bus_and_on_the_line_are_counted(self):
+        board = self.configured(self.BOARD.booted())
+        self.assertEqual([self.counters(board)["link"][name] for name in ("bus_errors", "line_errors")], [0, 0])
+        for _ in range(7):
+            board.can.error()
+            board.ms(1)
+        for _ in range(board.uart.depth + 3):
+            board.uart.feed(0)
+        board.ms(5)
+        board.tell("00")
+        counters = self.counters(board)["link"]
+        self.assertEqual(counters["bus_errors"], 7)
+        self.assertEqual(counters["line_errors"], 1, "an overrun of several bytes is one")
+
+    def timed(self, configure):
+        """A node that ticks by its own clock, and has been started."""
+        board = self.BOARD.booted()
+        self.assertEqual(board.ask(Words.of()["nodes"][0][configure], CONFIGURED)["configured"], {"ok": None})
+        board.can.receive(board.frame(Words.of()["start"]))
+        return board
+
+    def with_traffic(self, board, ticks):
+        """Runs a node among states of its neighbour and frames of others; the times of its states, us."""
+        draw, words = random.Random(2), Words.of()["ticks"]
+        board.can.sent_at.clear()
+        begin = board.core.ns
+        for tick in range(ticks):
+            board.run(begin + tick * 1e6 + draw.random() * 3e5 - board.core.ns)
+            board.can.receive(at_tick(board.frame(words[1]["states"][1][0]), tick + 1))
+            while board.core.ns < begin + tick * 1e6 + 9e5:
+                other = drawn(draw)
+                board.run(line_bits(other) * 1e3)
+                if not steers(other):
+                    board.can.receive(other)
+        board.run(begin + ticks * 1e6 - board.core.ns)
+        return [at / 1e3 for at, sent in zip(board.can.sent_at, board.can.sent) if STATES[0] <= sent.id >> 7 <= STATES[1]]
+
+    def jitter(self, configure):
+        board, ticks = self.timed(configure), settings.jitter_ticks()
+        times = self.with_traffic(board, ticks)
+        self.assertGreaterEqual(len(times), ticks - 2)
+        # Against a clock of exactly the period, from the first one on.
+        late = [at - times[0] - index * TICK_US for index, at in enumerate(times)]
+        width = max(late) - min(late)
+        counters = self.counters(board)
+        print(f"{board.image}, {configure}: {len(times)} ticks by its own clock with traffic, jitter {width:.1f} us, "
+              f"{counters['overruns']} late by a period, {counters['link']['unsaid']} unsaid")
+        self.assertLess(width, LARGEST_JITTER * TICK_US)
+        self.assertEqual((counters["overruns"], counters["link"]["frames"], board.can.lost), (0, 0, 0))
+        return counters
+
+    def test_ticks_of_its_own_clock_are_even_with_a_full_bus(self):
+        self.jitter("configure_by_timer")
+
+    def test_a_line_that_is_too_slow_for_telemetry_delays_no_tick(self):
+        self.assertGreater(self.jitter("configure_telling")["link"]["unsaid"], 0)
+
+
+def at_tick(state, tick):
+    """A state with another stamp: 16 bits after two bytes in the format of CAN FD, else its last byte."""
+    if state.is_fd:
+        return state._replace(data=state.data[:2] + (tick & 0xFFFF).to_bytes(2, "little") + state.data[4:])
+    return state._replace(data=state.data[:-1] + bytes([tick & 0xFF]))
+
+
+def steers(frame):
+    """Whether a running node may stop because of a drawn frame: a command, a state with its own number, a state of its neighbour with a wild value."""
+    is_of_plane = not frame.is_extended and not frame.is_remote
+    return is_of_plane and (frame.id >> 7 < 2 or frame.id & 0x7F == 1 or frame.id & 0x7F == 2 and frame.id >> 7 <= STATES[1])
+
+
+def is_for(frame, own, neighbour):
+    """Whether a node wants a frame: what all may say to all (CTRL, SYNC, FAULT, EDGE), and what its neighbours say, and its twin."""
+    is_of_plane = not frame.is_extended and not frame.is_remote
+    return is_of_plane and (frame.id >> 7 in (0, 1, 2, 12) or frame.id & 0x7F in (own, neighbour))
 
 
 def drawn(draw):

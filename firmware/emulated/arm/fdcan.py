@@ -37,13 +37,17 @@ class Fdcan(Peripheral):
         super().reset()
         self.held[self.CCCR] = 1
         self.fifo, self.put, self.lost, self.refused = [], 0, 0, 0
-        self.is_off, self.recovers_at = False, None
+        self.is_off, self.recovers_at, self.errors = False, None, 0
 
     def read(self, offset):
+        if offset == self.ECR:
+            # CEL, the number of errors on the bus, begins anew with each reading.
+            logged, self.errors = min(self.errors, 255), 0
+            return logged << 16 | (248 if self.is_off else 0)
         if offset == self.RXF0S:
             return len(self.fifo) | (self.fifo[0] << 8 if self.fifo else 0) | self.put << 16
         return {
-            self.CREL: 0x32141218, self.ENDN: 0x87654321, self.ECR: 248 if self.is_off else 0,
+            self.CREL: 0x32141218, self.ENDN: 0x87654321,
             self.PSR: 0x707 | (0xE0 if self.is_off else 0), self.TXFQS: DEPTH,
         }.get(offset, self.get(offset))
 
@@ -129,7 +133,11 @@ class Fdcan(Peripheral):
         self.put = (self.put + 1) % DEPTH
         self.flag(NEW_MESSAGE)
 
-    # --- bus-off
+    # --- errors
+
+    def error(self):
+        """A frame on the bus was broken; error counters stay low here."""
+        self.errors += 1
 
     def go_off(self):
         """As after 32 frames that could not be sent."""

@@ -156,7 +156,7 @@ class Flash(Peripheral):
 class G474(Board):
     """A node on a Nucleo-G474RE."""
 
-    image, boot_ms, storage_at = "nucleo_g474re", BOOT_MS, STORAGE
+    image, boot_ms, storage_at, baud = "nucleo_g474re", BOOT_MS, STORAGE, BAUD
 
     def __init__(self, image=None, serial=1, storage=None, broken=()):
         core = Core(self.path(image), HZ, FLASH, FLASH_SIZE, 128 << 10, [INFORMATION])
@@ -167,4 +167,21 @@ class G474(Board):
         self.watchdog = core.add(Iwdg(core, 0x40003000))
         self.can = core.add(Fdcan(core, 0x40006400, 0x4000A400))
         self.flash.broken |= set(broken)
-        super().__init__(core, core.add(Lpuart(core, 0x40008000, 91, BAUD)), BAUD, storage)
+        super().__init__(core, core.add(Lpuart(core, 0x40008000, 91, self.baud)), self.baud, storage)
+
+
+class G474Fd(G474):
+    """The same with frames of CAN FD."""
+
+    image, format = "nucleo_g474re_can_fd", "fd"
+
+
+class G474Peers(G474):
+    """A node with lines to neighbours instead: USART 1, USART 3, UART 4, UART 5, whose registers are those of the LPUART."""
+
+    image, baud = "nucleo_g474re_peers", 1_000_000
+
+    def __init__(self, image=None, serial=1, storage=None, broken=()):
+        super().__init__(image, serial, storage, broken)
+        for base, irq in ((0x40013800, 37), (0x40004800, 39), (0x40004C00, 52), (0x40005000, 53)):
+            self.add_line(self.core.add(Lpuart(self.core, base, irq, self.baud)), self.baud)

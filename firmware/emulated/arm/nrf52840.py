@@ -38,4 +38,15 @@ class Nrf52840(Board):
         self.rtc = core.add(Rtc(core, 0x40011000))
         self.watchdog = core.add(Wdt(core, 0x40010000))
         self.flash = core.add(Nvmc(core, 0x4001E000))
-        super().__init__(core, core.add(Uarte(core, 0x40002000, BAUD)), BAUD, storage)
+        super().__init__(core, core.add(Uarte(core, 0x40002000, 2, BAUD)), BAUD, storage)
+
+
+class Nrf52840Peers(Nrf52840):
+    """A node with a line to a neighbour, too: UARTE 1, with the counter and the channels that its driver wants."""
+
+    image = "nrf52840_dk_peers"
+
+    def __init__(self, image=None, serial=1, storage=None, broken=()):
+        super().__init__(image, serial, storage, broken)
+        self.core.add(Counter(self.core, 0x40009000))
+        self.add_line(self.core.add(Uarte(self.core, 0x40028000, 40, BAUD)), BAUD)

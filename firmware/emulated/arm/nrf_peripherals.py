@@ -130,14 +130,16 @@ class Counter(NrfPeripheral):
 class Uarte(NrfPeripheral):
     """A UART with EasyDMA: pointers are latched at the start, six bytes wait while no reception runs, and more are an overrun."""
 
-    IRQ, FIFO = 2, 6
+    FIFO = 6
     STARTRX, STOPRX, STARTTX, STOPTX = 0x000, 0x004, 0x008, 0x00C
     RXDRDY, ENDRX, ENDTX, ERROR, RXTO, RXSTARTED, TXSTARTED, TXSTOPPED = 0x108, 0x110, 0x120, 0x124, 0x144, 0x14C, 0x150, 0x158
     ERRORSRC, RX_PTR, RX_MAXCNT, RX_AMOUNT, TX_PTR, TX_MAXCNT, TX_AMOUNT = 0x480, 0x534, 0x538, 0x53C, 0x544, 0x548, 0x54C
 
-    def __init__(self, core, base, baud):
+    def __init__(self, core, base, irq, baud):
         super().__init__(core, base)
+        self.IRQ = irq
         self.byte_ns, self.said = 10e9 / baud, bytearray()
+        self.on_byte = self.said.append
 
     def reset(self):
         super().reset()
@@ -193,7 +195,8 @@ class Uarte(NrfPeripheral):
     def advance(self, before, after):
         if self.sent_at is not None and after >= self.sent_at:
             self.sent_at = None
-            self.said += self.sending
+            for byte in self.sending:
+                self.on_byte(byte)
             self.fire(self.ENDTX)
 
     def next_event(self):

@@ -10,9 +10,9 @@ def cut_every(operations):
     return 1 if EXTENDED else operations
 
 
-def flood_ms():
-    """How long foreign frames come at line rate."""
-    return 1000 if EXTENDED else 200
+def jitter_ticks():
+    """How many ticks a node runs by its own clock while their jitter is measured."""
+    return 10_000 if EXTENDED else 300
 
 
 def noise_bytes():

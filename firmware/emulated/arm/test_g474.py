@@ -4,8 +4,8 @@ import unittest
 
 import settings
 from core import NMI
-from expect import OnCan, Words
-from g474 import FLASH, G474, STORAGE
+from expect import OnCan, OnLines, Words
+from g474 import FLASH, G474, STORAGE, G474Fd, G474Peers
 
 
 class Classic(OnCan, unittest.TestCase):
@@ -41,6 +41,18 @@ class Classic(OnCan, unittest.TestCase):
                 board.ms(self.BOARD.boot_ms + 10)
                 self.assertEqual(board.core.resets, 1)
                 self.assertEqual(board.identity(Words.of())["reset"], "HardFault")
+
+
+class Fd(OnCan, unittest.TestCase):
+    """CAN with frames of CAN FD."""
+
+    BOARD, WATCHDOG_S, CUT_EVERY = G474Fd, 2.0, settings.cut_every(25)
+
+
+class Peers(OnLines, unittest.TestCase):
+    """Lines to neighbours."""
+
+    BOARD = G474Peers
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ use cortex_m_rt::entry;
 use defmt_rtt as _;
 use embassy_stm32::can::util::NominalBitTiming;
 use embassy_stm32::can::{
-    Can, Rx0InterruptHandler, Rx1InterruptHandler, RxBuf, SceInterruptHandler, TxInterruptHandler,
+    Can, Rx0InterruptHandler, Rx1InterruptHandler, SceInterruptHandler, TxInterruptHandler,
 };
 use embassy_stm32::flash::FLASH_BASE;
 use embassy_stm32::rcc::{
@@ -21,10 +21,10 @@ use embassy_stm32::{Config, bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::panic;
-use firmware::stm32::bxcan::{BxCan, RECEIVE_BUFFER, timing};
+use firmware::stm32::bxcan::{self, BxCan, TakeFrames, timing};
+use firmware::stm32::line::{self, service_plane};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::stm32::sectors::Sectors;
-use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
 use funnelnet_app::link::can::CanNode;
 use funnelnet_app::link::serial::Serial;
@@ -34,10 +34,10 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
     CAN1_TX => TxInterruptHandler<peripherals::CAN1>;
-    CAN1_RX0 => Rx0InterruptHandler<peripherals::CAN1>;
+    CAN1_RX0 => Rx0InterruptHandler<peripherals::CAN1>, TakeFrames;
     CAN1_RX1 => Rx1InterruptHandler<peripherals::CAN1>;
-    CAN1_SCE => SceInterruptHandler<peripherals::CAN1>;
-    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
+    CAN1_SCE => bxcan::CountErrors, SceInterruptHandler<peripherals::CAN1>;
+    USART2 => line::CountErrors, usart::BufferedInterruptHandler<peripherals::USART2>;
 });
 
 /// 1 Mbit/s from 40 MHz: 20 time quanta of 2 periods, sampled after 16 (80 %).
@@ -49,7 +49,7 @@ async fn node(can: BxCan, uart: BufferedUart<'static>, flash: Sectors, chip: Chi
     static LINK: StaticCell<CanNode<BxCan, BufferedUart<'static>>> = StaticCell::new();
     // Two sectors, a half of the store each.
     static STORAGE: StaticCell<InFlash<Split<Blocking<Sectors>, 2>>> = StaticCell::new();
-    let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart)));
+    let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart).with_errors(&line::ERRORS)));
     let storage = STORAGE.init_with(|| InFlash::new(Split(Blocking(flash)), region(FLASH_BASE as u32)));
     storage.open().await;
     pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
@@ -77,7 +77,6 @@ fn clocks() -> Config {
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    static BUFFER: ConstStaticCell<RxBuf<RECEIVE_BUFFER>> = ConstStaticCell::new(RxBuf::new());
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     safety::watch_the_start();
@@ -88,7 +87,7 @@ fn main() -> ! {
     let uart = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, transmit, receive, Interrupts, config)
         .expect("the bit rate is possible");
     let can = Can::new(chip.CAN1, chip.PA11, chip.PA12, Interrupts);
-    let can = BxCan::start(can, TIMING, BUFFER.take());
+    let can = BxCan::start(can, TIMING);
     let flash = Sectors::new(chip.FLASH);
     let node = node(can, uart, flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))

@@ -16,9 +16,9 @@ use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::panic;
 use firmware::stm32::clocks::clocks;
-use firmware::stm32::fdcan::{Buffers, FdCan, FdTiming, fd_timing, timing};
+use firmware::stm32::fdcan::{FdCan, FdTiming, TakeFrames, fd_timing, timing};
+use firmware::stm32::line::{self, CountErrors, service_plane};
 use firmware::stm32::safety::{self, Iwdg};
-use firmware::stm32::service_plane;
 use firmware::storage::flash::{Blocking, InFlash, region};
 use funnelnet_app::link::can::CanNode;
 use funnelnet_app::link::serial::Serial;
@@ -26,9 +26,9 @@ use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
-    FDCAN1_IT0 => IT0InterruptHandler<peripherals::FDCAN1>;
+    FDCAN1_IT0 => IT0InterruptHandler<peripherals::FDCAN1>, TakeFrames;
     FDCAN1_IT1 => IT1InterruptHandler<peripherals::FDCAN1>;
-    LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
+    LPUART1 => CountErrors, usart::BufferedInterruptHandler<peripherals::LPUART1>;
 });
 
 /// 1 Mbit/s from 80 MHz: 80 time quanta, sampled after 64 (80 %).
@@ -47,7 +47,7 @@ async fn node(
     static LINK: StaticCell<CanNode<FdCan, BufferedUart<'static>>> = StaticCell::new();
     // In the second bank, while the program runs in the first.
     static STORAGE: StaticCell<InFlash<Blocking<Flash<'static, flash::Blocking>>>> = StaticCell::new();
-    let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart)));
+    let link = LINK.init_with(|| CanNode::new(can, Serial::new(uart).with_errors(&line::ERRORS)));
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
     pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
@@ -57,7 +57,6 @@ async fn node(
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    static BUFFERS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::new());
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     safety::watch_the_start();
@@ -69,7 +68,7 @@ fn main() -> ! {
         .expect("the bit rate is possible");
     // Not PB8, which the Nucleo's Arduino header calls D15: it is also BOOT0, and a transceiver drives it high.
     let can = CanConfigurator::new(chip.FDCAN1, chip.PA11, chip.PA12, Interrupts);
-    let can = FdCan::start(can, NOMINAL, FD, BUFFERS.take());
+    let can = FdCan::start(can, NOMINAL, FD);
     let flash = Flash::new_blocking(chip.FLASH);
     let node = node(can, uart, flash, of_node).expect("the task is spawned once");
     EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))

@@ -16,7 +16,7 @@ use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::panic;
 use firmware::stm32::clocks::clocks;
-use firmware::stm32::line;
+use firmware::stm32::line::{CountErrors, ERRORS, line};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use funnelnet_app::link::peers::{PeerBuffers, Peers};
@@ -25,11 +25,11 @@ use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
-    LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
-    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
-    USART3 => usart::BufferedInterruptHandler<peripherals::USART3>;
-    UART4 => usart::BufferedInterruptHandler<peripherals::UART4>;
-    UART5 => usart::BufferedInterruptHandler<peripherals::UART5>;
+    LPUART1 => CountErrors, usart::BufferedInterruptHandler<peripherals::LPUART1>;
+    USART1 => CountErrors, usart::BufferedInterruptHandler<peripherals::USART1>;
+    USART3 => CountErrors, usart::BufferedInterruptHandler<peripherals::USART3>;
+    UART4 => CountErrors, usart::BufferedInterruptHandler<peripherals::UART4>;
+    UART5 => CountErrors, usart::BufferedInterruptHandler<peripherals::UART5>;
 });
 
 /// Lines to neighbours.
@@ -55,6 +55,7 @@ async fn node(
     // In the second bank, while the program runs in the first.
     static STORAGE: StaticCell<InFlash<Blocking<Flash<'static, flash::Blocking>>>> = StaticCell::new();
     let link = Peers::make(&LINK, host, peers, JUNCTION.take());
+    link.count_errors(&ERRORS);
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
     pin!(app::run(&SESSION, link, storage, Virtual, chip)).await

@@ -3,23 +3,26 @@
 use core::num::NonZeroU16;
 
 use embassy_futures::select::{Either, select};
-use embassy_stm32::can::filter::Mask32;
 use embassy_stm32::can::frame::Frame;
 use embassy_stm32::can::util::NominalBitTiming;
-use embassy_stm32::can::{BufferedCanRx, Can, CanTx, Fifo, RxBuf};
+use embassy_stm32::can::{Can, CanTx};
+use embassy_stm32::interrupt::typelevel::{CAN1_RX0, CAN1_SCE, Handler};
 use embassy_stm32::pac;
+use embassy_stm32::pac::can::vals::{Ide, Lec, Rtr};
 use embedded_can::StandardId;
-use funnelnet_link::BusState;
+use funnelnet_link::{BusState, Filter, Filters};
 use funnelnet_protocol::can::CanFrame;
+use funnelnet_protocol::report::Losses;
 
 use super::{received, width};
-use funnelnet_app::link::can::{Controller, Exchange, Received};
-
-/// Received frames that wait for the task: the controller itself holds three. 16 are 1 ms of a full bus at 1 Mbit/s.
-pub const RECEIVE_BUFFER: usize = 16;
+use funnelnet_app::link::can::{Controller, Exchange};
 
 /// Data bytes of a classic frame at most.
 const LONGEST: u8 = 8;
+/// Places of a receive FIFO.
+const PLACES: usize = 3;
+/// Banks of CAN 1, with two filters each, beside the last one, which lets everything in while the others change.
+const BANKS: usize = 13;
 /// Readings of a register to wait for the initialization mode at most, some 50 us.
 const LONGEST_WAIT: u32 = 1000;
 
@@ -41,25 +44,20 @@ pub struct BxCan {
     /// Its drop would reset the controller.
     _can: Can<'static>,
     transmit: CanTx<'static>,
-    receive: BufferedCanRx<'static, RECEIVE_BUFFER>,
 }
 
 impl BxCan {
     /// Starts the controller with this bit timing. It takes part after 11 recessive bits, for which this does not wait.
-    pub fn start(
-        mut can: Can<'static>,
-        timing: NominalBitTiming,
-        buffer: &'static mut RxBuf<RECEIVE_BUFFER>,
-    ) -> Self {
-        can.modify_filters().enable_bank(0, Fifo::Fifo0, of_this_plane());
+    pub fn start(mut can: Can<'static>, timing: NominalBitTiming) -> Self {
+        begin_filters();
         // Frames of one identifier leave in order. Retransmission stays as it is, on: embassy's setter for it is inverted.
         can.set_tx_fifo_scheduling(true);
         drop(can.modify_config().set_bit_timing(timing));
-        let (transmit, receive) = can.split();
-        let receive = receive.buffered(buffer);
+        // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`] does not.
+        let (transmit, _) = can.split();
         // What `enable` does, but for automatic recovery from bus-off, which the node must decide.
         pac::CAN1.mcr().modify(|reg| reg.set_sleep(false));
-        Self { _can: can, transmit, receive }
+        Self { _can: can, transmit }
     }
 }
 
@@ -67,11 +65,15 @@ impl Controller for BxCan {
     type Format = funnelnet_link::Classic;
 
     async fn exchange(&mut self, next: Option<&CanFrame>) -> Exchange {
-        let Some(frame) = next.and_then(frame) else { return read(&mut self.receive).await };
-        match select(read(&mut self.receive), self.transmit.write(&frame)).await {
+        let Some(frame) = next.and_then(frame) else { return received::next().await };
+        match select(received::next(), self.transmit.write(&frame)).await {
             Either::First(exchange) => exchange,
             Either::Second(_) => Exchange::Taken,
         }
+    }
+
+    fn received(&mut self) -> Option<Exchange> {
+        received::next_now()
     }
 
     fn cancel(&mut self) {
@@ -101,27 +103,107 @@ impl Controller for BxCan {
         let _ = (0..LONGEST_WAIT).find(entered);
         pac::CAN1.mcr().modify(|reg| reg.set_inrq(false));
     }
-}
+    fn losses(&self) -> Losses {
+        received::losses()
+    }
 
-async fn read(receive: &mut BufferedCanRx<'static, RECEIVE_BUFFER>) -> Exchange {
-    match receive.read().await {
-        Ok(envelope) => Exchange::Received(frame_of(&envelope.frame)),
-        Err(_) => Exchange::Error,
+    fn listen(&mut self, filters: Filters<'_>) {
+        let mut filters = filters.within(2 * BANKS).fuse();
+        activate(BANKS, true);
+        for bank in 0..BANKS {
+            // A bank can be written while it is not active.
+            activate(bank, false);
+            if let Some(first) = filters.next() {
+                set_bank(bank, first, filters.next().unwrap_or(first));
+                activate(bank, true);
+            }
+        }
+        activate(BANKS, false);
     }
 }
 
-/// A DLC of 9 to 15 is legal and means eight bytes (ISO 11898-1). The controller passes it on as it is, and the driver's `data` would cut its
-/// eight bytes by it.
-fn frame_of(frame: &Frame) -> Option<Received> {
-    let header = frame.header();
-    received(header, header.len().min(LONGEST), frame.raw_data())
+/// Makes all banks pairs of identifiers of 11 bits with their masks, for FIFO 0, and lets everything in.
+fn begin_filters() {
+    let can = pac::CAN1;
+    can.fmr().modify(|reg| reg.set_finit(true));
+    can.fa1r().write(|_| {});
+    can.fm1r().write(|_| {});
+    can.fs1r().write(|_| {});
+    can.ffa1r().write(|_| {});
+    set_bank(BANKS, Filter::ALL, Filter::ALL);
+    activate(BANKS, true);
+    can.fmr().modify(|reg| reg.set_finit(false));
 }
 
-/// Data frames with an identifier of 11 bits: nothing else is of the real-time plane.
-fn of_this_plane() -> Mask32 {
-    let mut mask = Mask32::frames_with_std_id(StandardId::ZERO, StandardId::ZERO);
-    mask.data_frames_only();
-    mask
+fn activate(bank: usize, is_active: bool) {
+    pac::CAN1.fa1r().modify(|reg| reg.set_fact(bank, is_active));
+}
+
+fn set_bank(bank: usize, first: Filter, second: Filter) {
+    let bank = pac::CAN1.fb(bank);
+    bank.fr1().write(|reg| reg.0 = halves(first));
+    bank.fr2().write(|reg| reg.0 = halves(second));
+}
+
+/// Identifier and mask as a filter of 16 bits has them (RM0390, filter bank scale and mode): data frames with identifiers of 11 bits.
+fn halves(Filter { id, mask }: Filter) -> u32 {
+    const DATA_AND_SHORT: u32 = 0b11 << 3;
+    u32::from(id) << 5 | (u32::from(mask) << 5 | DATA_AND_SHORT) << 16
+}
+
+/// Takes frames out of the controller. It goes after embassy's handler, which masks the interrupt until somebody has.
+pub struct TakeFrames;
+
+#[allow(unsafe_code)] // Handlers of interrupts are unsafe to call.
+impl Handler<CAN1_RX0> for TakeFrames {
+    unsafe fn on_interrupt() {
+        let can = pac::CAN1;
+        // What comes meanwhile raises the interrupt again.
+        for _ in 0..PLACES {
+            if can.rfr(0).read().fmp() == 0 {
+                break;
+            }
+            take();
+            can.rfr(0).write(|reg| reg.set_rfom(true));
+            let released = |_: &u32| !can.rfr(0).read().rfom();
+            let _ = (0..LONGEST_WAIT).find(released);
+        }
+        if can.rfr(0).read().fovr() {
+            can.rfr(0).write(|reg| reg.set_fovr(true));
+            received::note_lost();
+        }
+        can.ier().modify(|reg| reg.set_fmpie(0, true));
+    }
+}
+
+/// Takes the oldest frame, unless it is none of the plane: one with a 29-bit identifier, a remote frame.
+fn take() {
+    let place = pac::CAN1.rx(0);
+    let head = place.rir().read();
+    let is_of_plane = head.ide() == Ide::STANDARD && head.rtr() == Rtr::DATA;
+    let Some(id) = StandardId::new(head.stid()).filter(|_| is_of_plane) else { return };
+    let mut data = [0; received::LONGEST];
+    let words = [place.rdlr().read().0, place.rdhr().read().0];
+    data.chunks_exact_mut(4).zip(words).for_each(|(to, word)| to.copy_from_slice(&word.to_le_bytes()));
+    // A DLC of 9 to 15 is legal and means eight bytes (ISO 11898-1). The controller passes it on as it is.
+    received::put(id, place.rdtr().read().dlc().min(LONGEST), data);
+}
+
+/// Counts errors on the bus. It goes before embassy's handler, which would mask the interrupt at the first one.
+pub struct CountErrors;
+
+#[allow(unsafe_code)] // Handlers of interrupts are unsafe to call.
+impl Handler<CAN1_SCE> for CountErrors {
+    unsafe fn on_interrupt() {
+        let can = pac::CAN1;
+        let error = can.esr().read().lec();
+        if error != Lec::NO_ERROR && error != Lec::CUSTOM {
+            received::note_errors(1);
+        }
+        // So that the next one of the same kind is one, too.
+        can.esr().write(|reg| reg.set_lec(Lec::CUSTOM));
+        can.msr().write(|reg| reg.set_erri(true));
+    }
 }
 
 fn frame(frame: &CanFrame) -> Option<Frame> {

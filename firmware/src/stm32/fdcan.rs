@@ -4,21 +4,18 @@ use core::num::NonZeroU16;
 
 use embassy_futures::select::{Either, select};
 use embassy_stm32::can::config::{
-    DataBitTiming, FrameTransmissionConfig, GlobalFilter, NominalBitTiming, NonMatchingFilter, TxBufferMode,
+    DataBitTiming, FrameTransmissionConfig, GlobalFilter, NominalBitTiming, TxBufferMode,
 };
-use embassy_stm32::can::enums::BusErrorMode;
 use embassy_stm32::can::frame::{FdFrame, Header};
-use embassy_stm32::can::{
-    BufferedCanFd, BufferedFdCanReceiver, BufferedFdCanSender, CanConfigurator, OperatingMode, RxFdBuf,
-    TxFdBuf,
-};
-use embassy_stm32::interrupt;
-use embassy_stm32::interrupt::typelevel::Interrupt as _;
+use embassy_stm32::can::{CanConfigurator, CanTx, OperatingMode};
+use embassy_stm32::interrupt::typelevel::{FDCAN1_IT0, Handler};
 use embassy_stm32::pac;
 use embedded_can::StandardId;
-use funnelnet_link::{BusState, Frame};
+use funnelnet_link::{BusState, Filter, Filters, Frame};
+use funnelnet_protocol::report::Losses;
 
-use super::{received, width};
+use super::received::{self, LONGEST};
+use super::width;
 use funnelnet_app::link::can::{Controller, Exchange, FrameOf};
 
 /// What it is built for: all nodes of a bus have the same format.
@@ -27,10 +24,12 @@ type Format = funnelnet_link::Fd;
 #[cfg(not(feature = "can-fd"))]
 type Format = funnelnet_link::Classic;
 
-/// Frames that wait for the interrupt handler: one, since newer values follow.
-pub const TRANSMIT_BUFFER: usize = 1;
-/// Received frames that wait for the task: the controller itself holds three. 16 are 1 ms of a full bus at 1 Mbit/s.
-pub const RECEIVE_BUFFER: usize = 16;
+/// Words of message RAM per place of a receive FIFO (RM0440, message RAM): identifier, kind and length, 64 bytes.
+const PLACE_WORDS: usize = 18;
+/// Places of the FIFO.
+const PLACES: usize = 3;
+/// Filters for identifiers of 11 bits. The first one lets everything in while the others change.
+const FILTERS: usize = 28;
 
 /// Bit timings of CAN FD.
 #[derive(Clone, Copy)]
@@ -66,32 +65,9 @@ pub const fn fd_timing(prescaler: u8, seg1: u8, seg2: u8) -> FdTiming {
     FdTiming { data, delay_offset: prescaler * (1 + seg1) }
 }
 
-/// Memory of the driver.
-pub struct Buffers {
-    /// To send.
-    pub transmit: TxFdBuf<TRANSMIT_BUFFER>,
-    /// Received.
-    pub receive: RxFdBuf<RECEIVE_BUFFER>,
-}
-
-impl Buffers {
-    /// Empty ones.
-    pub const fn new() -> Self {
-        Self { transmit: TxFdBuf::new(), receive: RxFdBuf::new() }
-    }
-}
-
-impl Default for Buffers {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// FDCAN 1.
 pub struct FdCan {
-    can: BufferedCanFd<'static, TRANSMIT_BUFFER, RECEIVE_BUFFER>,
-    transmit: BufferedFdCanSender,
-    receive: BufferedFdCanReceiver,
+    transmit: CanTx<'static>,
     fd: bool,
 }
 
@@ -101,12 +77,10 @@ impl FdCan {
         mut configurator: CanConfigurator<'static>,
         nominal: NominalBitTiming,
         fd: Option<FdTiming>,
-        buffers: &'static mut Buffers,
     ) -> Self {
         let mut config = configurator.config().set_nominal_bit_timing(nominal);
-        // Not by a range filter, whose ends embassy puts the wrong way round: what matches no filter is accepted.
-        config.global_filter =
-            GlobalFilter::reject_all().set_handle_standard_frames(NonMatchingFilter::IntoRxFifo0);
+        config.global_filter = GlobalFilter::reject_all();
+        set_filter(0, Some(Filter::ALL));
         config.tx_buffer_mode = TxBufferMode::Fifo;
         config.automatic_bus_off_recovery = false;
         if let Some(timing) = fd {
@@ -118,9 +92,9 @@ impl FdCan {
         if let Some(timing) = fd {
             compensate_delay(timing.delay_offset);
         }
-        let can = can.buffered_fd(&mut buffers.transmit, &mut buffers.receive);
-        let (transmit, receive) = (can.writer(), can.reader());
-        Self { can, transmit, receive, fd: fd.is_some() }
+        // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`] does not.
+        let (transmit, _, _) = can.split();
+        Self { transmit, fd: fd.is_some() }
     }
 
     /// With the header of its kind: `FdFrame::new_standard` makes classic ones.
@@ -144,50 +118,123 @@ fn compensate_delay(offset: u8) {
     can.cccr().modify(|reg| reg.set_init(false));
 }
 
+/// Takes frames out of the controller. It goes after embassy's handler, which clears the flag.
+pub struct TakeFrames;
+
+#[allow(unsafe_code)] // Handlers of interrupts are unsafe to call.
+impl Handler<FDCAN1_IT0> for TakeFrames {
+    unsafe fn on_interrupt() {
+        let can = pac::FDCAN1;
+        loop {
+            let fifo = can.rxfs(0).read();
+            if fifo.ffl() == 0 {
+                break;
+            }
+            take(fifo.fgi());
+            can.rxfa(0).write(|reg| reg.set_fai(fifo.fgi()));
+        }
+        if can.ir().read().rfl(0) {
+            can.ir().write(|reg| reg.set_rfl(0, true));
+            received::note_lost();
+        }
+    }
+}
+
+/// Takes the frame at this place of the FIFO, unless it is none of the plane: one with a 29-bit identifier, a remote frame.
+fn take(place: u8) {
+    let at = usize::from(place) * PLACE_WORDS;
+    let [head, kind] = [at, at + 1].map(fifo_word);
+    let (is_extended, is_remote) = (head >> 30 & 1 == 1, head >> 29 & 1 == 1);
+    let Some(id) = StandardId::new((head >> 18 & 0x7FF) as u16).filter(|_| !is_extended && !is_remote) else {
+        return;
+    };
+    let mut data = [0; LONGEST];
+    for (word, bytes) in data.chunks_exact_mut(4).enumerate() {
+        bytes.copy_from_slice(&fifo_word(at + 2 + word).to_le_bytes());
+    }
+    received::put(id, length(kind), data);
+}
+
+/// A word of FIFO 0; no place is behind its end.
+fn fifo_word(word: usize) -> u32 {
+    if word < PLACES * PLACE_WORDS { pac::FDCANRAM1.rxfifo0(word).read() } else { 0 }
+}
+
+/// Data bytes of a frame of this kind. A DLC of 9 to 15 means eight bytes in a classic frame (ISO 11898-1).
+fn length(kind: u32) -> u8 {
+    let (code, is_fd) = ((kind >> 16 & 15) as u8, kind >> 21 & 1 == 1);
+    match code {
+        0..=8 => code,
+        _ if !is_fd => 8,
+        9..=12 => 4 * code - 24,
+        13 => 32,
+        14 => 48,
+        _ => 64,
+    }
+}
+
+/// Sets a filter: identifier and mask, into FIFO 0 (RM0440, message RAM, standard message ID filter element).
+fn set_filter(place: usize, filter: Option<Filter>) {
+    let word =
+        filter.map_or(0, |Filter { id, mask }| 2 << 30 | 1 << 27 | u32::from(id) << 16 | u32::from(mask));
+    if place < FILTERS {
+        pac::FDCANRAM1.flssa(place).write_value(word);
+    }
+}
+
+/// The error counters; the errors since the last reading are added to those counted. Whoever reads the register takes them.
+fn error_counters() -> (u8, u8) {
+    let counters = pac::FDCAN1.ecr().read();
+    received::note_errors(counters.cel().into());
+    (counters.tec(), counters.rec())
+}
+
 impl Controller for FdCan {
     type Format = Format;
 
     async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange {
-        let Some(frame) = next.and_then(|next| self.frame(next)) else { return read(&self.receive).await };
-        match select(read(&self.receive), self.transmit.write(frame)).await {
+        let Some(frame) = next.and_then(|next| self.frame(next)) else { return received::next().await };
+        match select(received::next(), self.transmit.write_fd(&frame)).await {
             Either::First(exchange) => exchange,
-            Either::Second(()) => Exchange::Taken,
+            Either::Second(_) => Exchange::Taken,
         }
     }
 
+    fn received(&mut self) -> Option<Exchange> {
+        received::next_now()
+    }
+
     fn cancel(&mut self) {
-        let drop_all = || pac::FDCAN1.txbcr().write(|reg| (0..3).for_each(|buffer| reg.set_cr(buffer, true)));
-        drop_all();
-        // The frame in the driver's own buffer: its interrupt handler gives it to the controller.
-        interrupt::typelevel::FDCAN1_IT0::pend();
-        drop_all();
+        pac::FDCAN1.txbcr().write(|reg| (0..3).for_each(|buffer| reg.set_cr(buffer, true)));
     }
 
     fn state(&self) -> BusState {
-        match self.can.properties().bus_error_mode() {
-            BusErrorMode::ErrorActive => BusState::Active,
-            BusErrorMode::ErrorPassive => BusState::Passive,
-            BusErrorMode::BusOff => BusState::Off,
+        let state = pac::FDCAN1.psr().read();
+        match (state.bo(), state.ep()) {
+            (true, _) => BusState::Off,
+            (false, true) => BusState::Passive,
+            (false, false) => BusState::Active,
         }
     }
 
     fn counters(&self) -> (u8, u8) {
-        let properties = self.can.properties();
-        (properties.tx_error_count(), properties.rx_error_count())
+        error_counters()
     }
 
     fn restart(&mut self) {
         // Going bus-off has set INIT; clearing it is what starts the recovery (RM0440, bus-off recovery).
         pac::FDCAN1.cccr().modify(|reg| reg.set_init(false));
     }
-}
 
-async fn read(receive: &BufferedFdCanReceiver) -> Exchange {
-    match receive.receive().await {
-        Ok(envelope) => {
-            let header = envelope.frame.header();
-            Exchange::Received(received(header, header.len(), envelope.frame.data()))
-        }
-        Err(_) => Exchange::Error,
+    fn losses(&self) -> Losses {
+        let _ = error_counters();
+        received::losses()
+    }
+
+    fn listen(&mut self, filters: Filters<'_>) {
+        set_filter(0, Some(Filter::ALL));
+        let mut filters = filters.within(FILTERS - 1).fuse();
+        (1..FILTERS).for_each(|place| set_filter(place, filters.next()));
+        set_filter(0, None);
     }
 }

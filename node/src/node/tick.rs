@@ -276,7 +276,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         let component = self.parts.iter().position(|part| !part.x.is_finite());
         self.parts.iter_mut().zip(before).for_each(|(part, &before)| part.x = before);
         match component {
-            Some(component) => self.fail(FaultCode::FIELD, component as u16),
+            Some(component) => {
+                count(&mut self.counters.field_not_finite);
+                self.fail(FaultCode::FIELD, component as u16);
+            }
             None => self.fault(FaultCode::STATE_LIMIT),
         }
     }

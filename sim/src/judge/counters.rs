@@ -35,6 +35,18 @@ pub struct CounterSummary {
     pub limited: u64,
     /// Samples of a plant that failed.
     pub coasted: u64,
+    /// Times that a node's own field was not a finite number.
+    pub field_not_finite: u64,
+    /// CAN frames that came to a node and were lost there; of what a controller itself has lost, the occasions.
+    pub frames_lost: u64,
+    /// Errors that CAN controllers have found on the bus.
+    pub bus_errors: u64,
+    /// Times that a CAN controller went off the bus.
+    pub bus_offs: u64,
+    /// Overruns, noise and failures of serial lines, as nodes see them.
+    pub line_errors: u64,
+    /// Replies and telemetry that a node's service line had no time for.
+    pub unsaid: u64,
     /// FAULT frames that did not stop their node.
     pub warnings: u64,
 }
@@ -60,6 +72,12 @@ impl CounterSummary {
             saturated: sum(|c| c.saturated),
             limited: sum(|c| c.limited),
             coasted: sum(|c| c.coasted),
+            field_not_finite: sum(|c| c.field_not_finite),
+            frames_lost: sum(|c| c.link.frames),
+            bus_errors: sum(|c| c.link.bus_errors),
+            bus_offs: sum(|c| c.link.bus_offs),
+            line_errors: sum(|c| c.link.line_errors),
+            unsaid: sum(|c| c.link.unsaid),
             warnings,
         }
     }
@@ -81,6 +99,12 @@ impl CounterSummary {
             ("saturated", self.saturated),
             ("limited", self.limited),
             ("samples missed", self.coasted),
+            ("fields not finite", self.field_not_finite),
+            ("frames lost", self.frames_lost),
+            ("bus errors", self.bus_errors),
+            ("bus-offs", self.bus_offs),
+            ("line errors", self.line_errors),
+            ("unsaid", self.unsaid),
             ("warnings", self.warnings),
         ];
         let told: Vec<_> = counts

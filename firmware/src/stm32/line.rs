@@ -1,0 +1,44 @@
+//! Serial lines of an STM32, and their errors: embassy's driver clears them, logs them, and tells nobody.
+#![allow(unsafe_code)] // Handlers of interrupts are unsafe to call.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::interrupt::typelevel::{self, Handler};
+use embassy_stm32::{pac, usart};
+
+/// Overruns, noise and wrong stop bits of all lines, saturating.
+pub static ERRORS: AtomicU32 = AtomicU32::new(0);
+
+/// Counts the errors of a line. It goes before embassy's handler, which clears them.
+pub struct CountErrors;
+
+/// A line's handler: `$status` is its status register.
+macro_rules! count_errors {
+    ($($name:ident $status:ident),*) => {$(
+        impl Handler<typelevel::$name> for CountErrors {
+            unsafe fn on_interrupt() {
+                let status = pac::$name.$status().read();
+                if status.ore() || status.ne() || status.fe() {
+                    ERRORS.store(ERRORS.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);
+                }
+            }
+        }
+    )*};
+}
+
+#[cfg(feature = "nucleo-g474re")]
+count_errors!(LPUART1 isr, USART1 isr, USART3 isr, UART4 isr, UART5 isr);
+#[cfg(feature = "nucleo-f446re")]
+count_errors!(USART2 sr);
+
+/// The line to the debugger's virtual COM port: 115,200 bit/s.
+pub fn service_plane() -> usart::Config {
+    line(115_200)
+}
+
+/// A serial line, bit/s.
+pub fn line(bit_rate: u32) -> usart::Config {
+    let mut config = usart::Config::default();
+    config.baudrate = bit_rate;
+    config
+}
