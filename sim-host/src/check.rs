@@ -182,7 +182,7 @@ pub fn check(scenario: &Scenario) -> Report {
                 findings.iter_mut().for_each(|finding| partial(finding, forecast));
             }
         }
-        None => findings.extend([limits::speed(&subject), predictions::none_here(scenario)]),
+        None => findings.extend([limits::speed(&subject), predictions::none_here(&subject)]),
     }
     findings.push(followed::finding(&subject));
     findings.extend(actuators::finding(&subject));
