@@ -275,7 +275,7 @@ fn tick_of(seconds: f64) -> Option<String> {
     (seconds.is_finite() && ns >= u64::from(SHORTEST_TICK_NS)).then(|| format_duration(ns))
 }
 
-/// The width of a funnel as advice names it; none where no node takes it (state units).
+/// A width, or the parameter of a gain, as advice names it; none where no node takes it.
 fn width_of(width: f64) -> Option<String> {
     (width > 0.0 && width <= LARGEST).then(|| about(width))
 }

@@ -38,7 +38,10 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     let times = width_of(kick / GOOD).map(|times| format!("start in a funnel {times} times as wide"));
     let ways: Vec<_> = tick.into_iter().chain(times).collect();
     let advice = match ways.is_empty() {
-        true => "no input can answer before that, and the funnel has closed by then; let it be wider at the start".to_owned(),
+        true => {
+            "no input can answer before that, and the funnel has closed by then; let it be wider at the start"
+                .to_owned()
+        }
         false => format!("no input can answer before that; {}", ways.join(", or ")),
     };
     let inside = kick < WHOLE || subject.followed.as_ref().is_some_and(|followed| followed.start.ratio < 1.0);

@@ -47,7 +47,9 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
             format!("{name} holds any funnel once the states have met: no field drifts from the emergent one")
         }
         Some(_) if seen.taken == 0.0 => {
-            format!("{name} holds any funnel once the states have met: no field drifts from the emergent one; {most}")
+            format!(
+                "{name} holds any funnel once the states have met: no field drifts from the emergent one; {most}"
+            )
         }
         Some(_) => format!(
             "once the states have met, |nu|/psi is predicted to be {} at most; {holds} at node {node} (the tightest), where psi is {} at t = {} s; \

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::forecast::Forecast;
 use super::subject::Subject;
-use super::{Finding, Status, about, extremes, figure, largest, share};
+use super::{Finding, Status, about, extremes, figure, largest, share, width_of};
 use crate::emergent::outgrown;
 use crate::extremes::{beyond, larger};
 use crate::scenario::Gain;
@@ -30,10 +30,13 @@ pub(super) fn none_here(subject: &Subject<'_>) -> Finding {
     let values = json!({ "coupling": coupling.kind(), "components": components });
     let (promise, stands) = match (subject.is_promised(), subject.run()) {
         (true, _) => ("", Status::NotChecked),
-        (false, None) => {
-            ("; the law promises no funnel, so that ratios and breaches are counted and nothing more", Status::NotChecked)
+        (false, None) => (
+            "; the law promises no funnel, so that ratios and breaches are counted and nothing more",
+            Status::NotChecked,
+        ),
+        (false, Some(_)) => {
+            ("; the law promises no funnel, and what it does was followed to the end (below)", Status::Note)
         }
-        (false, Some(_)) => ("; the law promises no funnel, and what it does was followed to the end (below)", Status::Note),
     };
     let plural = if components == 1 { "component" } else { "components" };
     let text = format!(
@@ -122,7 +125,8 @@ fn wider(gain: &Gain<f64>, input: f64) -> String {
         return "give it a gain that is unbounded at the funnel's edge".to_owned();
     };
     let Some((parameter, value)) = reaching.parameters().next() else { return String::new() };
-    let what = format!("{} = {}", parameter.name, about(value));
+    let Some(value) = width_of(value) else { return "no gain that a node takes leaves more".to_owned() };
+    let what = format!("{} = {value}", parameter.name);
     if let Gain::Median { .. } = gain {
         return format!(
             "that is what a gain close to a sign function costs ({what} would leave {}); a shorter tick or a wider funnel keeps the \

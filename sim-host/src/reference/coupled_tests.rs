@@ -194,7 +194,13 @@ fn a_node_without_limits_stays_in_its_funnel_beside_those_that_have_some() {
     problem.coupling = Coupling::EdgeWise;
     let shape = Shape::Exponential { start: 40.0, end: 0.5, rate: 2.0 };
     problem.funnels = vec![Funnel { factor: 1.0, shape }; 5];
-    let error = solve_coupled(&problem, &[0.0, 4.0], &ReferenceOptions::default(), &mut |_| ControlFlow::Continue(()));
+    let error =
+        solve_coupled(
+            &problem,
+            &[0.0, 4.0],
+            &ReferenceOptions::default(),
+            &mut |_| ControlFlow::Continue(()),
+        );
     assert!(matches!(error, Err(ReferenceError::Unresolved { .. })), "{error:?}");
 }
 

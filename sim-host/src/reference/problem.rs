@@ -97,7 +97,8 @@ impl CoupledProblem {
     /// Whether a component of a node may be at the edge of its funnel and beyond: where `mu` is larger than any limit its input is at one. Not
     /// where inputs are sums over edges, or have the gain of another: those have no such limit.
     pub(super) fn may_leave(&self, node: usize) -> bool {
-        let by_itself = matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
+        let by_itself =
+            matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
         !self.is_funnel_law() || by_itself && self.limits[node].is_some()
     }
 

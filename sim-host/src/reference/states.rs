@@ -232,7 +232,11 @@ impl Unknowns for States<'_> {
     }
 
     fn refuses(&self, seen: &Seen) -> Option<String> {
-        let kept = seen.ratio.iter().enumerate().filter(|(at, _)| !self.problem.may_leave(at / self.problem.components));
+        let kept = seen
+            .ratio
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| !self.problem.may_leave(at / self.problem.components));
         let most = largest(0.0, kept.map(|(_, s)| s.abs()));
         let inside = most < EDGE;
         (!inside)

@@ -164,6 +164,10 @@ fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
         fields: scenario.nodes.iter().map(|node| node.dynamics.clone()).collect(),
         gains: scenario.nodes.iter().map(|node| node.gain.prepared()).collect(),
         funnels: scenario.nodes.iter().map(|node| node.funnel).collect(),
-        limits: scenario.nodes.iter().map(|node| node.limits.map(|limits| (limits.low, limits.high))).collect(),
+        limits: scenario
+            .nodes
+            .iter()
+            .map(|node| node.limits.map(|limits| (limits.low, limits.high)))
+            .collect(),
     })
 }
