@@ -12,6 +12,7 @@ use sim_host::interrupt::Interrupt;
 use sim_host::random::{Purpose, below, stream, uniform};
 use sim_host::run::{Fidelity, RunOptions, Verbosity, simulate};
 use sim_host::scenario::{Override, Scenario};
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,7 @@ fn main() -> ExitCode {
         Ok(designs) => {
             say("check", &designs, |design| design.clean);
             say_cures(&designs);
+            say_keys(&designs);
             say("the sum of sizes and the start kick alone", &designs, |design| design.by_formula);
             say("these and the first tenth of a second", &designs, |design| design.by_formula && design.calm);
             ExitCode::SUCCESS
@@ -49,6 +51,8 @@ pub struct Design {
     calm: bool,
     /// What its advice makes of it, where it is warned of and leaves.
     pub cure: Option<Cured>,
+    /// What was advised first, as `key=value` each.
+    pub advised: Vec<String>,
 }
 
 /// What its own advice makes of a design that is warned of and leaves.
@@ -82,17 +86,20 @@ pub fn tried(seed: u64, index: u64) -> Result<Design, String> {
     let stands = |status| report.findings.iter().any(|found| found.status == status);
     let clean = !stands(Status::Warn) && !stands(Status::Fail);
     let cure = (!clean && !inside).then(|| cured(&text, &report)).transpose()?;
+    let advised = advised(&report).filter(|_| cure.is_some()).unwrap_or_default();
     if clean && !inside {
         println!("# called clean and left: design {index}\n{text}");
     }
-    Ok(Design { left: !inside, clean, by_formula: by_formula(&report), calm: calm(&report), cure })
+    Ok(Design { left: !inside, clean, by_formula: by_formula(&report), calm: calm(&report), cure, advised })
 }
 
 /// Applies the advice of a report, and that of what comes of it.
 fn cured(text: &str, report: &Report) -> Result<Cured, String> {
     let (mut text, mut report) = (text.to_owned(), report.clone());
     for round in 1..=ROUNDS {
-        let Some(overrides) = advised(&report) else { break };
+        let Some(settings) = advised(&report) else { break };
+        let overrides = settings.iter().map(|set| Override::parse(set));
+        let overrides = overrides.collect::<Result<Vec<_>, _>>().map_err(|error| error.to_string())?;
         let scenario = Scenario::parse(&text, Path::new("design.toml"), &overrides)
             .map_err(|error| format!("{error}\n{text}"))?;
         let outcome = simulate(&scenario, &options()).map_err(|error| format!("{error}\n{text}"))?;
@@ -111,16 +118,15 @@ fn cured(text: &str, report: &Report) -> Result<Cured, String> {
     Ok(Cured::Not { start_is_named })
 }
 
-/// The settings of the first warning that has some.
-fn advised(report: &Report) -> Option<Vec<Override>> {
+/// The settings of the first warning that has some, as `key=value` each.
+fn advised(report: &Report) -> Option<Vec<String>> {
     let open = report.findings.iter().filter(|found| matches!(found.status, Status::Warn | Status::Fail));
     let mut open: Vec<_> = open.collect();
     open.sort_by_key(|found| found.name != "sampled");
     open.into_iter().find_map(|found| {
         let settings = found.advice.as_ref()?.settings();
-        let overrides: Vec<_> =
-            settings.filter_map(|set| Override::parse(&format!("{}={}", set.key, set.value)).ok()).collect();
-        (!overrides.is_empty()).then_some(overrides)
+        let settings: Vec<_> = settings.map(|set| format!("{}={}", set.key, set.value)).collect();
+        (!settings.is_empty()).then_some(settings)
     })
 }
 
@@ -135,6 +141,25 @@ fn say_cures(designs: &[Design]) {
         cures.len(),
         100.0 * cured as f64 / cures.len().max(1) as f64,
         count(Cured::Not { start_is_named: true })
+    );
+}
+
+/// By which keys designs are cured, and how far funnels are widened at most.
+fn say_keys(designs: &[Design]) {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    let mut factors: Vec<f64> = Vec::new();
+    for design in designs.iter().filter(|design| !design.advised.is_empty()) {
+        let (keys, values): (Vec<_>, Vec<_>) =
+            design.advised.iter().filter_map(|set| set.split_once('=')).unzip();
+        *counts.entry(keys.join(" and ")).or_default() += 1;
+        let wider = keys.iter().zip(values).find(|(key, _)| key.ends_with("factor"));
+        factors.extend(wider.and_then(|(_, value)| value.trim().parse::<f64>().ok()));
+    }
+    factors.sort_by(f64::total_cmp);
+    println!(
+        "  advised first: {counts:?}; funnels wider by {:?} (median), {:?} (largest)",
+        factors.get(factors.len() / 2),
+        factors.last()
     );
 }
 

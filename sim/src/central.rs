@@ -269,7 +269,12 @@ impl Member {
     /// Inputs with the gain of all.
     fn inputs(&mut self, gain: f32) {
         for part in &mut self.parts {
-            part.u = part.r / (self.psi.ahead / gain + self.b);
+            let asked = part.r / (self.psi.ahead / gain + self.b);
+            part.u = match self.params.limits {
+                // What is not finite is refused below.
+                Some(range) if asked.is_finite() => range.clamp(asked),
+                _ => asked,
+            };
         }
     }
 

@@ -35,6 +35,7 @@ use crate::extremes::{beyond, extremes};
 use crate::scenario::{LARGEST_RUN, Scenario, format_duration};
 use forecast::Forecast;
 use funnelnet_law::math;
+use funnelnet_law::range::{LARGEST, SHORTEST_TICK_NS};
 pub use nodes::NodeRow;
 use subject::Subject;
 
@@ -180,7 +181,7 @@ pub fn check(scenario: &Scenario) -> Report {
                 findings.iter_mut().for_each(|finding| partial(finding, forecast));
             }
         }
-        None => findings.extend([limits::speed(&subject), predictions::none_here(scenario)]),
+        None => findings.extend([limits::speed(&subject), predictions::none_here(&subject)]),
     }
     findings.push(followed::finding(&subject));
     findings.extend(actuators::finding(&subject));
@@ -188,6 +189,7 @@ pub fn check(scenario: &Scenario) -> Report {
     findings.extend(bus::findings(&subject));
     findings.extend(bounds::finding(&subject));
     findings.extend(expectations::findings(&subject));
+    cures::take_back(scenario, &mut findings);
     cures::settle(&subject, &mut findings);
     premises::lower(&subject, &mut findings);
     findings.extend(events::finding(scenario));
@@ -267,9 +269,15 @@ fn range(low: f64, high: f64) -> String {
     if low == high { low } else { format!("{low} to {high}") }
 }
 
-/// The tick of so many seconds as a scenario has it, with two digits and not longer.
-fn tick_of(seconds: f64) -> String {
-    format_duration(tick_ns_of(seconds))
+/// The tick of so many seconds as a scenario has it, with two digits and not longer; none where no node takes one that short.
+fn tick_of(seconds: f64) -> Option<String> {
+    let ns = tick_ns_of(seconds);
+    (seconds.is_finite() && ns >= u64::from(SHORTEST_TICK_NS)).then(|| format_duration(ns))
+}
+
+/// A width, or the parameter of a gain, as advice names it; none where no node takes it.
+fn width_of(width: f64) -> Option<String> {
+    (width > 0.0 && width <= LARGEST).then(|| about(width))
 }
 
 /// The same in ns.

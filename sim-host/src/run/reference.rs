@@ -7,7 +7,6 @@ use super::rows::Rows;
 use crate::emergent::Predictor;
 use crate::exit::Exit;
 use crate::extremes::{larger, largest};
-use crate::figure::figure;
 use crate::judge::{Judge, Moment, ReferenceSummary};
 use crate::presence::Presence;
 use crate::progress::Progress;
@@ -31,7 +30,6 @@ pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Resu
         Err(ReferenceError::Cancelled { partial, .. }) if !partial.times.is_empty() => *partial,
         other => other.map_err(explained)?,
     };
-    within_limits(scenario, &solution)?;
     // Before the end where the user has stopped it.
     let end = solution.times.len().checked_sub(1).and_then(|last| wanted.get(last)).copied().unwrap_or(ticks);
     let (mut predictor, mut judge) = (Predictor::new(scenario), Judge::new(scenario));
@@ -77,33 +75,38 @@ pub fn where_expected(
         return Ok(None);
     }
     let wanted: Vec<u64> = (0..=scenario.time.steps()).collect();
-    let solution = solve(scenario, &problem(scenario)?, options, &wanted).map_err(explained)?;
-    within_limits(scenario, &solution).map(|()| Some(solution))
+    solve(scenario, &problem(scenario)?, options, &wanted).map_err(explained).map(Some)
 }
 
-/// The reference knows no limits of inputs: it is one of a run that never reaches them.
-fn within_limits(scenario: &Scenario, solution: &ReferenceSolution) -> Result<(), RunError> {
-    let rows = solution.times.iter().zip(solution.u.chunks_exact(solution.nodes.max(1)));
-    for (t, inputs) in rows {
-        for (node, &u) in scenario.nodes.iter().zip(inputs) {
-            let Some(limits) = node.limits.filter(|limits| u < limits.low || u > limits.high) else {
-                continue;
-            };
-            return Err(RunError::bad_input(format!(
-                "there is no reference for a scenario whose inputs reach their limits: without them node {} has an input of {} at t = {} s, \
-                 where its actuator can do {} to {}; run it with --on loopback, without reference_error among its expectations",
-                node.id,
-                figure(u, 4),
-                figure(*t, 4),
-                limits.low,
-                limits.high
-            )));
-        }
-    }
-    Ok(())
-}
-
+/// Where no input reaches its limit the solution is that without limits, which has more digits: it is tried first.
 fn solve(
+    scenario: &Scenario,
+    problem: &CoupledProblem,
+    options: &RunOptions,
+    steps: &[u64],
+) -> Result<ReferenceSolution, ReferenceError> {
+    if problem.limits.iter().all(Option::is_none) {
+        return solve_as_is(scenario, problem, options, steps);
+    }
+    let free = CoupledProblem { limits: vec![None; problem.limits.len()], ..problem.clone() };
+    match solve_as_is(scenario, &free, options, steps) {
+        Ok(solution) if is_within(problem, &solution) => Ok(solution),
+        Err(cancelled @ ReferenceError::Cancelled { .. }) => Err(cancelled),
+        _ => solve_as_is(scenario, problem, options, steps),
+    }
+}
+
+/// Whether every input is within its limits, as far as rows show it.
+fn is_within(problem: &CoupledProblem, solution: &ReferenceSolution) -> bool {
+    let n = problem.components.max(1);
+    let at = |(at, u): (usize, &f64)| {
+        let limits = problem.limits.get(at % solution.nodes.max(1) / n).copied().flatten();
+        limits.is_none_or(|(low, high)| (low..=high).contains(u))
+    };
+    solution.u.iter().enumerate().all(at)
+}
+
+fn solve_as_is(
     scenario: &Scenario,
     problem: &CoupledProblem,
     options: &RunOptions,
@@ -167,6 +170,10 @@ fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
         fields: scenario.nodes.iter().map(|node| node.dynamics.clone()).collect(),
         gains: scenario.nodes.iter().map(|node| node.gain.prepared()).collect(),
         funnels: scenario.nodes.iter().map(|node| node.funnel).collect(),
-        limits: vec![None; scenario.nodes.len()],
+        limits: scenario
+            .nodes
+            .iter()
+            .map(|node| node.limits.map(|limits| (limits.low, limits.high)))
+            .collect(),
     })
 }

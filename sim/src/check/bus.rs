@@ -61,7 +61,8 @@ fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
             "a narrow funnel is left now and then, whatever the damping; it is less so with a loss of {}",
             share(HARMLESS_LOSS)
         );
-        return found.advise(Status::Warn, advice).set("bus.loss", format!("{HARMLESS_LOSS}"));
+        // Nothing to be set: how much is lost is no matter of a designer's.
+        return found.advise(Status::Warn, advice);
     }
     let damping = needed_damping(subject);
     let advice = format!(
@@ -224,7 +225,6 @@ fn more_time(found: Finding, status: Status, why: &str, subject: &Subject<'_>, n
 /// The usual bit rates, bit/s.
 const RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
-/// A bus with bits that is not computed: what is followed is the ideal one.
 /// What links do is not followed: the law is, with the bus alone.
 fn of_links(subject: &Subject<'_>) -> Finding {
     let count = subject.scenario.links.len();
@@ -234,6 +234,7 @@ fn of_links(subject: &Subject<'_>) -> Finding {
     Finding::new("bus", "Bus", text, json!({ "links": count })).stands(Status::NotChecked)
 }
 
+/// A bus with bits that is not computed: what is followed is the ideal one.
 fn real(bit_errors: f64) -> Finding {
     let errors = match bit_errors {
         0.0 => String::new(),

@@ -216,6 +216,16 @@ fn together(scenario: &Scenario) -> Vec<Vec<Setting>> {
     list
 }
 
+/// Takes settings back that a scenario does not take, whatever finding has them.
+pub(super) fn take_back(scenario: &Scenario, findings: &mut [Finding]) {
+    for advice in findings.iter_mut().filter_map(|finding| finding.advice.as_mut()) {
+        let settings: Vec<_> = advice.settings().cloned().collect();
+        if !settings.is_empty() && with(scenario, &settings).is_none() {
+            (advice.setting, advice.also) = (None, Vec::new());
+        }
+    }
+}
+
 /// Tries what the findings advise. Advice that does not help is taken back, and what does is put in its place, where anything does.
 pub(super) fn settle(subject: &Subject<'_>, findings: &mut [Finding]) {
     let is_open = |finding: &&mut Finding| {

@@ -21,8 +21,11 @@ pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {
     };
     judge("expect-funnel-ratio", "funnel_ratio", expect.funnel_ratio, run.map(|run| run.worst.ratio));
     judge("expect-final-spread", "final_spread", expect.final_spread, run.map(|run| spread(subject, run)));
-    judge("expect-emergent-error", "emergent_error", expect.emergent_error, from_xi(subject));
-    judge("expect-blended-error", "blended_error", expect.blended_error, from_blended(subject));
+    // Looked at where they are expected only.
+    let to_xi = expect.emergent_error.and_then(|_| from_xi(subject));
+    judge("expect-emergent-error", "emergent_error", expect.emergent_error, to_xi);
+    let to_blended = expect.blended_error.and_then(|_| from_blended(subject));
+    judge("expect-blended-error", "blended_error", expect.blended_error, to_blended);
     judge("expect-reference-error", "reference_error", expect.reference_error, None);
     judge("expect-max-input", "max_input", expect.max_input, run.map(|run| run.input));
     let within = expect.recovered_within_ns.map(|ns| ns as f64 / 1e9);
@@ -109,15 +112,23 @@ fn rounding(run: &Followed) -> f64 {
 }
 
 fn from_xi(subject: &Subject<'_>) -> Option<f64> {
-    let forecast = subject.forecast.as_ref().filter(|forecast| forecast.grid.reaches(subject.scenario))?;
-    subject.run().map(|run| distance(run, forecast.xi_end()))
+    match &subject.forecast {
+        Some(forecast) => from(subject, &[forecast.xi_end()]),
+        None => from(subject, &subject.aims()?.xi),
+    }
 }
 
 fn from_blended(subject: &Subject<'_>) -> Option<f64> {
-    let forecast = subject.forecast.as_ref().filter(|forecast| forecast.grid.reaches(subject.scenario))?;
-    subject.run().map(|run| distance(run, forecast.blended_end))
+    match &subject.forecast {
+        Some(forecast) => from(subject, &[forecast.blended_end]),
+        None => from(subject, &subject.aims()?.blended),
+    }
 }
 
-fn distance(run: &Followed, from: f64) -> f64 {
-    larger(largest(0.0, run.last.iter().map(|x| (x - from).abs())), rounding(run))
+/// The largest distance of the law's last states from a point, by component; none where the law or the point is not known to the end.
+fn from(subject: &Subject<'_>, point: &[f64]) -> Option<f64> {
+    let reaches = subject.forecast.as_ref().is_none_or(|forecast| forecast.grid.reaches(subject.scenario));
+    let run = subject.run().filter(|_| reaches && !point.is_empty())?;
+    let apart = run.last.iter().zip(point.iter().cycle()).map(|(x, point)| (x - point).abs());
+    Some(larger(largest(0.0, apart), rounding(run)))
 }

@@ -30,6 +30,9 @@ pub(super) fn finding(subject: &Subject<'_>) -> Finding {
         let why = format!("node {} leaves its funnel, and on_breach stops it", worst.node + 1);
         return advised(found, Status::Fail, &why, subject);
     }
+    if !subject.is_promised() {
+        return unpromised(found, subject, followed);
+    }
     if !inside {
         return advised(
             found,
@@ -72,6 +75,20 @@ fn said(subject: &Subject<'_>, followed: &Followed) -> Finding {
     Finding::new("sampled", "Sampled law", text, values)
 }
 
+/// A baseline: what it does is known, and it has promised nothing.
+fn unpromised(found: Finding, subject: &Subject<'_>, followed: &Followed) -> Finding {
+    let status = match followed.whole && followed.worst.ratio < 1.0 {
+        true => Status::Ok,
+        false => Status::Note,
+    };
+    let what = match subject.scenario.coupling.keeps_funnels() {
+        true => "a linear gain".to_owned(),
+        false => format!("{} coupling", subject.scenario.coupling.kind()),
+    };
+    let advice = format!("{what} promises no funnel: its ratio is counted in a run, and nothing more");
+    found.advise(status, advice)
+}
+
 /// Whether the start is closer to the funnel's edge than the fields ask for.
 fn tight(subject: &Subject<'_>, followed: &Followed) -> bool {
     let calm = followed.start.ratio < subject.calm_start();
@@ -95,8 +112,10 @@ fn none_here(scenario: &Scenario) -> Finding {
     let (kind, nodes) = (scenario.coupling.kind(), scenario.nodes.len());
     let text = match nodes > LARGEST_RUN {
         true => format!("not followed for {nodes} nodes: {LARGEST_RUN} at most"),
+        // Edge-wise, and what both ends believe of an edge is not one thing.
         false => format!(
-            "not followed for {kind} coupling of states with {}: what a run does is not known before it",
+            "not followed for {kind} coupling of states with {} on a bus that loses or delays, with noise, or with a slow start: what a run does \
+             is not known before it",
             plural(scenario.components(), "component")
         ),
     };

@@ -1,12 +1,11 @@
 //! The first tick: the fields move the states before any input can answer (LAW.md 6).
 
 use funnelnet_law::Real;
-use funnelnet_law::range::SHORTEST_TICK_NS;
 use serde_json::json;
 
 use super::shorter;
 use super::subject::Subject;
-use super::{Finding, Status, figure, tick_of};
+use super::{Finding, Status, figure, tick_of, width_of};
 use crate::extremes::larger;
 use crate::scenario::{Coupling, Scenario};
 
@@ -34,21 +33,20 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     if small {
         return Some(found);
     }
-    let wider = format!("start in a funnel {} times as wide", figure(kick / GOOD));
     let seconds = scenario.time.tick_s() * GOOD / kick;
-    // Not a tick that no node takes.
-    let ticks = (seconds >= f64::from(SHORTEST_TICK_NS) * 1e-9).then(|| tick_of(seconds));
-    let advice = match &ticks {
-        Some(tick) => format!("no input can answer before that; use a tick of {tick} or less, or {wider}"),
-        None => format!("no input can answer before that; {wider}"),
+    let tick = tick_of(seconds).map(|tick| format!("use a tick of {tick} or less"));
+    let times = width_of(kick / GOOD).map(|times| format!("start in a funnel {times} times as wide"));
+    let ways: Vec<_> = tick.into_iter().chain(times).collect();
+    let advice = match ways.is_empty() {
+        true => {
+            "no input can answer before that, and the funnel has closed by then; let it be wider at the start"
+                .to_owned()
+        }
+        false => format!("no input can answer before that; {}", ways.join(", or ")),
     };
     let inside = kick < WHOLE || subject.followed.as_ref().is_some_and(|followed| followed.start.ratio < 1.0);
     let status = if inside { Status::Warn } else { Status::Fail };
-    let found = found.advise(status, advice);
-    Some(match ticks {
-        Some(_) => shorter::set(found, scenario, seconds),
-        None => found,
-    })
+    Some(shorter::set(found.advise(status, advice), scenario, seconds))
 }
 
 /// Index of the node that is kicked most, and how far.

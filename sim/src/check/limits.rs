@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::forecast::Forecast;
 use super::subject::Subject;
-use super::{Finding, Status, about, figure, kick, largest, share, tick_of};
+use super::{Finding, Status, about, figure, kick, largest, share, tick_of, width_of};
 use super::{longest, shorter};
 use crate::scenario::{Dynamics, format_duration};
 use crate::{emergent, extremes, extremes::smaller};
@@ -45,23 +45,29 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
     let found = Longest::of(subject, seen.taken);
     let (longest, by_formula) = (found.map(|found| found.seconds), found.map(|found| found.by_formula));
+    let holds = match floor.is_finite() {
+        true => format!("{name} holds funnels down to about {}", about(floor)),
+        false => format!("{name} holds no funnel"),
+    };
+    let most = match longest.and_then(tick_of) {
+        Some(_) => format!("the longest tick for this scenario is about {} s", about(longest.unwrap_or(0.0))),
+        None => "no tick that a node takes holds this one".to_owned(),
+    };
     let text = match longest {
         None => {
             format!("{name} holds any funnel once the states have met: no field drifts from the emergent one")
         }
-        Some(longest) if seen.taken == 0.0 => format!(
-            "{name} holds any funnel once the states have met: no field drifts from the emergent one; the longest tick for this \
-             scenario is about {} s",
-            about(longest)
-        ),
-        Some(longest) => format!(
-            "once the states have met, |nu|/psi is predicted to be {} at most; {name} holds funnels down to about {} at node {node} (the \
-             tightest), where psi is {} at t = {} s; the longest tick for this scenario is about {} s",
+        Some(_) if seen.taken == 0.0 => {
+            format!(
+                "{name} holds any funnel once the states have met: no field drifts from the emergent one; {most}"
+            )
+        }
+        Some(_) => format!(
+            "once the states have met, |nu|/psi is predicted to be {} at most; {holds} at node {node} (the tightest), where psi is {} at t = {} s; \
+             {most}",
             about(ratio),
-            about(floor),
             figure(seen.taken_of),
-            figure(seen.taken_at),
-            about(longest)
+            figure(seen.taken_at)
         ),
     };
     let values = json!({
@@ -78,11 +84,15 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
         return found.advise(Status::Note, advice.to_owned());
     }
     let seconds = SAFE * longest.unwrap_or(0.0);
-    let tick = tick_of(seconds);
-    let advice = format!(
-        "|nu| may leave the funnel; use a tick of {tick} or less, or let psi be {} or more there",
-        about(floor / SAFE)
-    );
+    let tick = tick_of(seconds).map(|tick| format!("use a tick of {tick} or less"));
+    let psi = width_of(floor / SAFE).map(|psi| format!("let psi be {psi} or more there"));
+    let ways: Vec<_> = tick.into_iter().chain(psi).collect();
+    let advice = match ways.is_empty() {
+        true => "|nu| leaves the funnel whatever the tick: it has closed, or the steady ratio alone fills it; let psi end wider, or raise the \
+                 gain's scale"
+            .to_owned(),
+        false => format!("|nu| may leave the funnel; {}", ways.join(", or ")),
+    };
     shorter::set(found.advise(Status::Warn, advice), subject.scenario, seconds)
 }
 
@@ -138,7 +148,10 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
         return found;
     }
     let needed = tick * FAST / quickest;
-    let advice = format!("use a tick of {} or less", tick_of(needed));
+    let advice = match tick_of(needed) {
+        Some(tick) => format!("use a tick of {tick} or less"),
+        None => "no tick that a node takes resolves it; let the field be slower".to_owned(),
+    };
     if stiffest >= UNSTABLE {
         let why = format!(
             "T |df/dx| is {} at a node: its own step grows from {} on; {advice}",

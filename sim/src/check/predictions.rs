@@ -4,10 +4,10 @@ use serde_json::json;
 
 use super::forecast::Forecast;
 use super::subject::Subject;
-use super::{Finding, Status, about, extremes, figure, largest, share};
+use super::{Finding, Status, about, extremes, figure, largest, share, width_of};
 use crate::emergent::outgrown;
 use crate::extremes::{beyond, larger};
-use crate::scenario::{Gain, Scenario};
+use crate::scenario::Gain;
 use funnelnet_node::params;
 
 /// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
@@ -22,12 +22,21 @@ pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Findin
     found
 }
 
-/// Limits and predictions are those of the paper's law for scalar states; elsewhere nothing is said rather than guessed.
-pub(super) fn none_here(scenario: &Scenario) -> Finding {
+/// Limits and predictions are those of the paper's law for scalar states; elsewhere nothing is said rather than guessed. Of a law that promises
+/// no funnel there is nothing to be said but what it does, where it was followed.
+pub(super) fn none_here(subject: &Subject<'_>) -> Finding {
+    let scenario = subject.scenario;
     let (coupling, components) = (scenario.coupling, scenario.components());
-    let promise = match coupling.keeps_funnels() {
-        true => "",
-        false => "; the law promises no funnel, so that ratios and breaches are counted and nothing more",
+    let values = json!({ "coupling": coupling.kind(), "components": components });
+    let (promise, stands) = match (subject.is_promised(), subject.run()) {
+        (true, _) => ("", Status::NotChecked),
+        (false, None) => (
+            "; the law promises no funnel, so that ratios and breaches are counted and nothing more",
+            Status::NotChecked,
+        ),
+        (false, Some(_)) => {
+            ("; the law promises no funnel, and what it does was followed to the end (below)", Status::Note)
+        }
     };
     let plural = if components == 1 { "component" } else { "components" };
     let text = format!(
@@ -35,8 +44,7 @@ pub(super) fn none_here(scenario: &Scenario) -> Finding {
          hold{promise}",
         coupling.kind()
     );
-    let values = json!({ "coupling": coupling.kind(), "components": components });
-    Finding::new("predictions", "Predictions", text, values).stands(Status::NotChecked)
+    Finding::new("predictions", "Predictions", text, values).stands(stands)
 }
 
 /// `xi`, and the blended dynamics beside it.
@@ -117,7 +125,8 @@ fn wider(gain: &Gain<f64>, input: f64) -> String {
         return "give it a gain that is unbounded at the funnel's edge".to_owned();
     };
     let Some((parameter, value)) = reaching.parameters().next() else { return String::new() };
-    let what = format!("{} = {}", parameter.name, about(value));
+    let Some(value) = width_of(value) else { return "no gain that a node takes leaves more".to_owned() };
+    let what = format!("{} = {value}", parameter.name);
     if let Gain::Median { .. } = gain {
         return format!(
             "that is what a gain close to a sign function costs ({what} would leave {}); a shorter tick or a wider funnel keeps the \

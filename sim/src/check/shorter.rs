@@ -9,6 +9,11 @@ const MOST_PARTS: u64 = 10_000;
 
 /// With the setting that makes the law decide every `seconds` or more often, where there is one.
 pub(super) fn set(found: Finding, scenario: &Scenario, seconds: f64) -> Finding {
+    // What is not a number is not a time.
+    let is_time = seconds > 0.0 && seconds.is_finite();
+    if !is_time {
+        return found;
+    }
     let setting = if scenario.time.round == 1 { tick(scenario, seconds) } else { round(scenario, seconds) };
     match setting {
         Some((key, ns)) => found.set(key, format_duration(ns)),

@@ -5,6 +5,7 @@ use std::cell::OnceCell;
 use super::cures::{self, Cure};
 use super::forecast::Forecast;
 use super::widths::Widths;
+use crate::emergent::{Prediction, Predictor};
 use crate::extremes::{larger, largest};
 use crate::sampled::{self, Followed};
 use crate::scenario::{Coupling, NodeSpec, Scenario, initial_ratios};
@@ -26,6 +27,7 @@ pub(super) struct Subject<'s> {
     /// None where the sampled law of the coupling is not followed here.
     pub followed: Option<Followed>,
     cure: OnceCell<Option<Cure>>,
+    aims: OnceCell<Option<Prediction>>,
 }
 
 /// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
@@ -51,6 +53,7 @@ impl<'s> Subject<'s> {
             forecast: follows_the_paper(scenario).then(|| Forecast::of(scenario, &widths, &degrees)),
             followed: None,
             cure: OnceCell::new(),
+            aims: OnceCell::new(),
             degrees,
             widths,
             scenario,
@@ -84,6 +87,21 @@ impl<'s> Subject<'s> {
     /// Whether the law keeps every node inside its funnel over the whole run; not where it was not followed so far.
     pub fn keeps(&self) -> bool {
         self.run().is_some_and(|followed| followed.worst.ratio < 1.0)
+    }
+
+    /// Whether the law promises that diffusive terms stay in their funnels.
+    pub fn is_promised(&self) -> bool {
+        sampled::promises(self.scenario)
+    }
+
+    /// Emergent and blended dynamics at the end of the run, by component, where they are not those of the forecast; none where steps do not
+    /// resolve the fields.
+    pub fn aims(&self) -> Option<&Prediction> {
+        let found = self.aims.get_or_init(|| {
+            let prediction = Predictor::new(self.scenario).advance(self.scenario.time.end_s()).clone();
+            prediction.unresolved.is_none().then_some(prediction)
+        });
+        found.as_ref()
     }
 
     /// What keeps every node inside its funnel where the scenario does not, as far as anything was found that does.

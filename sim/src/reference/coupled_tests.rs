@@ -56,6 +56,8 @@ fn inputs(problem: &CoupledProblem, t: f64, y: &[f64]) -> Vec<f64> {
     };
     let size = |i: usize| (0..n).map(|c| nu(i, c).abs() / psi(i)).fold(0.0, f64::max);
     let input = |i: usize, c: usize| match problem.coupling {
+        // Beyond the funnel there is none but at a limit.
+        Coupling::NodeWise | Coupling::ElementWise if nu(i, c).abs() >= psi(i) => nu(i, c) * f64::INFINITY,
         Coupling::NodeWise | Coupling::ElementWise => problem.gains[i].apply(nu(i, c) / psi(i)),
         Coupling::Linear => problem.gains[i].slope_at_zero() * nu(i, c),
         Coupling::MaxGain => gamma(i, size(i)) * nu(i, c) / psi(i),
@@ -162,6 +164,44 @@ fn limits_of_inputs_agree_with_another_method() {
     assert!(free.u.iter().any(|u| !(-4.0..=6.0).contains(u)), "nothing is limited");
     problem.limits = vec![Some((-4.0, 6.0)); 5];
     agree(&problem, 2.0, 2e-4, "limits");
+}
+
+/// Inputs that are too weak for their funnels, which are left and come back to.
+#[test]
+fn limits_beyond_the_funnel_agree_with_another_method() {
+    for (coupling, vectors) in [(Coupling::NodeWise, false), (Coupling::ElementWise, true)] {
+        let mut problem = if vectors { vector(coupling) } else { scalar(coupling) };
+        let shape = Shape::Exponential { start: 40.0, end: 1.0, rate: 2.0 };
+        problem.funnels = vec![Funnel { factor: 1.0, shape }; 5];
+        problem.limits = vec![Some((-2.0, 3.0)); 5];
+        let limited = solved(&problem, 3.0, 300);
+        let at_limit = limited.u.iter().filter(|u| **u == -2.0 || **u == 3.0).count();
+        let (share, most) = (at_limit as f64 / limited.u.len() as f64, limited.max_ratio);
+        println!("{coupling:?}: at a limit {share}, ratio {most}");
+        assert!((0.05..0.95).contains(&share) && most > 1.0, "{coupling:?}: {share} {most}");
+        agree(&problem, 3.0, 2e-5, &format!("limits and funnel, {coupling:?}"));
+    }
+}
+
+#[test]
+fn a_node_without_limits_stays_in_its_funnel_beside_those_that_have_some() {
+    let mut problem = scalar(Coupling::NodeWise);
+    problem.limits = vec![Some((-2.0, 3.0)); 5];
+    problem.limits[1] = None;
+    let solution = solved(&problem, 2.0, 100);
+    assert!(solution.nu.iter().zip(&solution.psi).skip(1).step_by(5).all(|(nu, psi)| nu.abs() < *psi));
+    // Sums over edges have no such limit, and a step beyond the edge is refused.
+    problem.coupling = Coupling::EdgeWise;
+    let shape = Shape::Exponential { start: 40.0, end: 0.5, rate: 2.0 };
+    problem.funnels = vec![Funnel { factor: 1.0, shape }; 5];
+    let error =
+        solve_coupled(
+            &problem,
+            &[0.0, 4.0],
+            &ReferenceOptions::default(),
+            &mut |_| ControlFlow::Continue(()),
+        );
+    assert!(matches!(error, Err(ReferenceError::Unresolved { .. })), "{error:?}");
 }
 
 #[test]

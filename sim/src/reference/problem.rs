@@ -86,9 +86,20 @@ impl CoupledProblem {
 
     /// Whether every diffusive term stays inside a funnel.
     pub(super) fn keeps_funnels(&self) -> bool {
-        self.coupling.keeps_funnels()
-            && self.gains.iter().all(Gain::keeps_funnels)
-            && self.limits.iter().all(Option::is_none)
+        self.is_funnel_law() && self.limits.iter().all(Option::is_none)
+    }
+
+    /// Whether `mu` is defined inside the funnel only.
+    fn is_funnel_law(&self) -> bool {
+        self.coupling.keeps_funnels() && self.gains.iter().all(Gain::keeps_funnels)
+    }
+
+    /// Whether a component of a node may be at the edge of its funnel and beyond: where `mu` is larger than any limit its input is at one. Not
+    /// where inputs are sums over edges, or have the gain of another: those have no such limit.
+    pub(super) fn may_leave(&self, node: usize) -> bool {
+        let by_itself =
+            matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
+        !self.is_funnel_law() || by_itself && self.limits[node].is_some()
     }
 
     /// The same network of scalar states.
@@ -102,7 +113,8 @@ impl CoupledProblem {
         }
     }
 
-    /// The same in the form that has the better unknowns, where it is that law: node-wise, scalar, without limits.
+    /// The same in the form that has the better unknowns, where it is that law: node-wise, scalar, without limits. An input at its limit says
+    /// nothing of the ratio.
     #[must_use]
     pub fn as_scalar(&self) -> Option<ReferenceProblem> {
         let law = matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);

@@ -1,7 +1,7 @@
 //! The closed loop in the states themselves, for every coupling.
 //!
 //! A state outside its funnel can be written down here, and a solver's iterates go there. So `mu` goes on beyond [`EDGE`] on its tangent:
-//! increasing still, and never used by a solution, since a step that ends there is refused. Digits of `nu / psi` are lost as the funnel
+//! increasing still, and never used by a solution, since a step that ends there is refused, unless the input is at a limit there. Digits of `nu / psi` are lost as the funnel
 //! narrows; the node-wise law of scalar states has better unknowns (`coordinates.rs`).
 
 use super::coordinates::LOCAL_SHARE;
@@ -177,10 +177,9 @@ impl Unknowns for States<'_> {
     fn start(&self, shift: f64) -> Result<(f64, Vec<f64>), ReferenceError> {
         let y = self.opened(0.0, shift);
         let seen = self.terms(0.0, &y);
-        let keeps = self.problem.keeps_funnels();
-        let worst =
-            (0..seen.ratio.len()).max_by(|&i, &j| seen.ratio[i].abs().total_cmp(&seen.ratio[j].abs()));
-        if let Some(worst) = worst.filter(|&worst| keeps && seen.ratio[worst].abs() >= EDGE) {
+        let kept = (0..seen.ratio.len()).filter(|at| !self.problem.may_leave(at / self.problem.components));
+        let worst = kept.max_by(|&i, &j| seen.ratio[i].abs().total_cmp(&seen.ratio[j].abs()));
+        if let Some(worst) = worst.filter(|&worst| seen.ratio[worst].abs() >= EDGE) {
             let (nu, psi, ratio) = (seen.nu[worst].abs(), seen.psi[worst], seen.ratio[worst].abs());
             let node = worst / self.problem.components;
             return Err(ReferenceError::OutsideAtStart { node, nu, psi, ratio });
@@ -233,8 +232,13 @@ impl Unknowns for States<'_> {
     }
 
     fn refuses(&self, seen: &Seen) -> Option<String> {
-        let most = largest(0.0, seen.ratio.iter().map(|s| s.abs()));
-        let inside = !self.problem.keeps_funnels() || most < EDGE;
+        let kept = seen
+            .ratio
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| !self.problem.may_leave(at / self.problem.components));
+        let most = largest(0.0, kept.map(|(_, s)| s.abs()));
+        let inside = most < EDGE;
         (!inside)
             .then(|| format!("a diffusive term is {most} of its funnel, closer than states in f64 can tell"))
     }

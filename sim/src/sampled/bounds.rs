@@ -1,6 +1,6 @@
 //! What a node is told to stay within while the network is disturbed: found from the run that is not (LAW.md 9).
 
-use super::{Followed, WORK, follow_for};
+use super::{Followed, WORK, follow_for, promises};
 use crate::extremes::smaller;
 use crate::scenario::{BusModel, Coupling, Loss, Scenario};
 use funnelnet_node::params;
@@ -62,8 +62,13 @@ impl Bounds {
 /// The whole run without loss, events and bounds, where it can be followed and keeps its states together.
 pub(crate) fn undisturbed(scenario: &Scenario) -> Option<Followed> {
     let is_vector = scenario.components() > 1;
-    if scenario.coupling == Coupling::EdgeWise || scenario.coupling == Coupling::MaxGain && is_vector {
+    let is_tried = match scenario.coupling {
         // Nobody has tried what a bound does there.
+        Coupling::EdgeWise | Coupling::WeaklyCentralised => false,
+        Coupling::MaxGain => !is_vector,
+        _ => promises(scenario),
+    };
+    if !is_tried {
         return None;
     }
     let mut calm = scenario.clone();

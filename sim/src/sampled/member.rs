@@ -5,7 +5,8 @@ use crate::extremes::{larger, largest};
 use crate::scenario::{Coupling, NodeSpec, Scenario};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::{Guard, Widths};
-use funnelnet_law::gain::Gain;
+use funnelnet_law::gain::{Gain, GainFunction};
+use funnelnet_law::law::LambdaTracker;
 use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::node_wise::{Constants, Memory, NodeWise, THETA};
 use funnelnet_law::start::{PARTS, Pace};
@@ -29,6 +30,10 @@ pub(super) struct Part {
     u: f64,
     /// What its edges ask for, with edge-wise coupling (state units / s).
     pushed: f64,
+    /// Its gain, with a lambda-tracker (1/s).
+    k: f64,
+    /// The right side of (*), with weakly-centralised coupling (state units).
+    r: f64,
     pub memory: Memory<f64>,
 }
 
@@ -44,6 +49,9 @@ pub(super) struct Member<'s> {
     /// The largest `|u|` (state units / s).
     limit: f64,
     law: NodeWise<f64, Gain<f64>>,
+    tracker: Option<LambdaTracker<f64>>,
+    /// The largest gain of all nodes, with weakly-centralised coupling (1/s times state units).
+    common: f64,
     floor: Floor<f64>,
     pub parts: Vec<Part>,
     /// The largest `|x|` that it sees.
@@ -59,12 +67,19 @@ pub(super) struct Member<'s> {
 impl<'s> Member<'s> {
     pub fn new(scenario: &Scenario, node: &'s NodeSpec, degree: f64, bounds: Bounds) -> Self {
         let tick = scenario.time.tick_s();
-        let part = |&x: &f64| Part { x, ..Part::default() };
+        let gain = node.gain.prepared();
+        // A tracker starts from the slope of its linear gain.
+        let part = |&x: &f64| Part { x, k: gain.apply(1.0), ..Part::default() };
         Self {
             node,
             coupling: scenario.coupling,
             tick,
-            law: NodeWise::with(node.gain.prepared(), tick, degree, Constants::damped_by(node.damping)),
+            law: NodeWise::with(gain, tick, degree, Constants::damped_by(node.damping)),
+            tracker: match scenario.coupling {
+                Coupling::LambdaTracker { eta } => Some(LambdaTracker::new(eta, tick)),
+                _ => None,
+            },
+            common: 0.0,
             guard: match scenario.time.start.slow_ticks() {
                 0 => Guard::new(scenario.guard),
                 ticks => Guard::grown_over(scenario.guard, ticks),
@@ -136,17 +151,45 @@ impl<'s> Member<'s> {
         largest(0.0, self.parts.iter().map(|part| part.truth.abs() / psi))
     }
 
-    /// The inputs of a tick at time `t` (s), and one midpoint step; gives the largest `|u|`.
-    pub fn advance(&mut self, k: u64, t: f64) -> f64 {
-        let width = |t: f64| self.node.funnel.width(t);
-        let (period, theta) = match self.pace {
+    /// Length of a tick (s), and the part of it that the funnel of the law is ahead.
+    fn stride(&self) -> (f64, f64) {
+        match self.pace {
             Pace::Slow => (self.tick / f64::from(PARTS), 1.0),
             Pace::Damped => (self.tick, 1.0),
             Pace::Usual => (self.tick, THETA),
-        };
-        let psi = Widths { now: width(t), ahead: width(t + theta * period) }.floored(self.kept);
+        }
+    }
+
+    /// The funnel that the law keeps at tick `k`, at `t` (s).
+    fn psi(&self, k: u64, t: f64) -> Widths<f64> {
+        let (period, theta) = self.stride();
+        let psi = Widths { now: self.width(t), ahead: self.width(t + theta * period) }.floored(self.kept);
         // As a node, which counts its ticks in 32 bits.
-        let psi = self.guard.of(k as u32, psi);
+        self.guard.of(k as u32, psi)
+    }
+
+    /// Weakly-centralised coupling: the gain `|u| / |s|` that the node would use by itself (1/s times state units).
+    pub fn own_gain(&mut self, k: u64, t: f64) -> f64 {
+        let (psi, gain, b) = (self.psi(k, t), self.law.gain, self.law.b());
+        let of = |part: &mut Part| {
+            if k == 0 {
+                part.u = gain.solve(psi.ahead, b, part.nu).u;
+            }
+            part.r = part.nu + THETA * part.dnu + b * part.u;
+            let solution = gain.solve(psi.ahead, b, part.r);
+            if solution.s == 0.0 { gain.inverse_slope(0.0).recip() } else { (solution.u / solution.s).abs() }
+        };
+        largest(0.0, self.parts.iter_mut().map(of))
+    }
+
+    /// Weakly-centralised coupling: the largest of these gains.
+    pub fn takes_common(&mut self, gain: f64) {
+        self.common = gain;
+    }
+
+    /// The inputs of a tick at time `t` (s), and one midpoint step; gives the largest `|u|`.
+    pub fn advance(&mut self, k: u64, t: f64) -> f64 {
+        let psi = self.psi(k, t);
         self.ask(psi);
         for part in &mut self.parts {
             let bounded = part.u.clamp(-self.limit, self.limit);
@@ -159,7 +202,7 @@ impl<'s> Member<'s> {
         }
         // `dx` holds the state before, until it is the change.
         self.parts.iter_mut().for_each(|part| part.dx = part.x);
-        let step = period / f64::from(self.round);
+        let step = self.stride().0 / f64::from(self.round);
         for part in 0..self.round {
             self.step(t + f64::from(part) * step, step);
         }
@@ -171,6 +214,17 @@ impl<'s> Member<'s> {
     fn ask(&mut self, psi: Widths<f64>) {
         match self.coupling {
             Coupling::EdgeWise => self.parts.iter_mut().for_each(|part| part.u = part.pushed),
+            Coupling::None => {}
+            Coupling::WeaklyCentralised => {
+                let scale = psi.ahead / self.common + self.law.b();
+                self.parts.iter_mut().for_each(|part| part.u = part.r / scale);
+            }
+            Coupling::LambdaTracker { .. } => {
+                let Some(tracker) = self.tracker else { return };
+                for part in &mut self.parts {
+                    part.u = tracker.step(&self.law, &mut part.memory, &mut part.k, part.nu, part.dnu);
+                }
+            }
             Coupling::MaxGain if self.parts.len() > 1 => {
                 let term = |part: &Part| Term { nu: part.nu, dnu: part.dnu, u: part.u, memory: part.memory };
                 let mut terms: Vec<_> = self.parts.iter().map(term).collect();

@@ -29,6 +29,16 @@ fn the_law_that_is_followed_is_that_of_the_run() {
         ("vector-max-gain.toml", &[]),
         ("economic-dispatch.toml", &[]),
         ("five-agents.toml", &["coupling.kind=edge-wise"]),
+        ("side-by-side-high-gain.toml", &[]),
+        ("side-by-side-lambda-tracker.toml", &[]),
+        ("side-by-side-weakly-centralised.toml", &[]),
+        ("five-agents.toml", &["coupling.kind=none"]),
+        (
+            "five-agents.toml",
+            &["coupling.kind=weakly-centralised", "agent.limits={ low = -8.0, high = 8.0 }"],
+        ),
+        ("lossy-ring.toml", &["coupling.kind=linear", "coupling.gain={ kind = \"linear\", slope = 30.0 }"]),
+        ("tank.toml", &["agent.limits={ low = -0.2, high = 0.2 }"]),
     ] {
         let scenario = gallery(file, &[sets, &["time.duration=3s"]].concat());
         let (followed, run) = (of(&scenario), Simulation::new(&scenario).unwrap().run().findings);

@@ -166,8 +166,10 @@ impl NodeSeen {
         self.floor = larger(self.floor, floor);
         self.excess = larger(self.excess, excess / kept);
         self.ratio = larger(self.ratio, 1.0 - margin + excess / kept);
-        if beyond(floor / kept, self.taken) {
-            (self.taken, self.taken_at) = (floor / kept, t);
+        // One that is infinite has room for anything that is a number.
+        let taken = if kept.is_infinite() && !floor.is_nan() { 0.0 } else { floor / kept };
+        if beyond(taken, self.taken) {
+            (self.taken, self.taken_at) = (taken, t);
             self.taken_of = kept;
         }
     }
