@@ -3,6 +3,7 @@
 
 use super::map::Map;
 use super::servo::{Servo, Taken};
+use crate::observe::Event;
 use funnelnet_protocol::message::{Message, NodeId, TickStamp, UNKNOWN_PHASE};
 use funnelnet_protocol::refusal::Refusal;
 
@@ -96,6 +97,16 @@ pub enum Change {
     Follows(NodeId),
     /// Its master is silent, and it goes on by itself.
     Alone,
+}
+
+impl From<Change> for Event {
+    fn from(change: Change) -> Self {
+        match change {
+            Change::Leads => Self::TimeMaster,
+            Change::Follows(id) => Self::Follows(id),
+            Change::Alone => Self::NoTimeMaster,
+        }
+    }
 }
 
 /// Next thing to be done for a keeper.
