@@ -16,11 +16,11 @@ use crate::bus::uart::UartBus;
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, listeners, node_configs};
 use crate::emulator;
-use crate::engine::{self, Engine, SimField, SimNode, World};
+use crate::engine::{self, Clocks, Engine, SimField, SimNode, World};
 use crate::hub::Hub;
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
-use crate::record::{BusSummary, BusTable, BusTables};
+use crate::record::{BusSummary, BusTable, BusTables, ClockSummary};
 use crate::scenario::{BusModel, Coupling, NodeSpec, Scenario};
 use funnelnet_can_bus::BitErrors;
 use funnelnet_link::{Classic, Fd};
@@ -62,7 +62,8 @@ fn on<M: Medium>(
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
-    let mut engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    let mut engine = engine.with_clocks(Clocks::of(scenario));
     let log = options.out.is_some() && options.bus_logs.any();
     engine.bus_mut().watch(scenario.time.tick_ns, log);
     in_program(scenario, options, rows, engine)
@@ -94,11 +95,12 @@ fn in_program<M: Medium>(
         None => heard::unheard_and_silent(scenario, &engine),
     };
     let (happened, reports) = (scenario.events.clone(), engine.reports());
+    let clocks = engine.skew().map(|skew| ClockSummary::of(&skew, scenario));
     let outcome = with_reports(reports, scenario, &mut engine, record);
     let utilisation = load.share(scenario.time.tick_ns);
     let can = tables(&mut engine, scenario, utilisation);
     let bus = outcome.bus.map(|bus| BusSummary { utilisation, can, ..bus });
-    Ok(Outcome { unheard, silent, happened, bus, ..outcome })
+    Ok(Outcome { unheard, silent, happened, bus, clocks, ..outcome })
 }
 
 /// How busy the bus was, from the scenario's t = 0 on.
@@ -152,7 +154,7 @@ pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario));
     let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
     if scenario.events.is_empty() {
-        return Ok(engine);
+        return Ok(engine.with_clocks(Clocks::of(scenario)));
     }
     let fresh = nodes(scenario, JOINING)?;
     let world = World::new(
@@ -183,7 +185,9 @@ fn can_bus<F: OnWire>(
     let configs = node_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?;
     let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
     let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
-    let bus = CanBus::with_format(timing, noise, &ids, &listeners(scenario));
+    let masters = scenario.sync.iter().flat_map(|sync| &sync.masters);
+    let masters: Vec<NodeId> = masters.filter_map(|&id| NodeId::new(u8::try_from(id).ok()?)).collect();
+    let bus = CanBus::with_masters(timing, noise, (&ids, &listeners(scenario)), &masters);
     Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
 }
 
@@ -237,6 +241,11 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     if !scenario.events.is_empty() {
         return Err(RunError::bad_input(
             "emulated nodes have no [[event]] yet; run this scenario with --on loopback",
+        ));
+    }
+    if !scenario.clocks.is_empty() {
+        return Err(RunError::bad_input(
+            "emulated nodes tick by this program's clock, without [clock] and [sync]; run this scenario with --on loopback",
         ));
     }
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;

@@ -9,7 +9,7 @@ use crate::exit::Exit;
 use crate::extremes::larger;
 use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
 use crate::record::{
-    BelievedSummary, BenchSummary, BusSummary, DuringEventsSummary, EmergentSummary, Expectation,
+    BelievedSummary, BenchSummary, BusSummary, ClockSummary, DuringEventsSummary, EmergentSummary, Expectation,
     FunnelSummary, PerComponent, ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{EventSpec, Scenario, Window};
@@ -101,6 +101,8 @@ pub struct Outcome {
     pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
     pub bus: Option<BusSummary>,
+    /// What came of the nodes' clocks, where they have clocks of their own.
+    pub clocks: Option<ClockSummary>,
     /// What f32 nodes counted, by index.
     pub counters: Vec<Counters>,
     /// What nodes reported: of each the first hundred of a kind.
@@ -157,6 +159,7 @@ impl Outcome {
             emergent: Some(emergent),
             reference: self.reference,
             bus: self.bus.clone(),
+            clocks: self.clocks,
             counters: self.believed.map(|_| self.count()),
             bench: self.bench.clone(),
             stopped: self.stopped(scenario),
