@@ -79,7 +79,19 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let noise = Noise::default();
         let wakes = vec![NEVER; nodes.len()];
         let (compute, said, later) = (Vec::new(), Vec::new(), VecDeque::new());
-        Self { wakes, observations, events: Vec::new(), nodes, bus, noise, compute, said, later, world: None, clocks: None }
+        Self {
+            wakes,
+            observations,
+            events: Vec::new(),
+            nodes,
+            bus,
+            noise,
+            compute,
+            said,
+            later,
+            world: None,
+            clocks: None,
+        }
     }
 
     /// With nodes that compute for so long (ns, by index) before they send.

@@ -111,7 +111,10 @@ mod tests {
     fn a_clock_jumps_where_it_is_told_to() {
         let jumps = vec![(1_000, 500), (2_000, -300)];
         let mut clock = clock(ClockSpec { jumps, ..ClockSpec::default() });
-        assert_eq!([999, 1_000, 1_999, 2_000, 3_000].map(|t| clock.shows(t)), [999, 1_500, 2_499, 2_200, 3_200]);
+        assert_eq!(
+            [999, 1_000, 1_999, 2_000, 3_000].map(|t| clock.shows(t)),
+            [999, 1_500, 2_499, 2_200, 3_200]
+        );
     }
 
     #[test]

@@ -84,10 +84,18 @@ impl Clocks {
             // A node that is ahead by `offset` is where the others are only then. Network time begins a tick before tick 0.
             let ahead = tick_ns.saturating_add_signed(spec.offset_ns);
             keeper.start(0, ahead, tick_ns.saturating_mul(2), false);
-            Some(NodeClock { clock, keeper, stamps: VecDeque::new(), ticked_at: None, ticks_at: NEVER, mute: Vec::new() })
+            Some(NodeClock {
+                clock,
+                keeper,
+                stamps: VecDeque::new(),
+                ticked_at: None,
+                ticks_at: NEVER,
+                mute: Vec::new(),
+            })
         };
         let nodes: Option<Vec<NodeClock>> = scenario.clocks.iter().enumerate().map(node).collect();
-        let leader = sync.and_then(|sync: &SyncSpec| sync.masters.iter().min()).map_or(0, |&id| usize::from(id) - 1);
+        let leader =
+            sync.and_then(|sync: &SyncSpec| sync.masters.iter().min()).map_or(0, |&id| usize::from(id) - 1);
         Some(Self {
             nodes: nodes?,
             tick_ns,
@@ -228,7 +236,9 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// Sets when a node is polled next, by its clock.
     fn schedule(&mut self, index: usize, now: u64, before: u32) {
         let Some(clocks) = &mut self.clocks else { return };
-        let (Some(timing), Some(wake)) = (clocks.nodes.get_mut(index), self.wakes.get_mut(index)) else { return };
+        let (Some(timing), Some(wake)) = (clocks.nodes.get_mut(index), self.wakes.get_mut(index)) else {
+            return;
+        };
         if self.nodes.get(index).is_some_and(|node| node.tick() != before) {
             timing.ticked_at = Some(now);
         }
@@ -263,7 +273,9 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// Gives a SYNC to a keeper. A node counts it as any other frame.
     fn keep(&mut self, index: usize, source: NodeId, said: (TickStamp, u16), now: u64) {
         let Some(clocks) = &mut self.clocks else { return };
-        let (Some(timing), Some(node)) = (clocks.nodes.get_mut(index), self.nodes.get_mut(index)) else { return };
+        let (Some(timing), Some(node)) = (clocks.nodes.get_mut(index), self.nodes.get_mut(index)) else {
+            return;
+        };
         let own = timing.clock.shows(now);
         let stamp = timing.stamps.pop_front().unwrap_or(own);
         if let Err(reason) = timing.keeper.on_sync(source, said, stamp, own) {

@@ -23,7 +23,7 @@ pub use junit::{JunitError, junit, junit_error};
 pub use number::{Precision, shortest};
 pub use rights::remove_earlier;
 pub use summary::{
-    AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, CanSummary,
+    AbsenceSummary, BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, ClockSummary,
     DuringEventsSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary,
     PerComponent, PerInterface, ReferenceSummary, Summary, SyncSummary, WiresSummary,
 };

@@ -1,8 +1,8 @@
 //! The summary of a run for people: a line per part that the run has, and one per expectation.
 
 use super::summary::{
-    BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockSummary,
-    PerComponent, Summary, SyncSummary, WiresSummary,
+    BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, Expectation, FunnelSummary,
+    OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
 };
 use crate::figure::figure;
 use std::fmt;

@@ -9,8 +9,8 @@ use crate::exit::Exit;
 use crate::extremes::larger;
 use crate::judge::{Account, Check, CounterSummary, Evidence, Findings, Stop, WindowFigures, checks};
 use crate::record::{
-    BelievedSummary, BenchSummary, BusSummary, ClockSummary, DuringEventsSummary, EmergentSummary, Expectation,
-    FunnelSummary, PerComponent, ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
+    BelievedSummary, BenchSummary, BusSummary, ClockSummary, DuringEventsSummary, EmergentSummary,
+    Expectation, FunnelSummary, PerComponent, ReferenceSummary, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{EventSpec, Scenario, Window};
 use funnelnet_node::Event;

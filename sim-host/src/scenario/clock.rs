@@ -53,7 +53,11 @@ pub(super) fn read(file: &mut Section<'_>, nodes: u64, seed: u64, tick_ns: u64) 
     let common = file.section("clock").map(|section| read_common(section, tick_ns));
     let sync = file.section("sync").and_then(|section| read_sync(section, nodes, tick_ns));
     let log = file.log();
-    let own: Vec<_> = file.array("node").iter().filter_map(|item| Some((index_of(item, count)?, item.get("clock")?))).collect();
+    let own: Vec<_> = file
+        .array("node")
+        .iter()
+        .filter_map(|item| Some((index_of(item, count)?, item.get("clock")?)))
+        .collect();
     if common.is_none() && own.is_empty() && sync.is_none() {
         return (Vec::new(), None);
     }
@@ -152,9 +156,11 @@ fn read_sync(mut section: Section<'_>, nodes: u64, tick_ns: u64) -> Option<SyncS
 }
 
 fn read_masters(item: &Item, nodes: u64) -> Result<Vec<u16>, Box<Diagnostic>> {
-    let allowed = || item.diagnostic(Problem::Value, "must be an array of ids of nodes, at least one, each once");
+    let allowed =
+        || item.diagnostic(Problem::Value, "must be an array of ids of nodes, at least one, each once");
     let Value::Array(items) = &item.value else { return Err(allowed()) };
-    let ids: Result<Vec<u64>, _> = items.iter().map(|item| integer(item, (1, nodes), "[graph] nodes")).collect();
+    let ids: Result<Vec<u64>, _> =
+        items.iter().map(|item| integer(item, (1, nodes), "[graph] nodes")).collect();
     let mut ids: Vec<u16> = ids?.into_iter().filter_map(|id| u16::try_from(id).ok()).collect();
     ids.sort_unstable();
     if ids.is_empty() || ids.windows(2).any(|pair| pair[0] == pair[1]) {
