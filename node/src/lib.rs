@@ -9,6 +9,7 @@ pub mod observe;
 pub mod params;
 pub mod plant;
 pub mod session;
+pub mod time;
 pub mod watchdog;
 
 pub use funnelnet_law as law;

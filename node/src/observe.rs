@@ -88,6 +88,12 @@ pub enum Event {
         /// Tick number.
         tick: u32,
     },
+    /// The node is time master from now on.
+    TimeMaster,
+    /// The node follows this time master from now on.
+    Follows(NodeId),
+    /// The time master is silent, and the node goes on by its own clock.
+    NoTimeMaster,
     /// The node has said a fault that did not stop it.
     Warned(FaultCode),
     /// The node has stopped by itself.
@@ -127,6 +133,9 @@ macro_rules! say {
             Event::Adopted { tick } => $($write)::+!($f, "has another configuration from tick {} on", tick),
             Event::Listens { tick } => $($write)::+!($f, "listens before it speaks, from tick {} on", tick),
             Event::Joins { tick } => $($write)::+!($f, "is one of its neighbours from tick {} on", tick),
+            Event::TimeMaster => $($write)::+!($f, "is time master"),
+            Event::Follows(id) => $($write)::+!($f, "follows time master {}", id.get()),
+            Event::NoTimeMaster => $($write)::+!($f, "hears no time master and goes on by its own clock"),
             Event::Warned(code) => $($write)::+!($f, "warns: {}", code),
             Event::Fault(code) => $($write)::+!($f, "stopped by itself: {}", code),
         }

@@ -114,6 +114,9 @@ impl Target {
 /// tick yet.
 pub const JOIN: u16 = u16::MAX;
 
+/// `phase_us` of a SYNC whose sender does not know when the one before was on the wire.
+pub const UNKNOWN_PHASE: u16 = u16::MAX;
+
 /// What a CTRL frame asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -226,7 +229,7 @@ pub enum Message {
         source: Option<NodeId>,
         /// Low 24 bits of the tick that the previous SYNC marked (all ones before tick 0).
         previous_tick: TickStamp,
-        /// Offset of the previous SYNC from its tick, microseconds.
+        /// Offset of the previous SYNC from its tick, microseconds; [`UNKNOWN_PHASE`] where that is not known.
         phase_us: u16,
     },
     /// A node reports a fault.

@@ -2,10 +2,13 @@
 //!
 //! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
 
+mod clock;
+mod clocks;
 mod field;
 mod plants;
 mod world;
 
+pub use clocks::{Clocks, Skew};
 pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use plants::{Driven, Plants};
 pub use world::World;
@@ -56,6 +59,8 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     plants: Plants,
     /// Where events happen.
     world: Option<World<V>>,
+    /// Where nodes have clocks of their own.
+    clocks: Option<Box<Clocks>>,
     /// Time at which each node wants to be polled, ns; `NEVER` if not. A scan of at most 127 entries beats a heap (measured).
     wakes: Vec<u64>,
     /// Node by node, and the components of each in order.
@@ -85,6 +90,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             later: VecDeque::new(),
             plants: Plants::default(),
             world: None,
+            clocks: None,
             wakes,
             observations,
             events: Vec::new(),
@@ -131,6 +137,9 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     ///
     /// A node that has stopped keeps its last observation.
     pub fn advance(&mut self) -> Option<&[Observation<f32>]> {
+        if self.clocks.is_some() {
+            return self.advance_by_clocks();
+        }
         let now = match self.world.as_mut().map(World::next_tick) {
             Some((tick, now)) => {
                 self.happen(now);
@@ -159,6 +168,9 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
 
     /// Presence of each node at tick `k`, at which all were due last, by index.
     pub fn presence(&self, k: u64) -> Vec<Presence> {
+        if self.clocks.is_some() {
+            return self.presence_by_clock();
+        }
         let components = self.nodes.first().map_or(1, Node::components);
         let of = |(index, seen): (usize, &[Observation<f32>])| match seen.first() {
             _ if !self.is_on(index) => Presence::Off,
@@ -270,7 +282,8 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let at_tick = if joins { JOIN } else { 0 };
         let target = if command == Command::Stop { self.target(index) } else { Target::All };
         let message = Message::Ctrl { target, command, arg: 0, at_tick };
-        receive(&mut self.nodes, index, Ok(message), now);
+        let of_node = self.clocks.as_ref().map_or(now, |clocks| clocks.start_of_nodes());
+        receive(&mut self.nodes, index, Ok(message), of_node);
         self.poll(index, now);
     }
 
@@ -301,8 +314,12 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 continue;
             }
             let Some(at) = arrival else { return };
-            let nodes = &mut self.nodes;
-            self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
+            if self.clocks.is_some() {
+                self.deliver_by_clocks(at);
+            } else {
+                let nodes = &mut self.nodes;
+                self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
+            }
             for (index, count) in self.bus.take_off() {
                 self.fail(index, count, at);
             }
@@ -344,13 +361,18 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.poll(index, now);
     }
 
-    // Where `Node::poll` is called in one place, it is inlined there (`./ci.sh cost`).
     fn poll(&mut self, index: usize, now: u64) {
+        if self.clocks.is_some() { self.poll_by_clock(index, now) } else { self.poll_as(index, now, now) }
+    }
+
+    /// Does what is due for a node at `now`, which is `of_node` on its own time (ns).
+    // Where `Node::poll` is called in one place, it is inlined there (`./ci.sh cost`).
+    fn poll_as(&mut self, index: usize, now: u64, of_node: u64) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         let compute = self.compute.get(index).copied().unwrap_or(0);
         let mut says = false;
         let wake = loop {
-            let action = node.poll(now);
+            let action = node.poll(of_node);
             let is_done = action.is_none();
             match action {
                 Some(Action::Send(message)) => {
@@ -371,7 +393,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 None => {}
             }
             let wake = node.poll_at().unwrap_or(NEVER);
-            if is_done || wake > now {
+            if is_done || wake > of_node {
                 break wake;
             }
         };

@@ -5,7 +5,7 @@ use crate::bus::ideal::{IdealBus, IdealParams};
 use crate::bus::links::Payload;
 use crate::bus::uart::UartBus;
 use crate::configure::{Drive, Unfit, listeners, node_configs};
-use crate::engine::{self, Engine, SimField, SimNode, World};
+use crate::engine::{self, Clocks, Engine, SimField, SimNode, World};
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::{NodeSpec, Scenario};
@@ -75,7 +75,7 @@ pub fn engine(scenario: &Scenario) -> Result<Engine, Refused> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, ideal_bus(scenario));
     let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
     if scenario.events.is_empty() {
-        return Ok(engine);
+        return Ok(engine.with_clocks(Clocks::of(scenario)));
     }
     let fresh = nodes(scenario, JOINING)?;
     let world = World::new(
@@ -150,7 +150,9 @@ pub fn can_bus<F: OnWire>(
     let configs = node_configs(scenario, LOOPBACK)?;
     let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
     let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
-    let bus = CanBus::with_format(timing, noise, &ids, &listeners(scenario));
+    let masters = scenario.sync.iter().flat_map(|sync| &sync.masters);
+    let masters: Vec<NodeId> = masters.filter_map(|&id| NodeId::new(u8::try_from(id).ok()?)).collect();
+    let bus = CanBus::with_masters(timing, noise, (&ids, &listeners(scenario)), &masters);
     Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
 }
 

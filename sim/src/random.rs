@@ -32,6 +32,10 @@ pub enum Purpose {
     LinkBits = 20,
     /// Disturbed bits of a serial line; lines are counted by the bus.
     LineBits = 21,
+    /// How far the clock of a node is off.
+    Clock = 22,
+    /// How its rate changes.
+    ClockWander = 23,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.

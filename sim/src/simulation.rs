@@ -12,7 +12,7 @@ pub use verdict::Verdict;
 use crate::bus::Medium;
 use crate::central::Central;
 use crate::configure::{central_configs, listeners, node_configs};
-use crate::engine::{self, Driven, Engine, NodeEvent, Plants, World};
+use crate::engine::{self, Clocks, Driven, Engine, NodeEvent, Plants, World};
 use crate::judge::{Judge, Moment, Stop};
 use crate::loopback::{JOINING, LOOPBACK, Refused, accepted, can_bus, compute, ideal_bus, uart_bus};
 use crate::noise::Noise;
@@ -83,7 +83,7 @@ impl<'s> Simulation<'s> {
         self.x.extend(seen.iter().map(|seen| f64::from(seen.x)));
         self.u.clear();
         self.u.extend(seen.iter().map(|seen| f64::from(seen.u)));
-        self.judge.tick(&Moment { k, x: &self.x, u: &self.u, presence: &presence }, None);
+        self.judge.tick(&Moment { k, part: 0, x: &self.x, u: &self.u, presence: &presence }, None);
         self.events.extend(self.network.take_events());
         Some(k)
     }
@@ -219,12 +219,13 @@ impl<'s> Setup<'s> {
         let engine = self.engine(ideal_bus(scenario))?;
         Ok(Box::new(match world {
             Some(world) => engine.with_world(world),
-            None => engine,
+            None => engine.with_clocks(Clocks::of(scenario)),
         }))
     }
 
     fn on<M: Medium + 's>(self, medium: M) -> Result<Box<dyn Network + 's>, Refused> {
-        Ok(Box::new(self.engine(medium)?))
+        let clocks = Clocks::of(self.scenario);
+        Ok(Box::new(self.engine(medium)?.with_clocks(clocks)))
     }
 
     fn engine<M: Medium>(self, medium: M) -> Result<Engine<M, NodeField>, Refused> {

@@ -18,9 +18,9 @@ pub use bus_files::{BusFiles, BusLogs, OnBus};
 pub use junit::{JunitError, junit, junit_error};
 pub use rights::remove_earlier;
 pub use summary::{
-    BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, DuringEventsSummary,
-    EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent,
-    PerInterface, Summary, SyncSummary, WiresSummary,
+    BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, ClockSummary,
+    DuringEventsSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary,
+    PerComponent, PerInterface, Summary, SyncSummary, WiresSummary,
 };
 pub use summary_text::failures;
 pub use temporary::remove_abandoned;

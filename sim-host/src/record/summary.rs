@@ -8,7 +8,9 @@ use serde::{Serialize, Serializer};
 use super::atomic::{RecordError, write_atomic};
 use crate::bus::table::BusTables;
 use crate::emergent::Contraction;
+use crate::engine::Skew;
 use crate::judge::{AbsenceSummary, Check, CounterSummary, ReferenceSummary};
+use crate::scenario::Scenario;
 
 /// What a run came to. A part that the run does not have is `null`, and so is a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -37,6 +39,9 @@ pub struct Summary {
     pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
     pub bus: Option<BusSummary>,
+    /// How far the nodes' clocks were apart; left out where they share one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clocks: Option<ClockSummary>,
     /// The nodes of a bench; left out where none ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bench: Option<BenchSummary>,
@@ -177,6 +182,35 @@ pub struct BusSummary {
     /// The CAN buses, by identifier; left out where there was none.
     #[serde(skip_serializing_if = "BusTables::is_empty")]
     pub can: BusTables,
+}
+
+/// Clocks of simulated nodes, and the time that they kept.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct ClockSummary {
+    /// Whether a time master kept them together.
+    pub sync: bool,
+    /// Difference between the fastest and the slowest running node that 99 of 100 ticks do not exceed, s; up to a sixteenth too long.
+    pub skew_p99_s: f64,
+    /// The largest, s.
+    pub skew_max_s: f64,
+    /// SYNC that were given to the bus.
+    pub syncs: u64,
+    /// How often a node became time master.
+    pub masters: u64,
+}
+
+impl ClockSummary {
+    /// Of what came of the clocks in a run of `scenario`.
+    pub fn of(skew: &Skew, scenario: &Scenario) -> Self {
+        let seconds = |ns: u64| ns as f64 / 1e9;
+        Self {
+            sync: scenario.sync.is_some(),
+            skew_p99_s: skew.p99_ns.map_or(f64::NAN, seconds),
+            skew_max_s: seconds(skew.worst_ns),
+            syncs: skew.syncs,
+            masters: skew.masters,
+        }
+    }
 }
 
 /// The nodes of a bench, beside the same run in loopback.

@@ -1,8 +1,8 @@
 //! The summary of a run for people: a line per part that the run has, and one per expectation.
 
 use super::summary::{
-    BenchNodeSummary, BenchSummary, BusSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockSummary,
-    PerComponent, Summary, SyncSummary, WiresSummary,
+    BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, Expectation, FunnelSummary,
+    OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
 };
 use crate::figure::figure;
 use std::fmt;
@@ -71,6 +71,7 @@ fn carriage(summary: &Summary) -> Vec<Line> {
             table.told().into_iter().enumerate().map(|(n, line)| (if n == 0 { "can" } else { "" }, line)),
         );
     }
+    lines.extend(summary.clocks.as_ref().map(|clocks| ("clocks", kept_time(clocks))));
     let Some(bench) = &summary.bench else { return lines };
     lines.push(("bench", beside_loopback(bench)));
     lines.extend(bench.own_clock.as_ref().map(|clocks| ("clocks", own_clocks(clocks))));
@@ -124,6 +125,15 @@ fn funnels(funnel: &FunnelSummary) -> String {
         text += &format!("; no neighbour at {} node-ticks", funnel.uncoupled);
     }
     text
+}
+
+fn kept_time(clocks: &ClockSummary) -> String {
+    let [p99, most] = [clocks.skew_p99_s, clocks.skew_max_s].map(|s| known(s * 1e6, 3));
+    let kept = match clocks.sync {
+        true => format!("{} SYNC, time masters {}", clocks.syncs, clocks.masters),
+        false => "no SYNC".to_owned(),
+    };
+    format!("apart by {p99} us in 99 of 100 ticks, by {most} us at most; {kept}")
 }
 
 fn agreement(sync: &SyncSummary) -> String {

@@ -225,8 +225,17 @@ impl<'a> Collector<'a> {
                     continue;
                 }
             }
-            account.ran += 1;
             let (Some(first), Some(&asked)) = (seen.first(), asked.first()) else { continue };
+            let (mut k, mut asked) = (k, asked);
+            if !self.scenario.clocks.is_empty() {
+                let own = u64::from(first.tick);
+                // Before its first tick it has no funnel.
+                if first.psi == 0.0 || !is_next(account, own) {
+                    continue;
+                }
+                (k, asked) = (own, larger(asked, node.funnel.width(self.scenario.time.at_s(own))));
+            }
+            account.ran += 1;
             // A node counts a tick once, whatever its number of components.
             let ratio = seen.iter().fold(0.0, |most: f32, part| {
                 if part.ratio > most || part.ratio.is_nan() { part.ratio } else { most }
@@ -267,6 +276,17 @@ impl<'a> Collector<'a> {
         self.reference_error.max_error = larger(self.reference_error.max_error, error);
         self.reference_error.final_error = error;
     }
+}
+
+/// Whether a node that ticks by a clock of its own has come to a tick that was not seen yet. Those that nobody has seen are not known: one of them may come
+/// before it is asked for its report.
+fn is_next(account: &mut Account, own: u64) -> bool {
+    let last = account.last_tick.replace(own);
+    if last == Some(own) {
+        return false;
+    }
+    account.unknown += last.map_or(own + 1, |last| own.saturating_sub(last + 1));
+    true
 }
 
 /// What a node's f32 makes of a funnel beyond [`FUNNEL_SHARE`] of it, state units.

@@ -12,11 +12,11 @@ use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
-use crate::engine::Engine;
+use crate::engine::{Clocks, Engine};
 use crate::hub::Hub;
 use crate::loopback::{LOOPBACK, accepted, can_bus, compute, engine, ideal_bus, nodes, uart_bus};
 use crate::noise::Noise;
-use crate::record::BusSummary;
+use crate::record::{BusSummary, ClockSummary};
 use crate::scenario::{BusModel, Coupling, Scenario};
 use funnelnet_link::{Classic, Fd};
 use funnelnet_protocol::Refusal;
@@ -49,7 +49,8 @@ fn on<M: Medium>(
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
-    let mut engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    let mut engine = engine.with_clocks(Clocks::of(scenario));
     let log = options.out.is_some() && options.bus_logs.any();
     engine.bus_mut().watch(scenario.time.tick_ns, log);
     in_program(scenario, options, rows, engine)
@@ -72,11 +73,12 @@ fn in_program<M: Medium>(
         None => heard::unheard_and_silent(scenario, &engine),
     };
     let (happened, reports) = (scenario.events.clone(), engine.reports());
+    let clocks = engine.skew().map(|skew| ClockSummary::of(&skew, scenario));
     let outcome = with_reports(reports, scenario, &mut engine, record);
     let utilisation = load.share(scenario.time.tick_ns);
     let can = tables(&mut engine, scenario, utilisation);
     let bus = outcome.bus.map(|bus| BusSummary { utilisation, can, ..bus });
-    Ok(Outcome { unheard, silent, happened, bus, ..outcome })
+    Ok(Outcome { unheard, silent, happened, bus, clocks, ..outcome })
 }
 
 /// How busy the bus was, from the scenario's t = 0 on.
@@ -165,6 +167,11 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     if !scenario.events.is_empty() {
         return Err(RunError::bad_input(
             "emulated nodes have no [[event]] yet; run this scenario with --on loopback",
+        ));
+    }
+    if !scenario.clocks.is_empty() {
+        return Err(RunError::bad_input(
+            "emulated nodes tick by this program's clock, without [clock] and [sync]; run this scenario with --on loopback",
         ));
     }
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;

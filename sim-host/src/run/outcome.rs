@@ -11,8 +11,8 @@ use crate::judge::{
     Account, Check, CounterSummary, Evidence, Findings, ReferenceSummary, Stop, WindowFigures, checks,
 };
 use crate::record::{
-    BelievedSummary, BenchSummary, BusSummary, DuringEventsSummary, EmergentSummary, Expectation,
-    FunnelSummary, PerComponent, Row, Summary, SyncSummary, TraceHash,
+    BelievedSummary, BenchSummary, BusSummary, ClockSummary, DuringEventsSummary, EmergentSummary,
+    Expectation, FunnelSummary, PerComponent, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{EventSpec, Scenario, Window};
 use funnelnet_node::Event;
@@ -103,6 +103,8 @@ pub struct Outcome {
     pub reference: Option<ReferenceSummary>,
     /// What the bus carried.
     pub bus: Option<BusSummary>,
+    /// What came of the nodes' clocks, where they have clocks of their own.
+    pub clocks: Option<ClockSummary>,
     /// What f32 nodes counted, by index.
     pub counters: Vec<Counters>,
     /// What nodes reported: of each the first hundred of a kind.
@@ -159,6 +161,7 @@ impl Outcome {
             emergent: Some(emergent),
             reference: self.reference,
             bus: self.bus.clone(),
+            clocks: self.clocks,
             counters: self.believed.map(|_| self.count()),
             bench: self.bench.clone(),
             stopped: self.stopped(scenario),

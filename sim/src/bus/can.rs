@@ -6,7 +6,7 @@
 use super::links::{self, Links, Payload};
 use super::loss::Loser;
 use super::watch::Watch;
-use super::{Medium, Traffic};
+use super::{Medium, Stamp, Traffic};
 use crate::random::{self, Purpose};
 use crate::scenario::{LinkSpec, Loss};
 use funnelnet_can_bus::{
@@ -21,6 +21,8 @@ use std::collections::{BTreeSet, VecDeque};
 
 /// Bits of an identifier that say whose frame it is (protocol/README.md).
 const NODE_BITS: u16 = 0x7F;
+/// The identifier of a SYNC, without that of its master.
+const SYNC: u16 = (can::function::SYNC as u16) << 7;
 /// Identifiers of nodes.
 const IDS: usize = NODE_BITS as usize + 1;
 
@@ -92,6 +94,8 @@ pub struct CanBus<N, F: Format = Classic> {
     /// The node of each identifier, by index; none for one that is of no node.
     nodes: [Option<u8>; IDS],
     traffic: Traffic,
+    /// Where nodes keep time: stamps of SYNC that nobody has taken yet.
+    stamps: Option<Vec<Stamp>>,
     /// Nodes whose ports have gone off the bus, and how often so far, to be told.
     off: Vec<(usize, u16)>,
     tap: Option<Tap>,
@@ -114,14 +118,25 @@ impl<N: Noise> CanBus<N, Fd> {
 
 impl<N: Noise, F: OnWire> CanBus<N, F> {
     pub(crate) fn with_format(timing: Timing, noise: N, ids: &[NodeId], listeners: &[Vec<usize>]) -> Self {
+        Self::with_masters(timing, noise, (ids, listeners), &[])
+    }
+
+    /// The same, where all keep the SYNC of time masters, too, and stamp them.
+    pub(crate) fn with_masters(
+        timing: Timing,
+        noise: N,
+        (ids, listeners): (&[NodeId], &[Vec<usize>]),
+        masters: &[NodeId],
+    ) -> Self {
         let mut bus = Bus::new(timing, noise);
         bus.report_losses(false);
         let filter = |of: usize| {
             let heard = ids.iter().zip(listeners).filter(|(_, listeners)| listeners.contains(&of));
             // Frames to all carry no node.
-            heard.fold(Filter::nothing().and_base(0, NODE_BITS), |filter, (id, _)| {
+            let filter = heard.fold(Filter::nothing().and_base(0, NODE_BITS), |filter, (id, _)| {
                 filter.and_base(u16::from(id.get()), NODE_BITS)
-            })
+            });
+            masters.iter().fold(filter, |filter, id| filter.and(Id::Base(SYNC | u16::from(id.get()))))
         };
         let mut nodes = [None; IDS];
         for (index, id) in ids.iter().enumerate() {
@@ -145,6 +160,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             links: None,
             nodes,
             traffic: Traffic::default(),
+            stamps: (!masters.is_empty()).then(Vec::new),
             off: Vec::new(),
             tap: None,
             watch: None,
@@ -183,10 +199,16 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
 
     fn advance(&mut self, to: u64) {
         let (due, traffic, tap, watch) = (&mut self.due, &mut self.traffic, &mut self.tap, &mut self.watch);
+        let (stamps, bit_ns) = (&mut self.stamps, self.bus.timing().nominal().bit_ns());
         self.bus.advance(to, &mut |event: Event| {
             match event.what {
-                What::Sent { .. } => {
+                What::Sent { ref frame, .. } => {
                     traffic.sent += 1;
+                    if let Some(stamps) = stamps.as_mut().filter(|_| is_sync(frame.id())) {
+                        // Receivers take a frame a bit before its sender is done with it.
+                        let at = event.at.saturating_sub(bit_ns);
+                        stamps.push(Stamp { node: event.node, at, own: true });
+                    }
                     due.push_back((event.at, event.node, Work::Load));
                 }
                 What::Received { lost, .. } => {
@@ -254,6 +276,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 self.traffic.lost += 1;
                 continue;
             }
+            let (is_sync, lost) = (is_sync(frame.id()), queue.lost());
             match &mut self.links {
                 None if queue.is_empty() && !computes => hand(port, &frame, index, &mut self.off, receive),
                 None => queue.put(frame),
@@ -261,6 +284,9 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                     let from = sender(&self.nodes, frame.id()).unwrap_or(index);
                     links.pass(now, (from, index), &frame, &mut self.traffic, |frame| queue.put(*frame));
                 }
+            }
+            if let Some(stamps) = self.stamps.as_mut().filter(|_| is_sync && queue.lost() == lost) {
+                stamps.push(Stamp { node: index, at: now, own: false });
             }
         }
         if computes {
@@ -300,6 +326,11 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             }
         }
     }
+}
+
+/// Whether a frame is a SYNC of a node.
+fn is_sync(id: Id) -> bool {
+    matches!(id, Id::Base(id) if id & !NODE_BITS == SYNC && id & NODE_BITS != 0)
 }
 
 /// The index of the node that a frame is of.
@@ -390,6 +421,10 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
                 Work::Load => self.load(index),
             }
         }
+    }
+
+    fn take_stamps(&mut self) -> Vec<Stamp> {
+        self.stamps.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     fn take_off(&mut self) -> Vec<(usize, u16)> {

@@ -34,6 +34,17 @@ pub struct Traffic {
     pub reordered: u64,
 }
 
+/// The instant at which a SYNC was on the wire, as a controller notes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    /// Index of the node whose controller it is.
+    pub node: usize,
+    /// Time, ns.
+    pub at: u64,
+    /// It has sent it.
+    pub own: bool,
+}
+
 /// A medium that carries the frames of nodes to their neighbours.
 pub trait Medium {
     /// Node `sender` says something at `now` (ns, never going back).
@@ -60,6 +71,11 @@ pub trait Medium {
     /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus alone: a scenario refuses
     /// them on any other.
     fn set_listeners(&mut self, _listeners: Vec<Vec<usize>>) {}
+
+    /// Stamps of SYNC since the last call, in the order in which nodes hear of them; none on a medium without a shared wire.
+    fn take_stamps(&mut self) -> Vec<Stamp> {
+        Vec::new()
+    }
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;

@@ -24,6 +24,8 @@ pub struct Account {
     pub id: u16,
     /// Ticks that it was seen to run.
     pub ran: u64,
+    /// The last of them, where it ticks by a clock of its own.
+    pub last_tick: Option<u64>,
     /// Ticks at which its state was not recorded, or it was away.
     pub unknown: u64,
     /// The largest ratio that it believed at a tick that was seen.

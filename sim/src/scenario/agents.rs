@@ -164,6 +164,8 @@ fn read_overrides<'a>(
             inputs: section.take("inputs"),
             limits: section.take("limits"),
         };
+        // Read with [clock].
+        section.take("clock");
         section.finish();
         if coupling == Coupling::EdgeWise {
             let of_edges = given.gain.into_iter().chain(given.funnel).chain(given.damping);

@@ -6,6 +6,7 @@
 mod affine;
 mod agents;
 mod bus;
+mod clock;
 mod components;
 mod coupling;
 mod damping;
@@ -37,6 +38,7 @@ use std::path::Path;
 
 pub use affine::Affine;
 pub use bus::{BusModel, BusSpec, LinkSettings, LinkSpec, Loss, Wiring};
+pub use clock::{ClockSpec, SyncSpec};
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
 pub use dynamics::Dynamics;
@@ -171,6 +173,8 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
     let nodes_asked = network.as_ref().map_or(0, |network| network.nodes);
     let links = bus::read_links(&mut file, nodes_asked);
     let events = event::read(&mut file, nodes_asked);
+    let round_ns = time.as_ref().map_or(1, Time::round_ns);
+    let clocks = clock::read(&mut file, nodes_asked, seed, round_ns);
     let safety = safety::read(&mut file, time.as_ref().map_or(1, Time::round_ns));
     let mut expect = expect::read(&mut file, nodes_asked);
     file.finish();
@@ -201,8 +205,10 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         log: &log,
     };
     let events = event::make_sense(events, &expect, &setting);
+    clock::make_sense(&clocks, &bus, (coupling.kind, &events), (root, &log));
     log.checkpoint()?;
     let path = path.to_owned();
+    let (clocks, sync) = clocks;
     let Defaults { kind: coupling, on_breach, floor, guard, u_max, .. } = coupling;
     let scenario = Scenario {
         title,
@@ -219,6 +225,8 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         bus,
         links,
         events,
+        clocks,
+        sync,
         safety,
         expect,
         path,

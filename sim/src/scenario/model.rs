@@ -5,6 +5,7 @@ use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 use std::path::PathBuf;
 
 use super::bus::{BusSpec, LinkSpec};
+use super::clock::{ClockSpec, SyncSpec};
 use super::dynamics::Dynamics;
 use super::event::{Course, EventSpec};
 use super::graph::Graph;
@@ -42,6 +43,10 @@ pub struct Scenario {
     pub links: Vec<LinkSpec>,
     /// What happens to nodes and links, in the order of time.
     pub events: Vec<EventSpec>,
+    /// The clocks of the nodes, by index; none where all are right.
+    pub clocks: Vec<ClockSpec>,
+    /// What keeps them together.
+    pub sync: Option<SyncSpec>,
     /// What stops a node, beside its own state and funnel.
     pub safety: SafetySpec,
     /// What must hold at the end.

@@ -1,0 +1,345 @@
+//! An engine whose nodes have clocks of their own, and the time that they keep by SYNC (docs/notes/2026-11-28-clocks.md).
+//!
+//! A node is handed the time of its [`Keeper`] in place of the engine's. What is seen at a tick of the network is what all nodes are at the same instant.
+
+use super::clock::Clock;
+use super::{Engine, NEVER, NodeEvent, receive};
+use crate::bus::{Medium, Stamp};
+use crate::scenario::{ClockSpec, Scenario, SyncSpec};
+use funnelnet_can_bus::table::Latencies;
+use funnelnet_law::field::VectorField;
+use funnelnet_node::time::{Change, Keeper, Masters, Output, Role, Rules};
+use funnelnet_node::{Node, Observation, Phase};
+use funnelnet_protocol::message::{FaultCode, Message, NodeId, TickStamp};
+use std::collections::VecDeque;
+
+/// The clocks of all nodes, and what came of them.
+pub struct Clocks {
+    nodes: Vec<NodeClock>,
+    tick_ns: u64,
+    /// Tick of the network that comes next.
+    tick: u64,
+    /// Whether nodes keep time by SYNC.
+    syncs: bool,
+    /// The counters of bits of a controller, by which it stamps frames, ns.
+    stamp_ns: u64,
+    /// Index of the node whose time is that of the network: the last one to lead.
+    leader: usize,
+    /// Difference between the fastest and the slowest running node, at each tick.
+    skews: Latencies,
+    /// SYNC that were sent, and how often a node became time master.
+    sent: u64,
+    masters: u64,
+}
+
+/// The clock of one.
+struct NodeClock {
+    clock: Clock,
+    keeper: Keeper,
+    /// Stamps of SYNC that it has not been told of yet.
+    stamps: VecDeque<u64>,
+    /// Engine time of its last tick and of the next one, ns.
+    ticked_at: Option<u64>,
+    ticks_at: u64,
+    /// From and to when its SYNC do not go out (engine time, ns).
+    mute: Vec<(u64, u64)>,
+}
+
+/// What came of the clocks of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Skew {
+    /// What 99 of 100 ticks do not exceed, ns; none where there were none.
+    pub p99_ns: Option<u64>,
+    /// The largest, ns.
+    pub worst_ns: u64,
+    /// SYNC that were sent.
+    pub syncs: u64,
+    /// How often a node became time master.
+    pub masters: u64,
+}
+
+impl Clocks {
+    /// Those of a scenario; none where its nodes share one clock that is right.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Option<Self> {
+        if scenario.clocks.is_empty() {
+            return None;
+        }
+        let sync = scenario.sync.as_ref();
+        let tick_ns = scenario.time.tick_ns;
+        let masters = sync.map_or(&[][..], |sync| &sync.masters).iter().copied().filter_map(id_of);
+        let masters = masters.fold(Masters::default(), Masters::and);
+        let node = |(index, spec): (usize, &ClockSpec)| {
+            let rules = Rules {
+                id: id_of(u16::try_from(index + 1).ok()?)?,
+                masters,
+                period_ns: sync.map_or(tick_ns, |sync| sync.period_ns),
+                tick_ns,
+                holdover_ns: sync.and(scenario.safety.holdover_ns),
+            };
+            let mut keeper = Keeper::new(rules);
+            // Tick 0 is a tick after the start.
+            let jumps = spec.jumps.iter().map(|&(at, by)| (at.saturating_add(tick_ns), by)).collect();
+            let clock = Clock::new(&ClockSpec { jumps, ..spec.clone() }, scenario.seed, index);
+            // A node that is ahead by `offset` is where the others are only then. Network time begins a tick before tick 0.
+            let ahead = tick_ns.saturating_add_signed(spec.offset_ns);
+            keeper.start(0, ahead, tick_ns.saturating_mul(2), false);
+            Some(NodeClock {
+                clock,
+                keeper,
+                stamps: VecDeque::new(),
+                ticked_at: None,
+                ticks_at: NEVER,
+                mute: Vec::new(),
+            })
+        };
+        let nodes: Option<Vec<NodeClock>> = scenario.clocks.iter().enumerate().map(node).collect();
+        let leader =
+            sync.and_then(|sync: &SyncSpec| sync.masters.iter().min()).map_or(0, |&id| usize::from(id) - 1);
+        Some(Self {
+            nodes: nodes?,
+            tick_ns,
+            tick: 0,
+            syncs: sync.is_some(),
+            stamp_ns: (1_000_000_000 / u64::from(scenario.bus.bitrate.max(1))).max(1),
+            leader,
+            skews: Latencies::default(),
+            sent: 0,
+            masters: 0,
+        })
+    }
+
+    /// Time of nodes at which they are told to start, ns: a tick, so that one may be behind.
+    pub(super) fn start_of_nodes(&self) -> u64 {
+        self.tick_ns
+    }
+
+    /// What came of them so far.
+    #[must_use]
+    pub fn skew(&self) -> Skew {
+        let (p99_ns, worst_ns) = (self.skews.percentile(990), self.skews.longest());
+        Skew { p99_ns, worst_ns, syncs: self.sent, masters: self.masters }
+    }
+
+    /// The time of a node's keeper, ns.
+    fn network(&mut self, index: usize, now: u64) -> u64 {
+        self.nodes.get_mut(index).map_or(0, |node| node.keeper.network(node.clock.shows(now)))
+    }
+
+    /// Engine time at which the network's next tick is, ns; no later than the next change of the clock that tells it.
+    fn next_tick(&self) -> (u64, bool) {
+        let time = (self.tick + 2).saturating_mul(self.tick_ns);
+        if !self.syncs {
+            // Without SYNC there is no time of the network but the true one.
+            return (time - self.tick_ns, true);
+        }
+        let Some(node) = self.nodes.get(self.leader) else { return (NEVER, true) };
+        let own = node.keeper.own(time);
+        let at = node.clock.when(own);
+        let mut clock = node.clock.clone();
+        (at, node.keeper.network(clock.shows(at)) >= time)
+    }
+}
+
+fn id_of(id: u16) -> Option<NodeId> {
+    NodeId::new(u8::try_from(id).ok()?)
+}
+
+impl NodeClock {
+    /// What a controller's stamp of an instant is.
+    fn stamp(&mut self, at: u64, resolution: u64) -> u64 {
+        self.clock.shows(at) / resolution * resolution
+    }
+
+    fn is_mute(&self, now: u64) -> bool {
+        self.mute.iter().any(|&(from, to)| (from..to).contains(&now))
+    }
+}
+
+/// A SYNC of a time master: receiver, master, what it says.
+type Heard = (usize, NodeId, (TickStamp, u16));
+
+impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
+    /// With clocks of their own.
+    pub fn with_clocks(self, clocks: Option<Clocks>) -> Self {
+        Self { clocks: clocks.map(Box::new), ..self }
+    }
+
+    /// What came of the clocks; none where there is but one.
+    pub fn skew(&self) -> Option<Skew> {
+        self.clocks.as_ref().map(|clocks| clocks.skew())
+    }
+
+    /// Runs until the network's next tick, and gives what all nodes are at that instant.
+    pub(super) fn advance_by_clocks(&mut self) -> Option<&[Observation<f32>]> {
+        let until = loop {
+            let (until, is_tick) = self.clocks.as_ref().map(|clocks| clocks.next_tick())?;
+            let wake = self.wakes.iter().copied().min().unwrap_or(NEVER);
+            let arrival = self.bus.next_arrival().unwrap_or(NEVER);
+            let carried = self.later.front().map_or(arrival, |later| arrival.min(later.at));
+            if until < wake.min(carried) || until == NEVER {
+                if is_tick {
+                    break until;
+                }
+                self.clocks.as_mut()?.see_change(until);
+            } else if wake <= carried {
+                self.wake_all(wake);
+            } else {
+                self.deliver_before(carried + 1);
+            }
+        };
+        self.look(until);
+        Some(&self.observations)
+    }
+
+    fn wake_all(&mut self, now: u64) {
+        for index in 0..self.nodes.len() {
+            if self.wakes.get(index) == Some(&now) {
+                self.poll(index, now);
+            }
+        }
+    }
+
+    /// Does what is due for a node and its time.
+    #[cold]
+    pub(super) fn poll_by_clock(&mut self, index: usize, now: u64) {
+        let Some(clocks) = &mut self.clocks else { return };
+        let Some(timing) = clocks.nodes.get_mut(index) else { return };
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        if !matches!(node.phase(), Phase::Running | Phase::Ready) {
+            timing.keeper.stop();
+        }
+        let before = node.tick();
+        while let Some(output) = timing.keeper.poll(timing.clock.shows(now)).filter(|_| clocks.syncs) {
+            match output {
+                Output::Send(_) if timing.is_mute(now) => {}
+                Output::Send(message) => {
+                    clocks.sent += 1;
+                    self.bus.send(now, index, &message);
+                    self.bus.flush(now, index);
+                }
+                Output::Report(change) => {
+                    clocks.masters += u64::from(change == Change::Leads);
+                    self.events.push(NodeEvent { at: now, node: index, event: change.into() });
+                }
+                Output::Lost { silent_ms } => node.fail(FaultCode::HOLDOVER, silent_ms),
+            }
+        }
+        if timing.keeper.role() == Role::Leads && clocks.leader != index {
+            clocks.leader = index;
+        }
+        let of_node = clocks.network(index, now);
+        self.poll_as(index, now, of_node);
+        self.schedule(index, now, before);
+    }
+
+    /// Sets when a node is polled next, by its clock.
+    fn schedule(&mut self, index: usize, now: u64, before: u32) {
+        let Some(clocks) = &mut self.clocks else { return };
+        let (Some(timing), Some(wake)) = (clocks.nodes.get_mut(index), self.wakes.get_mut(index)) else {
+            return;
+        };
+        if self.nodes.get(index).is_some_and(|node| node.tick() != before) {
+            timing.ticked_at = Some(now);
+        }
+        let at = |own: u64| if own == NEVER { NEVER } else { timing.clock.when(own).max(now) };
+        let ticks_at = if *wake == NEVER { NEVER } else { at(timing.keeper.own(*wake)) };
+        let keeps_at = timing.keeper.poll_at().filter(|_| clocks.syncs).map_or(NEVER, at);
+        (timing.ticks_at, *wake) = (ticks_at, ticks_at.min(keeps_at));
+    }
+
+    /// Lets the bus deliver what comes at `at`; SYNC of time masters go to the keepers, with the stamps of their controllers.
+    #[cold]
+    pub(super) fn deliver_by_clocks(&mut self, at: u64) {
+        let (nodes, mut heard) = (&mut self.nodes, Vec::<Heard>::new());
+        self.bus.deliver(|receiver, message| match message {
+            Ok(Message::Sync { source: Some(source), previous_tick, phase_us }) => {
+                heard.push((receiver, source, (previous_tick, phase_us)));
+            }
+            message => receive(nodes, receiver, message, at),
+        });
+        let Some(clocks) = &mut self.clocks else { return };
+        let resolution = clocks.stamp_ns;
+        for Stamp { node, at, own } in self.bus.take_stamps() {
+            let Some(timing) = clocks.nodes.get_mut(node) else { continue };
+            let stamp = timing.stamp(at, resolution);
+            if own { timing.keeper.on_sent(stamp) } else { timing.stamps.push_back(stamp) }
+        }
+        for (index, source, said) in heard {
+            self.keep(index, source, said, at);
+        }
+    }
+
+    /// Gives a SYNC to a keeper. A node counts it as any other frame.
+    fn keep(&mut self, index: usize, source: NodeId, said: (TickStamp, u16), now: u64) {
+        let Some(clocks) = &mut self.clocks else { return };
+        let (Some(timing), Some(node)) = (clocks.nodes.get_mut(index), self.nodes.get_mut(index)) else {
+            return;
+        };
+        let own = timing.clock.shows(now);
+        let stamp = timing.stamps.pop_front().unwrap_or(own);
+        if let Err(reason) = timing.keeper.on_sync(source, said, stamp, own) {
+            node.refuse(reason);
+        }
+        self.poll(index, now);
+    }
+
+    /// Sees what all running nodes are at `at`: between two ticks a state goes straight from one to the next.
+    fn look(&mut self, at: u64) {
+        let Some(clocks) = &mut self.clocks else { return };
+        clocks.tick += 1;
+        let (mut first, mut last) = (u64::MAX, 0);
+        let mut slots = self.observations.iter_mut();
+        for (index, node) in self.nodes.iter().enumerate() {
+            let slots = slots.by_ref().take(node.components());
+            if node.phase() != Phase::Running {
+                slots.for_each(drop);
+                continue;
+            }
+            let network = clocks.network(index, at);
+            (first, last) = (first.min(network), last.max(network));
+            let part = clocks.nodes.get(index).and_then(|timing| timing.part(at));
+            for ((slot, seen), next) in slots.zip(node.observations()).zip(node.state()) {
+                slot.x = part.map_or(seen.x, |part| between(seen.x, next, part));
+            }
+        }
+        if first <= last {
+            clocks.skews.add(last - first);
+        }
+    }
+
+    /// Presence of each node now, by index.
+    pub(super) fn presence_by_clock(&self) -> Vec<crate::presence::Presence> {
+        use crate::presence::Presence;
+        let of = |node: &Node<f32, V>| match node.phase() {
+            Phase::Running => Presence::Ran,
+            _ => Presence::Stopped,
+        };
+        self.nodes.iter().map(of).collect()
+    }
+}
+
+impl Clocks {
+    /// Lets the clock that tells the network's time change.
+    fn see_change(&mut self, at: u64) {
+        if let Some(node) = self.nodes.get_mut(self.leader) {
+            node.clock.advance_to(at);
+        }
+    }
+}
+
+impl NodeClock {
+    /// Part of the way from its last tick to the next one, 0 to 1; none before its first one.
+    fn part(&self, at: u64) -> Option<f64> {
+        let (from, to) = (self.ticked_at?, self.ticks_at);
+        let passed = at.saturating_sub(from);
+        Some(if passed == 0 || to <= from { 0.0 } else { (passed as f64 / (to - from) as f64).min(1.0) })
+    }
+}
+
+fn between(from: f32, to: f32, part: f64) -> f32 {
+    if part == 0.0 {
+        return from;
+    }
+    (f64::from(from) + (f64::from(to) - f64::from(from)) * part) as f32
+}
