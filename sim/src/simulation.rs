@@ -240,7 +240,9 @@ impl<'s> Setup<'s> {
         let node = |(index, config): (usize, &NodeConfig)| {
             let params = match self.makes.get(index) {
                 Some(Some(make)) => make(config),
-                _ => engine::params_as(config, &self.scenario.nodes[index], NodeField::Configured),
+                _ => engine::params_as(config, &self.scenario.nodes[index], |field| {
+                    NodeField::Configured(Box::new(field))
+                }),
             };
             let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
             Ok(Node::new(params, &config.neighbours))

@@ -8,7 +8,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub enum NodeField {
     /// As the scenario says.
-    Configured(SimField),
+    Configured(Box<SimField>),
     /// Of the user's own.
     Own(Arc<dyn VectorField<f32>>),
 }
