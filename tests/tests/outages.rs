@@ -120,7 +120,10 @@ fn no_time_of_extrapolation_serves_both_silent_links_and_crashed_nodes() {
     for ticks in [10, 15, 20, 30, 60, 120] {
         let now = [silent, crashed].map(|outage| share(outage, Edition::Extrapolating(ticks)));
         let times = [now[0] / before[0], now[1] / before[1]];
-        println!("{ticks} ticks: {:.4} %, {:.2} times; {:.4} %, {:.2} times", now[0], times[0], now[1], times[1]);
+        println!(
+            "{ticks} ticks: {:.4} %, {:.2} times; {:.4} %, {:.2} times",
+            now[0], times[0], now[1], times[1]
+        );
         serves_both |= times[0] <= 0.5 && times[1] <= 1.0;
     }
     assert!(!serves_both, "then that is the time to take");

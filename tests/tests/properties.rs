@@ -247,7 +247,8 @@ fn the_tick_is_the_one_that_check_asks_for() {
     let mut runner = TestRunner::new_with_rng(cases(1), TestRng::deterministic_rng(RngAlgorithm::ChaCha));
     for _ in 0..3 {
         let scenario = network().new_tree(&mut runner).unwrap().current();
-        let found = check(&scenario).findings.into_iter().find(|found| found.name == "narrowest-funnel").unwrap();
+        let found =
+            check(&scenario).findings.into_iter().find(|found| found.name == "narrowest-funnel").unwrap();
         let share = found.values["narrowest"].as_f64().unwrap() / found.values["psi_min"].as_f64().unwrap();
         assert_eq!(taken_of_narrowest(&scenario), Some(share));
     }

@@ -200,7 +200,8 @@ impl<'a> Judge<'a> {
 
     /// The scenario's funnels at the tick, not narrower than the accepted floor.
     fn widths(&mut self, moment: &Moment<'_>) {
-        let (t, components) = (self.scenario.time.part_at_s(moment.k, moment.part), self.scenario.components());
+        let (t, components) =
+            (self.scenario.time.part_at_s(moment.k, moment.part), self.scenario.components());
         for (index, node) in self.scenario.nodes.iter().enumerate() {
             let width = node.funnel.width(t);
             let floor = match self.scenario.floor {

@@ -1,8 +1,8 @@
 //! Runs a scenario at a fidelity, and judges it.
 
 mod bench;
-mod between;
 mod bench_buses;
+mod between;
 mod claim;
 mod collect;
 mod commission;

@@ -59,8 +59,9 @@ pub fn run(scenario: &Scenario, options: &RunOptions, to: &mut dyn Rows) -> Resu
         prediction: predictor.finish(),
         // The reference is its own reference: what it may be off by is in its estimate.
         reference: Some(ReferenceSummary::beside(&solution)),
-        ended_early: (end < ticks || options.interrupt.is_set())
-            .then(|| EarlyEnd::after(scenario.time.tick_of_step(end).0 + 1, scenario, RunError::interrupted())),
+        ended_early: (end < ticks || options.interrupt.is_set()).then(|| {
+            EarlyEnd::after(scenario.time.tick_of_step(end).0 + 1, scenario, RunError::interrupted())
+        }),
         ..outcome
     })
 }
