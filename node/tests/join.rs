@@ -82,12 +82,39 @@ fn a_node_that_integrates_says_nothing_before_it_has_the_mean_of_its_neighbours(
     // One neighbour of two is not enough.
     node.on_message(&state(2, FIRST + 1, 2.0), 0).unwrap();
     assert_eq!(states(&tick(&mut node, FIRST + 1, 0.0)), []);
-    hear_both(&mut node, FIRST + 2);
+    hear_near(&mut node, FIRST + 2);
     let done = tick(&mut node, FIRST + 2, 0.0);
     assert!(done.contains(&Action::Report(Event::Joins { tick: FIRST + 2 })), "{done:?}");
-    // (1 * 2 + 3 * -2) / 4, with no input.
+    // (1 * -0.625 + 3 * -1.125) / 4, with no input.
     assert_eq!((states(&done), node.observations()[0].u), (vec![-1.0], 0.0));
     assert_eq!(node.counters().breaches, 0, "far away as it was, it was never outside");
+}
+
+/// Two that are near each other: the terms of their edges to a node between them are 0.375 in funnels of 1.
+fn hear_near(node: &mut Node, k: u32) {
+    hear(node, 2, k, -0.625);
+    hear(node, 3, k, -1.125);
+}
+
+/// Neighbours that are 4 apart would be thrown out by a node between them.
+#[test]
+fn a_node_that_integrates_waits_for_its_neighbours_to_be_near_each_other_but_not_for_ever() {
+    let spoke = |near_from: u32| {
+        let mut node = node(&config());
+        node.on_message(&start(JOIN), 0).unwrap();
+        let spoke = (0..1_100).find(|&k| {
+            if k < near_from {
+                hear_both(&mut node, FIRST + k)
+            } else {
+                hear_near(&mut node, FIRST + k)
+            }
+            !states(&tick(&mut node, FIRST + k, 0.0)).is_empty()
+        });
+        spoke.unwrap()
+    };
+    assert!((200..230).contains(&spoke(200)), "{}", spoke(200));
+    // Before its first SYNC it refuses states.
+    assert!((1_000..1_003).contains(&spoke(2_000)), "{}", spoke(2_000));
 }
 
 #[test]
