@@ -1,9 +1,7 @@
 //! The rows of a run as a picture needs them, in memory that does not grow with their number.
 
-/// Rows at most that are kept as they are.
-const ROWS: usize = 2048;
-/// Groups of several rows at most. Each keeps its extremes at their times, so that two or three columns of pixels may share one.
-const GROUPS: usize = 512;
+/// Samples at most. A picture has fewer columns of pixels than half of them, and a group of rows that is kept by its extremes has 2 at least.
+const SAMPLES: usize = 4096;
 /// Rows of an open group that are kept before they are reduced.
 const PENDING: usize = 64;
 
@@ -33,8 +31,9 @@ fn rounded(value: f64) -> f32 {
     }
 }
 
-/// The envelope of `C` curves. Fewer rows than [`ROWS`] are kept as they are. More are grouped, twice as many in each group whenever
-/// there are too many groups; of each stay the first and the last row, and those where a curve is lowest and highest.
+/// The envelope of `C` curves. As many rows as [`SAMPLES`] are kept as they are. More are grouped, twice as many in each group whenever
+/// there is no room; of each stay the first and the last row, and those where a curve is lowest and highest. So it is full once it was, and
+/// a long run needs no more than one that has just filled it.
 #[derive(Clone, Debug)]
 pub(super) struct Envelope<const C: usize> {
     /// Rows in a group.
@@ -72,24 +71,34 @@ impl<const C: usize> Envelope<C> {
 
     fn close(&mut self) {
         reduce(&mut self.open);
+        if self.kept.len() + self.open.len() > SAMPLES {
+            while self.kept.len() > SAMPLES / 2 {
+                self.halve();
+            }
+            // Groups are wider now: the open one may have room again.
+            if self.in_open < self.width {
+                return;
+            }
+            reduce(&mut self.open);
+        }
         self.kept.append(&mut self.open);
         self.ends.push(self.kept.len());
         self.in_open = 0;
-        let most = if self.width == 1 { ROWS } else { GROUPS };
-        if self.ends.len() >= most {
-            self.halve();
-        }
     }
 
-    /// Makes one group of two.
+    /// Makes one group of two. One that is left over begins the open one.
     fn halve(&mut self) {
-        let (mut kept, mut ends, mut from) = (Vec::with_capacity(self.kept.len()), Vec::new(), 0);
+        let (mut kept, mut ends, mut from) = (Vec::with_capacity(SAMPLES), Vec::new(), 0);
         for &end in self.ends.iter().skip(1).step_by(2) {
             let mut group = self.kept[from..end].to_vec();
             reduce(&mut group);
             kept.append(&mut group);
             ends.push(kept.len());
             from = end;
+        }
+        if !self.ends.len().is_multiple_of(2) {
+            self.open.splice(0..0, self.kept.drain(from..));
+            self.in_open += self.width;
         }
         (self.kept, self.ends, self.width) = (kept, ends, self.width * 2);
     }
@@ -136,25 +145,29 @@ mod tests {
 
     #[test]
     fn what_fits_is_kept_as_it_is() {
-        let few = envelope(ROWS as u64 - 1, |k| [k as f64, f64::NAN]);
-        assert_eq!(few.samples().count(), ROWS - 1);
+        let few = envelope(SAMPLES as u64, |k| [k as f64, f64::NAN]);
+        assert_eq!(few.samples().count(), SAMPLES);
     }
 
     #[test]
     fn memory_does_not_grow_with_the_number_of_rows() {
         // Each row is somewhere an extreme: the worst case.
         let wild = |k: u64| [(k.wrapping_mul(0x9E37_79B9) % 1000) as f64, (k % 7) as f64];
-        let most = |rows| envelope(rows, wild).samples().count();
+        let smooth = |k: u64| [k as f64, 0.0];
         for rows in [10_000, 100_000, 1_000_000] {
-            assert!(most(rows) <= GROUPS * 6, "{rows} rows: {}", most(rows));
+            for envelope in [envelope(rows, wild), envelope(rows, smooth)] {
+                let count = envelope.samples().count();
+                // Two curves: no group has more than six rows.
+                assert!((SAMPLES / 6..=SAMPLES + PENDING).contains(&count), "{rows} rows: {count}");
+                assert!(envelope.kept.capacity() <= SAMPLES, "{}", envelope.kept.capacity());
+            }
         }
-        let capacity = |rows| envelope(rows, wild).kept.capacity();
-        assert!(capacity(1_000_000) <= 2 * capacity(20_000));
     }
 
     #[test]
     fn a_spike_of_one_row_survives_wherever_it_is_and_so_do_the_ends() {
-        for at in (1..99_000).step_by(997) {
+        // Around a row with which there is no room, too: that is where groups are made wider.
+        for at in (1..99_000).step_by(997).chain(4090..4110).chain(8190..8200) {
             for spike in [-5.0, 5.0, f64::INFINITY] {
                 let with = envelope(100_000, |k| [0.5, if k == at { spike } else { (k % 3) as f64 }]);
                 let samples: Vec<_> = with.samples().collect();
