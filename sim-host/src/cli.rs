@@ -105,6 +105,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Diff(args) => diff_command(&args),
         Command::Replay(args) => replay_command(&args),
         Command::Completions { shell } => completions(shell),
+        Command::Man { command } => manual_page(command.as_deref()),
     };
     result.unwrap_or_else(|failure| {
         complain(&failure.message);
@@ -371,6 +372,29 @@ fn completions(shell: clap_complete::Shell) -> Result<Exit, Failure> {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "sim-host", &mut script);
     io::stdout().lock().write_all(&script)?;
+    Ok(Exit::Success)
+}
+
+fn manual_page(name: Option<&str>) -> Result<Exit, Failure> {
+    let mut program = Cli::command();
+    program.build();
+    let (page, title) = match name {
+        None => (program, "sim-host".to_owned()),
+        Some(name) => match program.find_subcommand(name) {
+            // As the file is called in which `man` looks for it.
+            Some(command) => (command.clone(), format!("sim-host-{name}")),
+            None => {
+                let known: Vec<_> = program.get_subcommands().map(clap::Command::get_name).collect();
+                let known = known.join(", ");
+                return Err(Failure::bad_input(format!(
+                    "man {name}: there is no such command; there are {known}"
+                )));
+            }
+        },
+    };
+    let mut text = Vec::new();
+    clap_mangen::Man::new(page).title(title).render(&mut text)?;
+    io::stdout().lock().write_all(&text)?;
     Ok(Exit::Success)
 }
 

@@ -123,7 +123,7 @@ fn help_names_commands_examples_and_exit_codes() {
 #[test]
 fn help_fits_a_narrow_terminal() {
     const WIDTH: usize = 80;
-    for command in ["", "run", "bench", "node", "check", "completions"] {
+    for command in ["", "run", "bench", "node", "check", "completions", "man"] {
         let mut program = sim_host();
         program.args([command, "--help"].into_iter().filter(|word| !word.is_empty()));
         let text =
@@ -298,6 +298,19 @@ fn completions_are_printed_for_the_common_shells() {
         assert_eq!((code, err.as_str()), (Some(0), ""));
         assert!(out.contains("sim-host") && out.contains("junit"), "{shell}");
     }
+}
+
+#[test]
+fn manual_pages_are_printed_for_the_program_and_its_commands() {
+    for (arguments, title) in [(&["man"][..], ".TH sim-host 1"), (&["man", "run"], ".TH sim-host-run 1")] {
+        let (code, out, err) = run(arguments);
+        assert_eq!((code, err.as_str()), (Some(0), ""));
+        assert!(out.contains(title) && out.contains(".SH OPTIONS"), "{arguments:?}: {out}");
+    }
+    refused(
+        &["man", "fly"],
+        "man fly: there is no such command; there are run, bench, node, check, diff, replay, completions, man, help",
+    );
 }
 
 #[test]

@@ -91,6 +91,11 @@ Examples:
   source <(sim-host completions bash)
   sim-host completions fish > ~/.config/fish/completions/sim-host.fish";
 
+const MAN_HELP: &str = "\
+Examples:
+  sim-host man | man -l -
+  sim-host man run > ~/.local/share/man/man1/sim-host-run.1";
+
 /// Agreement with a guarantee: runs funnel-coupling scenarios, from the equations to emulated nodes.
 #[derive(Debug, Parser)]
 #[command(name = "sim-host", version, about, after_help = AFTER_HELP, max_term_width = 100)]
@@ -124,6 +129,12 @@ pub(super) enum Command {
     Completions {
         /// The shell to complete for
         shell: clap_complete::Shell,
+    },
+    /// Print the manual page of the program or of one of its commands
+    #[command(after_help = MAN_HELP)]
+    Man {
+        /// The command; none for the program
+        command: Option<String>,
     },
 }
 
