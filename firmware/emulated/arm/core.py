@@ -3,7 +3,8 @@
 Of the core's own peripherals it has what the images use: NVIC, vector table, reset request. All interrupts have the same priority
 (firmware/src/priority.rs), so none interrupts another; an NMI and a hard fault do.
 
-Instructions run in slices of SLICE, and time goes on by a slice: an event is seen up to 12.5 us late at 160 MHz, so no figure here is finer.
+Instructions run in slices of SLICE, and time goes on by a slice: an event is seen up to 12.5 us late at 160 MHz, so no figure here is finer, unless
+a test asks for shorter ones (`slice_length`).
 """
 
 import struct
@@ -68,7 +69,7 @@ class Core:
     """Memory, registers and exceptions of one chip, with an image flashed."""
 
     def __init__(self, image, hz, flash, flash_size, ram_size, info=()):
-        self.hz, self.flash, self.flash_size = hz, flash, flash_size
+        self.hz, self.flash, self.flash_size, self.slice_length = hz, flash, flash_size, SLICE
         self.uc = Uc(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS)
         self.uc.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M4)
         for base, size in ((flash, flash_size), (0x20000000, ram_size), (0xFFFFF000, 0x1000), *info):
@@ -257,7 +258,7 @@ class Core:
     def slice(self, end):
         taken = self.take_interrupt()
         # Masked interrupts are taken as soon as they are unmasked: one by one until then.
-        count = 1 if not taken and not self.active and self.pending & self.enabled else SLICE
+        count = 1 if not taken and not self.active and self.pending & self.enabled else self.slice_length
         self.stop_reason = None
         try:
             self.uc.emu_start(self.pc, 0xFFFFFFFE, count=count)
