@@ -1,5 +1,5 @@
 //! Time that a network shares, on a bus that delivers SYNC late, to clocks that drift: how far apart it is, who leads, and what becomes of silence.
-#![allow(clippy::unwrap_used, clippy::indexing_slicing)] // tests
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::time::{Change, Keeper, Masters, Output, Role, Rules};
 use funnelnet_protocol::message::{Message, NodeId, TickStamp, UNKNOWN_PHASE};
@@ -111,7 +111,7 @@ impl World {
             for index in 0..self.members.len() {
                 self.poll(index);
             }
-            if self.t % MS == 0 {
+            if self.t.is_multiple_of(MS) {
                 self.measure();
             }
         }
@@ -142,7 +142,7 @@ impl World {
             let previous_tick = TickStamp::low(previous_tick.value(), 24);
             self.heard.push((end, from));
             for index in 0..self.members.len() {
-                let loses = self.loses > 0 && self.draw() % self.loses == 0;
+                let loses = self.loses > 0 && self.draw().is_multiple_of(self.loses);
                 let is_deaf = loses || (self.deaf.0..self.deaf.1).contains(&end);
                 let member = &mut self.members[index];
                 let (stamp, now) = (member.stamp(end), member.own(self.t));

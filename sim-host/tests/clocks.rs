@@ -9,7 +9,9 @@ fn run(sets: &[&str]) -> Value {
     let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clocks/five-agents.toml");
     let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
     command.args(["run", scenario, "-q", "--json", "-"]);
-    sets.iter().for_each(|set| drop(command.args(["--set", set])));
+    for set in sets {
+        command.args(["--set", set]);
+    }
     let output = command.output().expect("sim-host starts");
     serde_json::from_slice(&output.stdout).expect("a summary")
 }
@@ -19,7 +21,9 @@ fn refused(sets: &[&str]) -> String {
     let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clocks/five-agents.toml");
     let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
     command.args(["run", scenario, "-q"]);
-    sets.iter().for_each(|set| drop(command.args(["--set", set])));
+    for set in sets {
+        command.args(["--set", set]);
+    }
     let output = command.output().expect("sim-host starts");
     assert_eq!(output.status.code(), Some(2));
     String::from_utf8(output.stderr).expect("text")
