@@ -45,9 +45,10 @@ fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let (name, node) = (format_duration(subject.scenario.time.tick_ns), index + 1);
     let found = Longest::of(subject, seen.taken);
     let (longest, by_formula) = (found.map(|found| found.seconds), found.map(|found| found.by_formula));
-    let holds = match floor.is_finite() {
-        true => format!("{name} holds funnels down to about {}", about(floor)),
-        false => format!("{name} holds no funnel"),
+    // What is not a number is said.
+    let holds = match floor == f64::INFINITY {
+        true => format!("{name} holds no funnel"),
+        false => format!("{name} holds funnels down to about {}", about(floor)),
     };
     let most = match longest.and_then(tick_of) {
         Some(_) => format!("the longest tick for this scenario is about {} s", about(longest.unwrap_or(0.0))),
