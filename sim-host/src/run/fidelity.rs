@@ -54,15 +54,14 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     }
 }
 
-/// Runs on a medium that makes no events.
+/// Runs on a medium with bits.
 fn on<M: Medium>(
     medium: M,
     scenario: &Scenario,
     options: &RunOptions,
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
-    let mut engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    let mut engine = whole_engine(scenario, medium)?;
     let log = options.out.is_some() && options.bus_logs.any();
     engine.bus_mut().watch(scenario.time.tick_ns, log);
     in_program(scenario, options, rows, engine)
@@ -149,7 +148,12 @@ pub(crate) fn can_engine(
 
 /// The nodes of a scenario in this program, on an ideal bus, not started yet.
 pub(crate) fn engine(scenario: &Scenario) -> Result<Engine, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, bus(scenario));
+    whole_engine(scenario, bus(scenario))
+}
+
+/// The nodes of a scenario on a medium, with all that happens to them, not started yet.
+fn whole_engine<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M>, RunError> {
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
     let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
     if scenario.events.is_empty() {
         return Ok(engine);
