@@ -3,7 +3,7 @@
 //! A frame that nothing disturbs is one step from its start to its end. Everything else (errors, collisions, passive senders, a lone node) goes bit
 //! by bit, by the same rules; [`Bus::bit_by_bit`] makes all of it go so, and a test holds both ways against each other.
 
-use crate::controller::{Controller, Order, Pending};
+use crate::controller::{Controller, Order, Pending, TRANSMIT_BUFFERS};
 use crate::counters::{Counters, Mode};
 use crate::event::{Event, What};
 use crate::filter::Filter;
@@ -13,6 +13,21 @@ use crate::noise::{Hit, Noise, SeenBy, Strike};
 use crate::participant::{Happening, Participant};
 use crate::rate::Timing;
 use crate::wire::{DOMINANT, Pace, RECESSIVE};
+use std::collections::VecDeque;
+
+/// No time.
+const NEVER: u64 = u64::MAX;
+
+/// A controller has received a frame that its filter keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// When, ns.
+    pub at: u64,
+    /// The controller.
+    pub node: usize,
+    /// Its FIFO had no room: the frame is lost.
+    pub lost: bool,
+}
 
 /// A CAN bus and the controllers on it, which are numbered from 0 on in the order in which they were added.
 #[derive(Debug)]
@@ -24,19 +39,26 @@ pub struct Bus<N> {
     behind: Option<Option<Hit>>,
     nodes: Vec<Node>,
     phase: Phase,
+    /// When something happens next, ns, unless a controller recovers on an idle bus; [`NEVER`], if nothing does.
+    next: u64,
     now: u64,
     busy_ns: u64,
     bit_by_bit: bool,
     report_losses: bool,
+    report_receptions: bool,
+    /// Receptions of undisturbed frames that were not reported, in order.
+    arrivals: Vec<Arrival>,
     /// What an arbitration between controllers that are on the bus would come to: priorities of their next frames, with the controllers.
     /// The one that wins is the last.
-    waiting: Vec<(u32, usize)>,
+    waiting: VecDeque<(u32, usize)>,
     /// A frame came, or was cancelled, between a start of frame and its sample point: what waits is not what takes part.
     late: bool,
     /// A controller may recover from bus-off.
     recovering: bool,
     /// A controller may have a receive error counter above zero.
     heard_errors: bool,
+    /// A controller goes when the bus is free.
+    leaving: bool,
     routes: Routes,
 }
 
@@ -47,10 +69,22 @@ struct Node {
     attempt: Option<Attempt>,
     /// Its entry in what waits.
     waits: Option<u32>,
-    /// How it takes part, as last reported.
+    /// How it takes part, as last reported: as it does now, but within a bit.
     mode: Mode,
     /// When its recovery from bus-off was begun, ns.
     restarted: u64,
+    power: Power,
+}
+
+/// Power of a controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Power {
+    On,
+    /// It has its power again, and waits for a bus that is idle.
+    Starting,
+    /// It goes when the frame that it sends has ended.
+    Leaving,
+    Off,
 }
 
 /// A frame on the way.
@@ -104,14 +138,18 @@ impl<N: Noise> Bus<N> {
             behind: None,
             nodes: Vec::new(),
             phase,
+            next: NEVER,
             now: 0,
             busy_ns: 0,
             bit_by_bit: false,
             report_losses: true,
-            waiting: Vec::new(),
+            report_receptions: true,
+            arrivals: Vec::new(),
+            waiting: VecDeque::new(),
             late: false,
             recovering: false,
             heard_errors: false,
+            leaving: false,
             routes: Routes::default(),
         }
     }
@@ -127,6 +165,17 @@ impl<N: Noise> Bus<N> {
         self.report_losses = on;
     }
 
+    /// Whether receptions of undisturbed frames are events, which they are at first. Where they are not, they are
+    /// [arrivals](Self::drain_arrivals), which cost less.
+    pub fn report_receptions(&mut self, on: bool) {
+        self.report_receptions = on;
+    }
+
+    /// Receptions that were no events, in order, since the last call.
+    pub fn drain_arrivals(&mut self) -> impl Iterator<Item = Arrival> {
+        self.arrivals.drain(..)
+    }
+
     /// Adds a controller, error-active, before time passes; its number.
     pub fn add(&mut self, order: Order, filter: Filter) -> usize {
         let controller = Controller::new(order, filter);
@@ -138,6 +187,7 @@ impl<N: Noise> Bus<N> {
             waits: None,
             mode: Mode::Active,
             restarted: 0,
+            power: Power::On,
         });
         self.nodes.len() - 1
     }
@@ -173,15 +223,23 @@ impl<N: Noise> Bus<N> {
     /// There is no such controller. The same holds for all that take a `node`.
     #[must_use]
     pub fn send(&mut self, node: usize, frame: Frame) -> bool {
-        let loaded = self.nodes[node].controller.load(frame, self.now);
-        if !loaded {
+        let sender = &mut self.nodes[node];
+        if !sender.controller.load(&frame, self.now) {
             return false;
         }
-        self.note_waiting(node);
+        if sender.mode != Mode::Off {
+            // What waits already is older.
+            let waits = match sender.waits {
+                Some(before) if sender.controller.is_by_priority() => before.min(frame.priority()),
+                Some(before) => before,
+                None => frame.priority(),
+            };
+            self.set_waiting(node, Some(waits));
+        }
         match self.phase {
             Phase::Idle { since } if self.nodes[node].participant.may_begin() => {
                 self.settle_idle();
-                self.phase = Phase::Start { at: since.max(self.now) };
+                self.go(Phase::Start { at: since.max(self.now) });
             }
             Phase::Start { at } if at < self.now => self.late = true,
             _ => {}
@@ -217,8 +275,63 @@ impl<N: Noise> Bus<N> {
         }
     }
 
-    /// The oldest frame in the receive FIFO of a controller.
+    /// Takes the power of a controller. What waits in it is dropped; a frame that it is sending ends first. One that is on the way as a whole
+    /// stays acknowledged, whoever goes meanwhile.
+    pub fn switch_off(&mut self, node: usize) {
+        self.settle_idle();
+        self.cancel(node);
+        let Node { attempt, controller, power, .. } = &mut self.nodes[node];
+        if attempt.is_some() || controller.free_buffers() < TRANSMIT_BUFFERS {
+            *power = Power::Leaving;
+            self.leaving = true;
+        } else {
+            self.nodes[node].lose_power();
+            self.note_waiting(node);
+        }
+    }
+
+    /// Gives a controller its power again: its error counters are zero, and it takes part after eleven recessive bits. One that has not gone
+    /// yet stays.
+    pub fn switch_on(&mut self, node: usize) {
+        self.settle_idle();
+        let now = self.now;
+        let node = &mut self.nodes[node];
+        match node.power {
+            Power::On | Power::Starting => {}
+            Power::Leaving => node.power = Power::On,
+            Power::Off => {
+                node.participant.switch_on();
+                (node.power, node.restarted) = (Power::Starting, now);
+                self.recovering = true;
+            }
+        }
+    }
+
+    /// Whether a controller has no power, or has just got it and takes no part yet.
+    pub fn is_absent(&self, node: usize) -> bool {
+        matches!(self.nodes[node].power, Power::Off | Power::Starting)
+    }
+
+    /// Those go that have waited for the end of a frame of theirs.
+    fn leave(&mut self) {
+        if !std::mem::take(&mut self.leaving) {
+            return;
+        }
+        for number in 0..self.nodes.len() {
+            if self.nodes[number].power == Power::Leaving {
+                self.nodes[number].lose_power();
+                self.note_waiting(number);
+            }
+        }
+    }
+
+    /// The oldest frame in the receive FIFO of a controller, which has room for another one then.
     pub fn receive(&mut self, node: usize) -> Option<Frame> {
+        self.receive_ref(node).copied()
+    }
+
+    /// The same where it is.
+    pub fn receive_ref(&mut self, node: usize) -> Option<&Frame> {
         self.nodes[node].controller.receive()
     }
 
@@ -238,36 +351,54 @@ impl<N: Noise> Bus<N> {
     }
 
     /// When something happens next, ns; never, if no frame waits and nobody recovers.
+    #[inline]
     pub fn next_at(&self) -> Option<u64> {
-        let (nominal, rate) = (self.timing.nominal().bit_ns(), self.timing.nominal().sample_ns());
-        match self.phase {
-            Phase::Idle { .. } if !self.recovering => None,
-            Phase::Idle { since } => {
-                let bits = self.nodes.iter().filter_map(|node| node.participant.bits_to_recovery()).min()?;
-                Some(since + (bits - 1) * nominal + rate)
-            }
-            Phase::Start { at } => Some(at + rate),
+        let next = if self.recovering { self.next_recovery() } else { self.next };
+        (next != NEVER).then_some(next)
+    }
+
+    /// The same where a controller may recover.
+    #[cold]
+    fn next_recovery(&self) -> u64 {
+        let Phase::Idle { since } = self.phase else { return self.next };
+        let (nominal, sample) = (self.timing.nominal().bit_ns(), self.timing.nominal().sample_ns());
+        let bits = self.nodes.iter().filter_map(|node| node.participant.bits_to_recovery()).min();
+        bits.map_or(NEVER, |bits| since + (bits - 1) * nominal + sample)
+    }
+
+    fn go(&mut self, phase: Phase) {
+        self.phase = phase;
+        let sample = self.timing.nominal().sample_ns();
+        self.next = match phase {
+            Phase::Idle { .. } => NEVER,
+            Phase::Start { at } => at + sample,
             Phase::Clean(Clean { free, stage, .. }) => {
-                Some(free - u64::from(stage.bits_to_end()) * nominal + rate)
+                free - u64::from(stage.bits_to_end()) * self.timing.nominal().bit_ns() + sample
             }
-            Phase::Bits { at, pace } => Some(at + self.sample_ns(pace)),
-        }
+            Phase::Bits { at, pace } => at + self.sample_ns(pace),
+        };
     }
 
     /// Lets time pass to `until` (ns, not before [now](Self::now)). What happens is given to `sink`, in order.
+    #[inline]
     pub fn advance(&mut self, until: u64, sink: &mut impl FnMut(Event)) {
         while let Some(at) = self.next_at()
             && at <= until
         {
-            self.now = at;
-            match self.phase {
-                Phase::Idle { .. } => self.recover(sink),
-                Phase::Start { at } => self.start(at, sink),
-                Phase::Clean(clean) => self.clean(clean, sink),
-                Phase::Bits { at, pace } => self.bit(at, pace, sink),
-            }
+            self.step(at, sink);
         }
         self.now = self.now.max(until);
+    }
+
+    /// Lets happen what happens next, which is at `at`.
+    fn step(&mut self, at: u64, sink: &mut impl FnMut(Event)) {
+        self.now = at;
+        match self.phase {
+            Phase::Idle { .. } => self.recover(sink),
+            Phase::Start { at } => self.start(at, sink),
+            Phase::Clean(clean) => self.clean(clean, sink),
+            Phase::Bits { at, pace } => self.bit(at, pace, sink),
+        }
     }
 
     /// Controllers that recover take the recessive bits of an idle bus until now.
@@ -296,7 +427,7 @@ impl<N: Noise> Bus<N> {
 
     /// The bus is recessive, and free from `at` on.
     fn begin_or_idle(&mut self, at: u64) {
-        self.phase = if self.waiting.is_empty() { Phase::Idle { since: at } } else { Phase::Start { at } };
+        self.go(if self.waiting.is_empty() { Phase::Idle { since: at } } else { Phase::Start { at } });
     }
 
     /// Notes with what a controller would take part in an arbitration.
@@ -305,18 +436,43 @@ impl<N: Noise> Bus<N> {
         let next = if node.participant.mode() == Mode::Off { None } else { node.controller.next(self.now) };
         let waits =
             next.and_then(|buffer| node.controller.pending(buffer)).map(|pending| pending.frame.priority());
-        let before = std::mem::replace(&mut node.waits, waits);
+        self.set_waiting(number, waits);
+    }
+
+    /// The same of one that has just sent a frame.
+    fn note_after_sent(&mut self, number: usize) {
+        let node = &self.nodes[number];
+        if node.controller.free_buffers() == TRANSMIT_BUFFERS {
+            self.set_waiting(number, None);
+        } else {
+            self.note_waiting(number);
+        }
+    }
+
+    /// Notes that a controller would take part with a frame of this priority. Who wins goes most often, and who comes is mostly behind all
+    /// others: both ends are looked at first.
+    fn set_waiting(&mut self, number: usize, waits: Option<u32>) {
+        let before = std::mem::replace(&mut self.nodes[number].waits, waits);
         if before == waits {
             return;
         }
-        let place = |waiting: &[(u32, usize)], entry| waiting.partition_point(|&other| other > entry);
+        let place = |waiting: &VecDeque<_>, entry| waiting.partition_point(|&other| other > entry);
         if let Some(before) = before {
-            let at = place(&self.waiting, (before, number));
-            self.waiting.remove(at);
+            if self.waiting.back() == Some(&(before, number)) {
+                self.waiting.pop_back();
+            } else {
+                let at = place(&self.waiting, (before, number));
+                self.waiting.remove(at);
+            }
         }
         if let Some(waits) = waits {
-            let at = place(&self.waiting, (waits, number));
-            self.waiting.insert(at, (waits, number));
+            let entry = (waits, number);
+            if self.waiting.front().is_none_or(|front| *front < entry) {
+                self.waiting.push_front(entry);
+            } else {
+                let at = place(&self.waiting, entry);
+                self.waiting.insert(at, entry);
+            }
         }
     }
 
@@ -338,7 +494,7 @@ impl<N: Noise> Bus<N> {
         let late = std::mem::take(&mut self.late);
         let mut best = self.waiting.iter().rev();
         let Some(&(priority, node)) = best.next() else {
-            self.phase = Phase::Idle { since: at };
+            self.go(Phase::Idle { since: at });
             return;
         };
         let collides = best.next().is_some_and(|&(next, _)| next == priority);
@@ -372,7 +528,7 @@ impl<N: Noise> Bus<N> {
 
     /// The frame as one step, if nothing disturbs it: its sender is error-active, another one acknowledges, no bit is hit.
     fn clean_frame(&self, at: u64, node: usize) -> Option<(Clean, usize, Length)> {
-        let is_on = |node: &Node| node.participant.mode() != Mode::Off;
+        let is_on = |node: &Node| node.mode != Mode::Off;
         let acknowledged =
             self.nodes.iter().enumerate().any(|(number, other)| number != node && is_on(other));
         let sender = &self.nodes[node];
@@ -380,7 +536,7 @@ impl<N: Noise> Bus<N> {
         let length = Length::of(&sender.controller.pending(buffer)?.frame, false);
         let hit = self.hit.is_some_and(|hit| hit.after < u64::from(length.bits()));
         let clean = Clean { node, free: at + length.ns(self.timing), stage: Stage::Receive };
-        (acknowledged && !hit && sender.participant.mode() == Mode::Active).then_some((clean, buffer, length))
+        (acknowledged && !hit && sender.mode == Mode::Active).then_some((clean, buffer, length))
     }
 
     fn begin_clean(
@@ -396,7 +552,7 @@ impl<N: Noise> Bus<N> {
         }
         self.busy_ns += clean.free - at;
         self.nodes[clean.node].attempt = Some(Attempt { buffer, started: at, passive: false });
-        self.phase = Phase::Clean(clean);
+        self.go(Phase::Clean(clean));
         if self.report_losses {
             self.report_losers(clean.node, sink);
         }
@@ -417,16 +573,16 @@ impl<N: Noise> Bus<N> {
             Stage::Receive => {
                 let frame = node.sent().map(|pending| pending.frame);
                 if let Some(frame) = frame {
-                    self.receive_clean(clean.node, frame, sink);
+                    self.receive_clean(clean.node, &frame, sink);
                 }
-                self.phase = Phase::Clean(Clean { stage: Stage::Sent, ..clean });
+                self.go(Phase::Clean(Clean { stage: Stage::Sent, ..clean }));
             }
             Stage::Sent => {
                 node.participant.counters.sent();
                 node.report_sent(at, clean.node, sink);
                 node.report_mode(at, clean.node, sink);
-                self.note_waiting(clean.node);
-                self.phase = Phase::Clean(Clean { stage: Stage::Free, ..clean });
+                self.note_after_sent(clean.node);
+                self.go(Phase::Clean(Clean { stage: Stage::Free, ..clean }));
             }
             Stage::Free => {
                 if self.recovering {
@@ -434,24 +590,41 @@ impl<N: Noise> Bus<N> {
                     self.report_modes(sink);
                     self.note_all();
                 }
+                self.leave();
                 self.begin_or_idle(clean.free);
             }
         }
     }
 
-    fn receive_clean(&mut self, sender: usize, frame: Frame, sink: &mut impl FnMut(Event)) {
+    fn receive_clean(&mut self, sender: usize, frame: &Frame, sink: &mut impl FnMut(Event)) {
         if self.heard_errors {
             self.count_received(sender, sink);
         }
-        let at = self.now;
-        let route = self.routes.take(frame.id(), &self.nodes);
-        for &number in &route {
-            let node = &mut self.nodes[number];
-            if number != sender && node.participant.mode() != Mode::Off {
-                node.report_received(at, number, frame, sink);
+        let (at, id) = (self.now, frame.id());
+        if let Id::Base(base) = id {
+            self.routes.learn(base, &self.nodes);
+        }
+        let Self { nodes, routes, arrivals, report_receptions, .. } = self;
+        let mut take = |(number, node): (usize, &mut Node)| {
+            if number == sender || node.mode == Mode::Off {
+                return;
+            }
+            if *report_receptions {
+                node.take_received(at, number, frame, sink);
+            } else {
+                let lost = !node.controller.deliver(frame);
+                arrivals.push(Arrival { at, node: number, lost });
+            }
+        };
+        match id {
+            Id::Base(base) => {
+                routes.of(base).iter().for_each(|&number| take((number, &mut nodes[number])));
+            }
+            Id::Extended(_) => {
+                let keeps = |(_, node): &(usize, &mut Node)| node.controller.filter.keeps(id);
+                nodes.iter_mut().enumerate().filter(keeps).for_each(take);
             }
         }
-        self.routes.put_back(frame.id(), route);
     }
 
     fn count_received(&mut self, sender: usize, sink: &mut impl FnMut(Event)) {
@@ -502,10 +675,11 @@ impl<N: Noise> Bus<N> {
             self.busy_ns += next - at;
         }
         if self.nodes.iter().all(|node| node.participant.is_quiet()) {
+            self.leave();
             self.note_all();
             self.begin_or_idle(next);
         } else {
-            self.phase = Phase::Bits { at: next, pace: self.pace() };
+            self.go(Phase::Bits { at: next, pace: self.pace() });
         }
     }
 
@@ -593,23 +767,28 @@ struct Routes {
 }
 
 impl Routes {
-    /// The controllers whose filters keep an identifier.
-    fn take(&mut self, id: Id, nodes: &[Node]) -> Vec<usize> {
-        let known = match id {
-            Id::Base(id) => self.base.get_mut(usize::from(id)).and_then(Option::take),
-            Id::Extended(_) => None,
-        };
-        let keeps = |number: &usize| nodes[*number].controller.filter.keeps(id);
-        known.unwrap_or_else(|| (0..nodes.len()).filter(keeps).collect())
+    /// Finds out which controllers keep an identifier, unless that is known.
+    fn learn(&mut self, id: u16, nodes: &[Node]) {
+        if self.base.get(usize::from(id)).is_none_or(Option::is_none) {
+            self.ask(id, nodes);
+        }
     }
 
-    fn put_back(&mut self, id: Id, route: Vec<usize>) {
-        let Id::Base(id) = id else { return };
+    #[cold]
+    fn ask(&mut self, id: u16, nodes: &[Node]) {
         let at = usize::from(id);
         if self.base.len() <= at {
             self.base.resize(usize::from(LARGEST_BASE) + 1, None);
         }
-        self.base[at] = Some(route);
+        if self.base[at].is_none() {
+            let keeps = |number: &usize| nodes[*number].controller.filter.keeps(Id::Base(id));
+            self.base[at] = Some((0..nodes.len()).filter(keeps).collect());
+        }
+    }
+
+    /// Those that keep it.
+    fn of(&self, id: u16) -> &[usize] {
+        self.base.get(usize::from(id)).and_then(Option::as_deref).unwrap_or_default()
     }
 }
 
@@ -644,6 +823,12 @@ impl Node {
         }
     }
 
+    fn lose_power(&mut self) {
+        self.controller.clear();
+        self.participant.switch_off();
+        (self.attempt, self.mode, self.power) = (None, Mode::Off, Power::Off);
+    }
+
     /// The attempt that was on the way, if one was, has not succeeded.
     fn failed(&mut self, error: bool) {
         if let Some(attempt) = self.attempt.take() {
@@ -653,7 +838,7 @@ impl Node {
 
     fn report(&mut self, happening: Happening, at: u64, node: usize, sink: &mut impl FnMut(Event)) {
         match happening {
-            Happening::Received(frame) => self.report_received(at, node, frame, sink),
+            Happening::Received(frame) => self.report_received(at, node, &frame, sink),
             Happening::Sent => self.report_sent(at, node, sink),
             Happening::Overload => sink(Event { at, node, what: What::Overload }),
             Happening::LostArbitration => self.failed(false),
@@ -665,17 +850,22 @@ impl Node {
         }
     }
 
-    fn report_received(&mut self, at: u64, node: usize, frame: Frame, sink: &mut impl FnMut(Event)) {
-        let id = frame.id();
-        if self.controller.filter.keeps(id) {
-            let lost = !self.controller.deliver(frame);
-            sink(Event { at, node, what: What::Received { id, lost } });
+    fn report_received(&mut self, at: u64, node: usize, frame: &Frame, sink: &mut impl FnMut(Event)) {
+        if self.controller.filter.keeps(frame.id()) {
+            self.take_received(at, node, frame, sink);
         }
+    }
+
+    /// Takes a frame that its filter keeps.
+    fn take_received(&mut self, at: u64, node: usize, frame: &Frame, sink: &mut impl FnMut(Event)) {
+        let lost = !self.controller.deliver(frame);
+        sink(Event { at, node, what: What::Received { id: frame.id(), lost } });
     }
 
     fn report_sent(&mut self, at: u64, node: usize, sink: &mut impl FnMut(Event)) {
         let Some(Attempt { buffer, started, passive }) = self.attempt.take() else { return };
-        if let Some(Pending { frame, ready, errors, .. }) = self.controller.remove(buffer) {
+        if let Some(&Pending { frame, ready, errors, .. }) = self.controller.pending(buffer) {
+            self.controller.remove(buffer);
             sink(Event { at, node, what: What::Sent { frame, passive, ready, started, errors } });
         }
     }
@@ -683,6 +873,11 @@ impl Node {
     fn report_mode(&mut self, at: u64, node: usize, sink: &mut impl FnMut(Event)) {
         let mode = self.participant.mode();
         if std::mem::replace(&mut self.mode, mode) != mode {
+            if self.power == Power::Starting {
+                // That is no recovery.
+                self.power = Power::On;
+                return;
+            }
             sink(Event { at, node, what: What::Mode { mode, counters: self.participant.counters } });
         }
     }

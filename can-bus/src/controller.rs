@@ -2,7 +2,6 @@
 
 use crate::filter::Filter;
 use crate::frame::Frame;
-use std::collections::VecDeque;
 
 /// Transmit buffers, as in bxCAN and FDCAN of the STM32.
 pub const TRANSMIT_BUFFERS: usize = 3;
@@ -39,28 +38,45 @@ pub(crate) struct Controller {
     order: Order,
     pub(crate) filter: Filter,
     buffers: [Option<Pending>; TRANSMIT_BUFFERS],
+    /// Buffers that hold a frame.
+    used: usize,
     sequence: u64,
-    received: VecDeque<Frame>,
+    fifo: Fifo,
     overflows: u64,
+}
+
+/// Received frames, the oldest one first.
+#[derive(Clone, Debug)]
+struct Fifo {
+    frames: [Frame; RECEIVE_FIFO],
+    /// Place of the oldest one.
+    first: usize,
+    count: usize,
 }
 
 impl Controller {
     pub(crate) fn new(order: Order, filter: Filter) -> Self {
-        let received = VecDeque::with_capacity(RECEIVE_FIFO);
-        Self { order, filter, buffers: [None; TRANSMIT_BUFFERS], sequence: 0, received, overflows: 0 }
+        let fifo = Fifo { frames: [Frame::EMPTY; RECEIVE_FIFO], first: 0, count: 0 };
+        Self { order, filter, buffers: [None; TRANSMIT_BUFFERS], used: 0, sequence: 0, fifo, overflows: 0 }
     }
 
     /// Puts a frame into a free buffer; whether there was one.
-    pub(crate) fn load(&mut self, frame: Frame, ready: u64) -> bool {
+    pub(crate) fn load(&mut self, frame: &Frame, ready: u64) -> bool {
         let sequence = self.sequence;
         let Some(free) = self.buffers.iter_mut().find(|buffer| buffer.is_none()) else { return false };
-        *free = Some(Pending { frame, ready, sequence, errors: 0, cancelled: false });
+        *free = Some(Pending { frame: *frame, ready, sequence, errors: 0, cancelled: false });
         self.sequence += 1;
+        self.used += 1;
         true
     }
 
     pub(crate) fn free_buffers(&self) -> usize {
-        self.buffers.iter().filter(|buffer| buffer.is_none()).count()
+        TRANSMIT_BUFFERS - self.used
+    }
+
+    /// The frame that is sent next is the one with the smallest priority, rather than the oldest.
+    pub(crate) fn is_by_priority(&self) -> bool {
+        self.order == Order::Priority
     }
 
     /// Drops what waits; the frame that is being sent is not tried again.
@@ -71,10 +87,15 @@ impl Controller {
                 _ => *buffer = None,
             }
         }
+        self.used = self.buffers.iter().flatten().count();
     }
 
     /// The buffer that is sent next, of the frames that came until `by`.
     pub(crate) fn next(&self, by: u64) -> Option<usize> {
+        if self.used <= 1 {
+            let ready = |buffer: &Option<Pending>| buffer.as_ref().is_some_and(|pending| pending.ready <= by);
+            return if self.used == 0 { None } else { self.buffers.iter().position(ready) };
+        }
         let ready = |(at, buffer): (usize, &Option<Pending>)| {
             let pending = buffer.as_ref().filter(|pending| pending.ready <= by)?;
             let rank = if self.order == Order::Priority { pending.frame.priority() } else { 0 };
@@ -87,8 +108,12 @@ impl Controller {
         self.buffers.get(at)?.as_ref()
     }
 
-    pub(crate) fn remove(&mut self, at: usize) -> Option<Pending> {
-        self.buffers.get_mut(at)?.take()
+    /// Empties a transmit buffer.
+    pub(crate) fn remove(&mut self, at: usize) {
+        if let Some(buffer) = self.buffers.get_mut(at) {
+            self.used -= usize::from(buffer.is_some());
+            *buffer = None;
+        }
     }
 
     /// An attempt has not succeeded: it is tried again, unless it was cancelled.
@@ -98,22 +123,39 @@ impl Controller {
             pending.errors = pending.errors.saturating_add(u32::from(error));
             if pending.cancelled {
                 *buffer = None;
+                self.used -= 1;
             }
         }
     }
 
     /// Takes a frame from the bus; whether there was room.
-    pub(crate) fn deliver(&mut self, frame: Frame) -> bool {
-        if self.received.len() == RECEIVE_FIFO {
+    // Inlined because it is done at each receiver of each frame.
+    #[inline]
+    pub(crate) fn deliver(&mut self, frame: &Frame) -> bool {
+        let Fifo { frames, first, count } = &mut self.fifo;
+        if *count == RECEIVE_FIFO {
             self.overflows += 1;
             return false;
         }
-        self.received.push_back(frame);
+        let last = *first + *count;
+        frames[if last < RECEIVE_FIFO { last } else { last - RECEIVE_FIFO }] = *frame;
+        *count += 1;
         true
     }
 
-    pub(crate) fn receive(&mut self) -> Option<Frame> {
-        self.received.pop_front()
+    /// The oldest received frame, which goes with that.
+    pub(crate) fn receive(&mut self) -> Option<&Frame> {
+        let Fifo { frames, first, count } = &mut self.fifo;
+        let at = *first;
+        *count = count.checked_sub(1)?;
+        *first = if at + 1 < RECEIVE_FIFO { at + 1 } else { 0 };
+        frames.get(at)
+    }
+
+    /// Drops all that it holds.
+    pub(crate) fn clear(&mut self) {
+        (self.buffers, self.used) = ([None; TRANSMIT_BUFFERS], 0);
+        (self.fifo.first, self.fifo.count) = (0, 0);
     }
 
     pub(crate) fn overflows(&self) -> u64 {

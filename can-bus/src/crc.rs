@@ -28,9 +28,8 @@ const fn step_15(crc: u16, bit: bool) -> u16 {
 
 /// CRC-15 of `bytes` bytes, the last ones of `bits`. It begins with zero, so zeros before the first one change nothing.
 pub(crate) fn crc_15(bits: u128, bytes: u32) -> u16 {
-    bits.to_be_bytes()
+    bits.to_be_bytes()[BYTES - bytes as usize..]
         .iter()
-        .skip(BYTES - bytes as usize)
         .fold(0, |crc, byte| (crc << 8) & MASK_15 ^ TABLE_15[usize::from((crc >> 7) as u8 ^ byte)])
 }
 

@@ -34,6 +34,11 @@ impl Queue {
         self.frames.pop_front()
     }
 
+    /// Drops what it holds.
+    pub fn clear(&mut self) {
+        self.frames.clear();
+    }
+
     /// Whether it holds none.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()

@@ -102,6 +102,10 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// A frame in a place that none has come to yet.
+    pub(crate) const EMPTY: Self =
+        Self { id: Id::Base(0), kind: Kind::Data, length: 0, data: [0; LONGEST_FD] };
+
     /// A classic frame with data.
     ///
     /// # Errors
@@ -164,6 +168,16 @@ impl Frame {
         }
     }
 
+    /// The data field of a classic frame as a number, first byte first, and how many bytes it has.
+    pub(crate) fn classic_bytes(&self) -> (u64, u32) {
+        let bytes = self.bytes().len().min(LONGEST_CLASSIC);
+        let mut first = [0; LONGEST_CLASSIC];
+        first.copy_from_slice(&self.data[..LONGEST_CLASSIC]);
+        let bits = 8 * bytes as u32;
+        // What comes after them is cut; a shift by all bits is none.
+        (u64::from_be_bytes(first).checked_shr(u64::BITS - bits).unwrap_or(0), bytes as u32)
+    }
+
     /// Number of bytes that its data length code says.
     pub fn length(&self) -> usize {
         usize::from(self.length)
@@ -171,7 +185,10 @@ impl Frame {
 
     /// Data length code.
     pub fn dlc(&self) -> u8 {
-        LENGTHS.iter().position(|&length| length == self.length).map_or(0, |code| code as u8)
+        match self.length {
+            0..=8 => self.length,
+            _ => LENGTHS.iter().position(|&length| length == self.length).map_or(0, |code| code as u8),
+        }
     }
 
     /// Whether it is a CAN FD frame.

@@ -85,8 +85,8 @@ pub(crate) fn header(frame: &Frame, passive: bool) -> (u128, u32) {
 
 fn classic(frame: &Frame) -> Length {
     let (bits, length) = header(frame, false);
-    let bytes = frame.bytes().len() as u32;
-    let covered = frame.bytes().iter().fold(bits, |all, &byte| all << 8 | u128::from(byte));
+    let (data, bytes) = frame.classic_bytes();
+    let covered = bits << (8 * bytes) | u128::from(data);
     let crc = crc_15(covered, length.div_ceil(8) + bytes);
     let mut stuffing = Stuffing::after_start();
     // All but the start of frame.

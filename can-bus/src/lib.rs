@@ -23,11 +23,11 @@ mod stuff;
 pub mod table;
 pub mod wire;
 
-pub use bus::Bus;
+pub use bus::{Arrival, Bus};
 pub use candump::Line;
 #[cfg(feature = "pcapng")]
 pub use capture::Capture;
-pub use controller::Order;
+pub use controller::{Order, TRANSMIT_BUFFERS};
 pub use counters::{Counters, Mode};
 pub use driver::Queue;
 pub use event::{Event, What};

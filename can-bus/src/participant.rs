@@ -156,6 +156,16 @@ impl Participant {
         off
     }
 
+    /// Loses its power: whatever it does, it ends.
+    pub(crate) fn switch_off(&mut self) {
+        *self = Self { state: State::Off, ..Self::new() };
+    }
+
+    /// Gets its power: it takes part once it has seen eleven recessive bits in a row.
+    pub(crate) fn switch_on(&mut self) {
+        *self = Self { state: State::Recovering { run: 0, times: RECOVERY_TIMES - 1 }, ..Self::new() };
+    }
+
     pub(crate) fn is_recovering(&self) -> bool {
         matches!(self.state, State::Recovering { .. })
     }

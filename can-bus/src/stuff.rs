@@ -16,21 +16,25 @@ struct Effect {
 /// Bytes of what is given as a number.
 const BYTES: usize = 16;
 
-const START: Effect = Effect { state: 0, stuffed: 0, at_end: false };
-
-const BYTE: [[Effect; 256]; 8] = {
-    let mut table = [[START; 256]; 8];
+/// Effects of whole bytes, by state and byte, packed: the state in the low bits, then whether a stuff bit is at the end, then their number.
+const BYTE: [[u8; 256]; 8] = {
+    let mut table = [[0; 256]; 8];
     let mut state = 0;
     while state < 8 {
         let mut byte = 0;
         while byte < 256 {
-            table[state][byte] = after(state as u8, byte as u8, 8);
+            let Effect { state: next, stuffed, at_end } = after(state as u8, byte as u8, 8);
+            table[state][byte] = next | (at_end as u8) << AT_END | stuffed << STUFFED;
             byte += 1;
         }
         state += 1;
     }
     table
 };
+/// Bits of the state in a packed effect, and where the others are.
+const STATE: u8 = 7;
+const AT_END: u32 = 3;
+const STUFFED: u32 = 4;
 
 /// The effect of the last `bits` bits of a byte.
 const fn after(state: State, byte: u8, bits: u32) -> Effect {
@@ -78,7 +82,10 @@ impl Stuffing {
 
     /// Takes the next 8 bits.
     pub(crate) fn byte(&mut self, byte: u8) {
-        self.add(BYTE[usize::from(self.state)][usize::from(byte)]);
+        let effect = BYTE[usize::from(self.state & STATE)][usize::from(byte)];
+        self.state = effect & STATE;
+        self.count += u32::from(effect >> STUFFED);
+        self.at_end = effect >> AT_END & 1 == 1;
     }
 
     /// Takes the next `length` bits, the last ones of `bits`.
@@ -88,7 +95,7 @@ impl Stuffing {
             self.add(after(self.state, (bits >> (length - odd)) as u8, odd));
         }
         let whole = length as usize / 8;
-        bits.to_be_bytes().iter().skip(BYTES - whole).for_each(|&byte| self.byte(byte));
+        bits.to_be_bytes()[BYTES - whole..].iter().for_each(|&byte| self.byte(byte));
     }
 
     /// Stuff bits so far, one right after the last bit included.

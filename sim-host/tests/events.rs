@@ -447,6 +447,89 @@ fn an_edge_of_its_own_funnel_is_gone_with_its_node() {
     assert!((true_nu[0] - (x[4] - x[0])).abs() < 1e-12);
 }
 
+/// A bus on which all frames of a tick arrive within it.
+const ON_CAN: &[&str] = &["bus.model=can", "bus.bitrate=1000000"];
+const CAN_FD: &[&str] = &["bus.model=can-fd", "bus.bitrate=1000000"];
+
+/// What events do on the wire is what they do without one, to the bit of each state: who is off sends nothing and hears nothing, and
+/// the links that are cut carry nothing. Who comes at a tick takes part too late for its first frame, and knows that neighbour a tick later.
+#[test]
+fn events_on_can_are_those_of_the_ideal_bus_where_frames_are_in_time() {
+    for (events, comes) in [
+        ("{ at = '300ms', kind = 'crash', node = 2 }, { at = '600ms', kind = 'join', node = 2 }", Some(600)),
+        ("{ at = '300ms', kind = 'bounce', node = 3 }", None),
+        ("{ at = '300ms', kind = 'leave', node = 2 }", None),
+        ("{ at = '300ms', kind = 'leave', node = 2 }, { at = '600ms', kind = 'join', node = 2 }", Some(600)),
+        ("{ at = '300ms', kind = 'join', node = 2 }", Some(300)),
+        (
+            "{ at = '300ms', kind = 'partition', groups = [[1, 2], [3, 4, 5]] }, { at = '600ms', kind = 'repair' }",
+            None,
+        ),
+    ] {
+        let expect = ["expect.funnel_ratio=1.0", "expect.recovered_within=200ms"];
+        let judged = |bus: &[&str]| {
+            let scenario = ring(events, &[APART, &expect, bus].concat());
+            let run = outcome(&scenario);
+            let summary = run.judge(&scenario, Fidelity::Loopback);
+            let funnel = summary.funnel.as_ref().unwrap();
+            assert!(funnel.during_events.is_some(), "{bus:?} {events}");
+            (states(&run), format!("{funnel:?} {:?}", summary.expect), failed(&summary))
+        };
+        let (ideal, summary, failed) = judged(&[]);
+        for bus in [ON_CAN, CAN_FD] {
+            let (on_can, can_summary, can_failed) = judged(bus);
+            let first = (0..ideal.len()).find(|&k| ideal[k] != on_can[k]);
+            if let Some(comes) = comes {
+                assert_eq!(first, Some(comes + 1), "{bus:?} {events}");
+                assert_eq!(can_failed, failed, "{bus:?} {events}");
+            } else {
+                assert_eq!((first, &can_summary), (None, &summary), "{bus:?} {events}");
+            }
+        }
+    }
+}
+
+/// Bits of all states, tick by tick.
+fn states(outcome: &Outcome) -> Vec<Vec<u64>> {
+    outcome.rows.iter().map(|row| row.x.iter().map(|x| x.to_bits()).collect()).collect()
+}
+
+/// Worlds that must fail on CAN: nobody mends it, and too little time to recover.
+#[test]
+fn a_network_on_can_that_does_not_recover_in_time_fails() {
+    let expect = |within: &'static str| [APART, ON_CAN, &["expect.funnel_ratio=1.0", within]].concat();
+    let never = judged(&ring(HALVES, &expect("expect.recovered_within=200ms")));
+    assert!(failed(&never).contains(&"recovered_within".to_owned()), "{:?}", failed(&never));
+    let mended = format!("{HALVES}, {MENDED}");
+    let in_time = judged(&ring(&mended, &expect("expect.recovered_within=200ms")));
+    assert!(failed(&in_time).is_empty(), "{:?}", failed(&in_time));
+    let late = judged(&ring(&mended, &expect("expect.recovered_within=1ms")));
+    assert!(!failed(&late).is_empty());
+}
+
+/// A node that leaves has its goodbye on the wire before it goes; one that crashes has not.
+#[test]
+fn a_node_that_leaves_on_can_says_so_and_one_that_crashes_does_not() {
+    let lost_at = |kind: &str| {
+        let run = outcome(&ring(&format!("{{ at = '400ms', kind = '{kind}', node = 2 }}"), ON_CAN));
+        assert_eq!(gaps(&run, 2), range(400, 1001), "{kind}");
+        let two = NodeId::new(2).unwrap();
+        [1, 3].map(|id| {
+            said(&run, id).iter().find(|(_, event)| *event == Event::NeighbourLost(two)).map(|(at, _)| *at)
+        })
+    };
+    assert_eq!(lost_at("leave"), [Some(401), Some(401)]);
+    assert_eq!(lost_at("crash"), [Some(521), Some(521)]);
+}
+
+#[test]
+fn a_serial_line_refuses_events() {
+    let text = format!("event = [{{ at = '400ms', kind = 'crash', node = 2 }}]\n{RING}");
+    let uart = Override::parse("bus.model=uart").unwrap();
+    let errors = Scenario::parse(&text, Path::new("ring.toml"), &[uart]).unwrap_err();
+    assert!(errors.to_string().contains("events happen on the ideal bus and on CAN"), "{errors}");
+}
+
 #[test]
 fn who_cannot_make_events_refuses_them() {
     let scenario = ring("{ at = '400ms', kind = 'crash', node = 2 }", &[]);

@@ -13,9 +13,8 @@ pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use plants::{Driven, Plants};
 pub use world::World;
 
-use crate::bus::Medium;
-use crate::bus::Traffic;
 use crate::bus::ideal::IdealBus;
+use crate::bus::{Medium, Power, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
 use crate::scenario::Change;
@@ -118,7 +117,10 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.bus.set_listeners(world.listeners());
         self.world = Some(world);
         let absent: Vec<usize> = (0..self.nodes.len()).filter(|&index| !self.is_on(index)).collect();
-        absent.into_iter().for_each(|index| self.forget(index));
+        for index in absent {
+            self.forget(index);
+            self.bus.switch(0, index, Power::Off);
+        }
         self
     }
 
@@ -255,8 +257,14 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             world.make(change);
         }
         match change {
-            Change::Off { node, .. } => self.forget(node),
-            Change::On { node } => self.command(node, Command::Start, now),
+            Change::Off { node, told } => {
+                self.forget(node);
+                self.bus.switch(now, node, if told { Power::OffWhenSent } else { Power::Off });
+            }
+            Change::On { node } => {
+                self.bus.switch(now, node, Power::On);
+                self.command(node, Command::Start, now);
+            }
             Change::Cut(..) | Change::Mend(..) => {}
         }
     }
@@ -309,34 +317,28 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
 
     fn deliver_before(&mut self, now: u64) {
         loop {
-            let arrival = self.bus.next_arrival().filter(|&at| at < now);
-            if !self.later.is_empty() && self.sends_first(now, arrival) {
-                continue;
-            }
-            let Some(at) = arrival else { return };
-            if self.clocks.is_some() {
-                self.deliver_by_clocks(at);
+            // What a node has computed by then goes before what arrives at the same time.
+            let until = self.later.front().map_or(now, |later| later.at.min(now));
+            let delivered = if self.clocks.is_some() {
+                self.deliver_by_clocks(until)
             } else {
                 let nodes = &mut self.nodes;
-                self.bus.deliver(|receiver, heard| receive(nodes, receiver, heard, at));
-            }
-            for (index, count) in self.bus.take_off() {
-                self.fail(index, count, at);
+                self.bus.deliver_before(until, |at, receiver, heard| receive(nodes, receiver, heard, at))
+            };
+            match delivered {
+                Some(_) if !self.bus.has_off() => {}
+                Some(at) => {
+                    for (index, count) in self.bus.take_off() {
+                        self.fail(index, count, at);
+                    }
+                }
+                None if until == now => return,
+                None => self.send_later(),
             }
         }
     }
 
-    /// Sends what a node has computed before `now`, if that is before the next arrival; whether there was something.
     #[cold]
-    fn sends_first(&mut self, now: u64, arrival: Option<u64>) -> bool {
-        let Some(later) = self.later.front() else { return false };
-        let is_first = later.at < now && arrival.is_none_or(|at| later.at <= at);
-        if is_first {
-            self.send_later();
-        }
-        is_first
-    }
-
     fn send_later(&mut self) {
         let Some(Later { at, node, messages }) = self.later.pop_front() else { return };
         messages.iter().for_each(|message| self.bus.send(at, node, message));

@@ -1,5 +1,6 @@
 //! The network of a scenario in this program: its nodes, and the bus between them.
 
+use crate::bus::Medium;
 use crate::bus::can::{CanBus, LinkNoise, OnWire};
 use crate::bus::ideal::{IdealBus, IdealParams};
 use crate::bus::links::Payload;
@@ -10,6 +11,7 @@ use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::{NodeSpec, Scenario};
 use funnelnet_can_bus::BitErrors;
+use funnelnet_law::field::VectorField;
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{ConfigError, TickSource};
@@ -72,19 +74,27 @@ impl From<Unfit> for Refused {
 /// # Errors
 /// See [`Refused`].
 pub fn engine(scenario: &Scenario) -> Result<Engine, Refused> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, ideal_bus(scenario));
+    engine_on(scenario, ideal_bus(scenario))
+}
+
+/// The same on any medium: a scenario refuses events on one that makes none.
+///
+/// # Errors
+/// See [`Refused`].
+pub fn engine_on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M>, Refused> {
+    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
     let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
     if scenario.events.is_empty() {
         return Ok(engine.with_clocks(Clocks::of(scenario)));
     }
-    let fresh = nodes(scenario, JOINING)?;
-    let world = World::new(
-        &scenario.course().on_clock(&scenario.time),
-        scenario.time.tick_ns,
-        listeners(scenario),
-        fresh,
-    );
-    Ok(engine.with_world(world))
+    Ok(engine.with_world(world(scenario, nodes(scenario, JOINING)?)))
+}
+
+/// The events of a scenario, whose nodes are as `fresh` after power-on.
+#[must_use]
+pub fn world<V: VectorField<f32> + Clone>(scenario: &Scenario, fresh: Vec<Node<f32, V>>) -> World<V> {
+    let course = scenario.course().on_clock(&scenario.time);
+    World::new(&course, scenario.time.tick_ns, listeners(scenario), fresh)
 }
 
 /// The nodes of a scenario, configured.

@@ -11,10 +11,10 @@ pub use verdict::Verdict;
 
 use crate::bus::Medium;
 use crate::central::Central;
-use crate::configure::{central_configs, listeners, node_configs};
-use crate::engine::{self, Clocks, Driven, Engine, NodeEvent, Plants, World};
+use crate::configure::{central_configs, node_configs};
+use crate::engine::{self, Clocks, Driven, Engine, NodeEvent, Plants};
 use crate::judge::{Judge, Moment, Stop};
-use crate::loopback::{JOINING, LOOPBACK, Refused, accepted, can_bus, compute, ideal_bus, uart_bus};
+use crate::loopback::{JOINING, LOOPBACK, Refused, accepted, can_bus, compute, ideal_bus, uart_bus, world};
 use crate::noise::Noise;
 use crate::scenario::{BusModel, Coupling, LARGEST_RUN, Scenario};
 use funnelnet_law::field::VectorField;
@@ -188,7 +188,7 @@ impl<'s> Setup<'s> {
             return self.central();
         }
         match scenario.bus.model {
-            BusModel::Ideal => self.on_ideal(),
+            BusModel::Ideal => self.on(ideal_bus(scenario)),
             BusModel::Can => self.on(can_bus::<Classic>(scenario)?),
             BusModel::CanFd => self.on(can_bus::<Fd>(scenario)?),
             BusModel::Uart => self.on(uart_bus(scenario)),
@@ -205,27 +205,14 @@ impl<'s> Setup<'s> {
         Ok(Box::new(Central::new(params, &scenario.graph, Noise::of(scenario))))
     }
 
-    fn on_ideal(self) -> Result<Box<dyn Network + 's>, Refused> {
-        let scenario = self.scenario;
-        let world = match scenario.events.is_empty() {
-            true => None,
-            false => Some(World::new(
-                &scenario.course().on_clock(&scenario.time),
-                scenario.time.tick_ns,
-                listeners(scenario),
-                self.nodes(JOINING)?,
-            )),
-        };
-        let engine = self.engine(ideal_bus(scenario))?;
-        Ok(Box::new(match world {
-            Some(world) => engine.with_world(world),
-            None => engine.with_clocks(Clocks::of(scenario)),
-        }))
-    }
-
+    /// With events where there are any: a scenario refuses them on a medium that makes none.
     fn on<M: Medium + 's>(self, medium: M) -> Result<Box<dyn Network + 's>, Refused> {
-        let clocks = Clocks::of(self.scenario);
-        Ok(Box::new(self.engine(medium)?.with_clocks(clocks)))
+        let scenario = self.scenario;
+        if scenario.events.is_empty() {
+            return Ok(Box::new(self.engine(medium)?.with_clocks(Clocks::of(scenario))));
+        }
+        let world = world(scenario, self.nodes(JOINING)?);
+        Ok(Box::new(self.engine(medium)?.with_world(world)))
     }
 
     fn engine<M: Medium>(self, medium: M) -> Result<Engine<M, NodeField>, Refused> {

@@ -12,9 +12,9 @@ use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
-use crate::engine::{Clocks, Engine};
+use crate::engine::Engine;
 use crate::hub::Hub;
-use crate::loopback::{LOOPBACK, accepted, can_bus, compute, engine, ideal_bus, nodes, uart_bus};
+use crate::loopback::{LOOPBACK, accepted, can_bus, engine, engine_on, ideal_bus, uart_bus};
 use crate::noise::Noise;
 use crate::record::{BusSummary, ClockSummary};
 use crate::scenario::{BusModel, Coupling, Scenario};
@@ -41,16 +41,14 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     }
 }
 
-/// Runs on a medium that makes no events.
+/// Runs on a medium with bits.
 fn on<M: Medium>(
     medium: M,
     scenario: &Scenario,
     options: &RunOptions,
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
-    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
-    let mut engine = engine.with_clocks(Clocks::of(scenario));
+    let mut engine = engine_on(scenario, medium)?;
     let log = options.out.is_some() && options.bus_logs.any();
     engine.bus_mut().watch(scenario.time.tick_ns, log);
     in_program(scenario, options, rows, engine)
@@ -123,8 +121,7 @@ fn tables<M: Medium>(engine: &mut Engine<M>, scenario: &Scenario, utilisation: f
 pub(crate) fn can_engine(
     scenario: &Scenario,
 ) -> Result<Engine<crate::bus::can::CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
-    Ok(engine.with_noise(Noise::of(scenario)))
+    Ok(engine_on(scenario, can_bus(scenario)?)?)
 }
 
 /// Nodes that are not in this program have no bus but the ideal one of the hub, or a real one.

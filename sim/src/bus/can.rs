@@ -6,18 +6,20 @@
 use super::links::{self, Links, Payload};
 use super::loss::Loser;
 use super::watch::Watch;
-use super::{Medium, Stamp, Traffic};
+use super::{Medium, Power, Stamp, Traffic};
 use crate::random::{self, Purpose};
 use crate::scenario::{LinkSpec, Loss};
 use funnelnet_can_bus::{
-    Bus, Event, Filter, Frame, Hit, Id, Mode, Noise, Order, Queue, SeenBy, Strike, Timing, What,
+    Bus, Event, Filter, Frame, Hit, Id, Mode, Noise, Order, Queue, SeenBy, Strike, TRANSMIT_BUFFERS, Timing,
+    What,
 };
+use funnelnet_link::port::LOOK_EVERY_NS;
 use funnelnet_link::{BusState, CanPort, Change, Classic, Fd, Format, Heard, Request};
 use funnelnet_protocol::message::{Component, NodeId};
 use funnelnet_protocol::{Message, Refusal, can, can_fd};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng as _;
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 
 /// Bits of an identifier that say whose frame it is (protocol/README.md).
 const NODE_BITS: u16 = 0x7F;
@@ -28,6 +30,9 @@ const IDS: usize = NODE_BITS as usize + 1;
 
 /// A format with its frames as they are on the wire.
 pub trait OnWire: Format {
+    /// A frame says no more than one thing.
+    const SAYS_ONE_THING: bool;
+
     /// A frame of a node, which has an 11-bit identifier and a length that the format has.
     fn on_wire(frame: &Self::Frame) -> Option<Frame>;
 
@@ -36,6 +41,8 @@ pub trait OnWire: Format {
 }
 
 impl OnWire for Classic {
+    const SAYS_ONE_THING: bool = true;
+
     fn on_wire(frame: &Self::Frame) -> Option<Frame> {
         Frame::data(Id::Base(frame.id()), frame.data()).ok()
     }
@@ -47,6 +54,8 @@ impl OnWire for Classic {
 
 /// All frames switch to the faster rate, as those of the boards do.
 impl OnWire for Fd {
+    const SAYS_ONE_THING: bool = false;
+
     fn on_wire(frame: &Self::Frame) -> Option<Frame> {
         Frame::fd(Id::Base(frame.id()), frame.data(), true).ok()
     }
@@ -69,6 +78,15 @@ struct Station<F: Format> {
     loser: Loser,
     /// The node computes until then, ns.
     busy_until: u64,
+    power: Power,
+}
+
+impl<F: Format> Station<F> {
+    /// One that has just been switched on, and nothing waits in it.
+    fn fresh(&mut self) {
+        (self.port, self.busy_until) = (CanPort::new(), 0);
+        self.queue.clear();
+    }
 }
 
 /// What a driver has to do.
@@ -80,19 +98,48 @@ enum Work {
     Load,
 }
 
+/// What drivers are to do, in order: when it came to that (ns), for which node. It is done in one go, so that no ring is needed.
+#[derive(Default)]
+struct Due {
+    entries: Vec<(u64, u32, Work)>,
+    done: usize,
+}
+
+impl Due {
+    fn push(&mut self, at: u64, node: usize, work: Work) {
+        self.entries.push((at, node as u32, work));
+    }
+
+    fn next(&self) -> Option<(u64, usize, Work)> {
+        self.entries.get(self.done).map(|&(at, node, work)| (at, node as usize, work))
+    }
+
+    /// The next one is done.
+    fn advance(&mut self) {
+        self.done += 1;
+        if self.done == self.entries.len() {
+            self.entries.clear();
+            self.done = 0;
+        }
+    }
+}
+
 /// CAN with one controller for each node.
 pub struct CanBus<N, F: Format = Classic> {
     bus: Bus<N>,
     stations: Vec<Station<F>>,
-    /// What drivers are to do, in order: when it came to that (ns), for which node.
-    due: VecDeque<(u64, usize, Work)>,
+    due: Due,
     /// When nodes have computed whose queues hold something, ns.
     waking: BTreeSet<(u64, usize)>,
     /// When the ports look at their controllers next, ns: all at the same time.
     look_at: u64,
     links: Option<Links<Frame>>,
+    /// Receivers take all that their controllers keep, and stamp nothing: no losses, no links, no events, no time masters.
+    is_plain: bool,
     /// The node of each identifier, by index; none for one that is of no node.
     nodes: [Option<u8>; IDS],
+    /// Who accepts the frames of each node, by index, once events may have changed that; the filters of the controllers stay.
+    listeners: Option<Vec<Vec<usize>>>,
     traffic: Traffic,
     /// Where nodes keep time: stamps of SYNC that nobody has taken yet.
     stamps: Option<Vec<Stamp>>,
@@ -130,6 +177,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
     ) -> Self {
         let mut bus = Bus::new(timing, noise);
         bus.report_losses(false);
+        bus.report_receptions(false);
         let filter = |of: usize| {
             let heard = ids.iter().zip(listeners).filter(|(_, listeners)| listeners.contains(&of));
             // Frames to all carry no node.
@@ -150,15 +198,18 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             queue: Queue::default(),
             loser: Loser::new(Loss::NONE, random::stream(0, Purpose::Loss, index as u64)),
             busy_until: 0,
+            power: Power::On,
         };
         Self {
             bus,
             stations: (0..ids.len()).map(station).collect(),
-            due: VecDeque::new(),
+            due: Due::default(),
             waking: BTreeSet::new(),
             look_at: 0,
             links: None,
+            is_plain: masters.is_empty(),
             nodes,
+            listeners: None,
             traffic: Traffic::default(),
             stamps: (!masters.is_empty()).then(Vec::new),
             off: Vec::new(),
@@ -172,6 +223,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         for (index, station) in self.stations.iter_mut().enumerate() {
             station.loser = Loser::new(loss, random::stream(seed, Purpose::Loss, index as u64));
         }
+        self.is_plain &= loss.is_none();
         self
     }
 
@@ -183,12 +235,14 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             ..*link
         };
         let links: Vec<LinkSpec> = links.iter().map(on_wire).collect();
-        Self { links: Links::of(seed, &links), ..self }
+        let links = Links::of(seed, &links);
+        Self { is_plain: self.is_plain && links.is_none(), links, ..self }
     }
 
     /// With somebody who sees all that happens on it.
     pub fn with_tap(mut self, tap: Tap) -> Self {
         self.bus.report_losses(true);
+        self.bus.report_receptions(true);
         Self { tap: Some(tap), ..self }
     }
 
@@ -197,50 +251,78 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         &self.bus
     }
 
+    #[inline]
     fn advance(&mut self, to: u64) {
-        let (due, traffic, tap, watch) = (&mut self.due, &mut self.traffic, &mut self.tap, &mut self.watch);
-        let (stamps, bit_ns) = (&mut self.stamps, self.bus.timing().nominal().bit_ns());
-        self.bus.advance(to, &mut |event: Event| {
-            match event.what {
-                What::Sent { ref frame, .. } => {
-                    traffic.sent += 1;
-                    if let Some(stamps) = stamps.as_mut().filter(|_| is_sync(frame.id())) {
-                        // Receivers take a frame a bit before its sender is done with it.
-                        let at = event.at.saturating_sub(bit_ns);
-                        stamps.push(Stamp { node: event.node, at, own: true });
-                    }
-                    due.push_back((event.at, event.node, Work::Load));
-                }
-                What::Received { lost, .. } => {
-                    traffic.no_room += u64::from(lost);
-                    due.push_back((event.at, event.node, Work::Unload));
-                }
-                What::LostArbitration { .. } | What::Error { .. } | What::Overload | What::Mode { .. } => {}
-            }
-            if let Some(watch) = watch {
-                watch.take(event);
-            }
-            if let Some(tap) = tap {
-                tap(&event);
-            }
-        });
+        while self.bus.next_at().is_some_and(|next| next <= to) {
+            self.run(to);
+        }
+        self.bus.advance(to, &mut |_| ());
     }
 
-    fn request(&mut self, index: usize, request: Option<Request>) {
+    /// Lets happen what happens on the bus up to `to` (ns), or up to the first thing that is due for somebody.
+    fn run(&mut self, to: u64) {
+        let (due, traffic, tap, watch) = (&mut self.due, &mut self.traffic, &mut self.tap, &mut self.watch);
+        let (stamps, bit_ns) = (&mut self.stamps, self.bus.timing().nominal().bit_ns());
+        let before = due.entries.len();
+        while let Some(next) = self.bus.next_at().filter(|&next| next <= to) {
+            self.bus.advance(next, &mut |event: Event| {
+                match event.what {
+                    What::Sent { ref frame, .. } => {
+                        traffic.sent += 1;
+                        if let Some(stamps) = stamps.as_mut().filter(|_| is_sync(frame.id())) {
+                            // Receivers take a frame a bit before its sender is done with it.
+                            let at = event.at.saturating_sub(bit_ns);
+                            stamps.push(Stamp { node: event.node, at, own: true });
+                        }
+                        due.push(event.at, event.node, Work::Load);
+                    }
+                    What::Received { lost, .. } => {
+                        traffic.no_room += u64::from(lost);
+                        due.push(event.at, event.node, Work::Unload);
+                    }
+                    What::LostArbitration { .. }
+                    | What::Error { .. }
+                    | What::Overload
+                    | What::Mode { .. } => {}
+                }
+                if let Some(watch) = watch {
+                    watch.take(event);
+                }
+                if let Some(tap) = tap {
+                    tap(&event);
+                }
+            });
+            // At one time there are arrivals or events.
+            for arrival in self.bus.drain_arrivals() {
+                traffic.no_room += u64::from(arrival.lost);
+                due.push(arrival.at, arrival.node, Work::Unload);
+            }
+            if due.entries.len() > before {
+                return;
+            }
+        }
+    }
+
+    #[cold]
+    fn request(&mut self, index: usize, request: Request) {
         match request {
-            Some(Request::Cancel) => {
+            Request::Cancel => {
                 let before = self.bus.free_buffers(index);
                 self.bus.cancel(index);
                 self.traffic.replaced += (self.bus.free_buffers(index) - before) as u64;
             }
-            Some(Request::Restart) => self.bus.restart(index),
-            None => {}
+            Request::Restart => self.bus.restart(index),
         }
     }
 
     /// All ports look at their controllers.
     fn look(&mut self, now: u64, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
         for index in 0..self.stations.len() {
+            if self.bus.is_absent(index) {
+                // Its driver has not begun, or there is none.
+                self.look_at = self.look_at.max(now + LOOK_EVERY_NS);
+                continue;
+            }
             let state = match self.bus.mode(index) {
                 Mode::Active => BusState::Active,
                 Mode::Passive => BusState::Passive,
@@ -250,16 +332,34 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             let request = station.port.on_state(state, now);
             self.look_at = station.port.look_at();
             hear(&mut station.port, index, &mut self.off, receive);
-            self.request(index, request);
+            if let Some(request) = request {
+                self.request(index, request);
+            }
             self.load(index);
+            // A node that goes has had its time.
+            self.leave(index, true);
+        }
+    }
+
+    /// A node goes that has only waited until all is sent, or for so `long` that it may not be.
+    fn leave(&mut self, index: usize, long: bool) {
+        let Some(station) =
+            self.stations.get_mut(index).filter(|station| station.power == Power::OffWhenSent)
+        else {
+            return;
+        };
+        let is_sent = station.port.next_frame().is_none() && self.bus.free_buffers(index) == TRANSMIT_BUFFERS;
+        if is_sent || long {
+            station.power = Power::Off;
+            station.fresh();
+            self.bus.switch_off(index);
         }
     }
 
     /// Gives the controller what waits in the port, as far as it has room.
     fn load(&mut self, index: usize) {
         let Some(station) = self.stations.get_mut(index) else { return };
-        while self.bus.free_buffers(index) > 0 {
-            let Some(frame) = station.port.next_frame() else { return };
+        while let Some(frame) = station.port.next_frame().filter(|_| self.bus.free_buffers(index) > 0) {
             if let Some(frame) = F::on_wire(frame) {
                 let _loaded = self.bus.send(index, frame);
             }
@@ -269,9 +369,31 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
 
     /// Takes what the controller has received at `now` (ns), and tells what the port hears of it once the node does not compute.
     fn unload(&mut self, now: u64, index: usize, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
-        let Some(Station { port, queue, loser, busy_until }) = self.stations.get_mut(index) else { return };
+        let Some(Station { port, queue, busy_until, .. }) = self.stations.get_mut(index) else { return };
+        if !self.is_plain || *busy_until > now || !queue.is_empty() {
+            return self.unload_by_queue(now, index, receive);
+        }
+        while let Some(frame) = self.bus.receive_ref(index) {
+            hand(port, frame, index, &mut self.off, receive);
+        }
+    }
+
+    /// The same where frames may be lost, come late, or have to wait.
+    #[cold]
+    fn unload_by_queue(
+        &mut self,
+        now: u64,
+        index: usize,
+        receive: &mut impl FnMut(usize, Result<Message, Refusal>),
+    ) {
+        let Some(Station { port, queue, loser, busy_until, .. }) = self.stations.get_mut(index) else {
+            return;
+        };
         let computes = *busy_until > now;
         while let Some(frame) = self.bus.receive(index) {
+            if is_deaf(&self.listeners, sender(&self.nodes, frame.id()), index) {
+                continue;
+            }
             if loser.loses() {
                 self.traffic.lost += 1;
                 continue;
@@ -298,31 +420,44 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         }
     }
 
-    /// When something happens next that is not due yet, ns.
-    fn next_time(&self) -> u64 {
-        let bus = self.bus.next_at().unwrap_or(u64::MAX).min(self.look_at);
+    /// When something happens next that is not due yet, ns: on the bus, and elsewhere.
+    fn next_times(&self) -> (u64, u64) {
         let waking = self.waking.first().map_or(u64::MAX, |&(at, _)| at);
         let late = self.links.as_ref().and_then(Links::next_at).unwrap_or(u64::MAX);
-        bus.min(waking).min(late)
+        (self.bus.next_at().unwrap_or(u64::MAX), self.look_at.min(waking).min(late))
     }
 
-    /// Lets all happen that happens next, so that it is due.
-    fn pass(&mut self, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
-        let now = self.next_time();
+    /// Lets all happen that happens next, at `now` (ns), so that it is due.
+    #[cold]
+    fn pass(&mut self, now: u64, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
         self.advance(now);
         if now >= self.look_at {
             self.look(now, receive);
         }
         while let Some(&(_, index)) = self.waking.first().filter(|&&(at, _)| at <= now) {
             self.waking.pop_first();
-            self.due.push_back((now, index, Work::Unload));
+            self.due.push(now, index, Work::Unload);
         }
         let Some(links) = &mut self.links else { return };
         while links.next_at().is_some_and(|at| at <= now) {
             let Some((_, _, to, frame)) = links.take_late() else { return };
             if let Some(station) = self.stations.get_mut(to) {
                 station.queue.put(frame);
-                self.due.push_back((now, to, Work::Unload));
+                self.due.push(now, to, Work::Unload);
+            }
+        }
+    }
+
+    /// Does what is due at `now` (ns). What comes later is delivered later.
+    fn work(&mut self, now: u64, receive: &mut impl FnMut(usize, Result<Message, Refusal>)) {
+        while let Some((_, index, work)) = self.due.next().filter(|&(at, ..)| at == now) {
+            self.due.advance();
+            match work {
+                Work::Unload => self.unload(now, index, receive),
+                Work::Load => {
+                    self.load(index);
+                    self.leave(index, false);
+                }
             }
         }
     }
@@ -339,13 +474,19 @@ fn sender(nodes: &[Option<u8>; IDS], id: Id) -> Option<usize> {
     nodes.get(usize::from(id & NODE_BITS)).copied().flatten().map(usize::from)
 }
 
+/// Whether events have cut a node off from the sender of a frame.
+fn is_deaf(listeners: &Option<Vec<Vec<usize>>>, sender: Option<usize>, index: usize) -> bool {
+    let list = listeners.as_ref().zip(sender).and_then(|(listeners, sender)| listeners.get(sender));
+    list.is_some_and(|list| !list.contains(&index))
+}
+
 /// Bits that links disturb are bits on the wire.
 impl Payload for Frame {
     fn flip(&mut self, _: impl FnOnce(usize) -> usize) {}
 }
 
 /// Gives a port a frame, and tells what it hears of it.
-fn hand<F: Format>(
+fn hand<F: OnWire>(
     port: &mut CanPort<F>,
     frame: &Frame,
     index: usize,
@@ -354,7 +495,14 @@ fn hand<F: Format>(
 ) {
     if let Id::Base(id) = frame.id() {
         port.on_frame(id, frame.bytes());
-        hear(port, index, off, receive);
+        if F::SAYS_ONE_THING {
+            // What is told of changes was heard when it was looked at.
+            if let Some(heard) = port.hear() {
+                tell(heard, index, off, receive);
+            }
+        } else {
+            hear(port, index, off, receive);
+        }
     }
 }
 
@@ -365,11 +513,21 @@ fn hear<F: Format>(
     receive: &mut impl FnMut(usize, Result<Message, Refusal>),
 ) {
     while let Some(heard) = port.hear() {
-        match heard {
-            Heard::Message(message) => receive(index, message),
-            Heard::Change(Change::Off { count, .. }) => off.push((index, count)),
-            Heard::Change(_) => {}
-        }
+        tell(heard, index, off, receive);
+    }
+}
+
+#[inline]
+fn tell(
+    heard: Heard,
+    index: usize,
+    off: &mut Vec<(usize, u16)>,
+    receive: &mut impl FnMut(usize, Result<Message, Refusal>),
+) {
+    match heard {
+        Heard::Message(message) => receive(index, message),
+        Heard::Change(Change::Off { count, .. }) => off.push((index, count)),
+        Heard::Change(_) => {}
     }
 }
 
@@ -384,8 +542,10 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
         }
         let request = station.port.send(message);
         // Only a frame that has waited for so long that its successor is here asks for that.
-        self.traffic.replaced += u64::from(request == Some(Request::Cancel));
-        self.request(sender, request);
+        if let Some(request) = request {
+            self.traffic.replaced += u64::from(request == Request::Cancel);
+            self.request(sender, request);
+        }
         self.load(sender);
     }
 
@@ -393,8 +553,10 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
         self.advance(now);
         let Some(station) = self.stations.get_mut(sender) else { return };
         let request = station.port.flush();
-        self.traffic.replaced += u64::from(request == Some(Request::Cancel));
-        self.request(sender, request);
+        if let Some(request) = request {
+            self.traffic.replaced += u64::from(request == Request::Cancel);
+            self.request(sender, request);
+        }
         self.load(sender);
     }
 
@@ -405,22 +567,66 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
     }
 
     fn next_arrival(&self) -> Option<u64> {
-        Some(self.due.front().map_or_else(|| self.next_time(), |&(at, ..)| at))
+        let (bus, other) = self.next_times();
+        Some(self.due.next().map_or(bus.min(other), |(at, ..)| at))
     }
 
     fn deliver(&mut self, mut receive: impl FnMut(usize, Result<Message, Refusal>)) {
-        if self.due.is_empty() {
-            self.pass(&mut receive);
+        if self.due.next().is_none() {
+            let (bus, other) = self.next_times();
+            self.pass(bus.min(other), &mut receive);
         }
-        let Some(&(now, ..)) = self.due.front() else { return };
-        // What comes later is delivered later.
-        while let Some(&(_, index, work)) = self.due.front().filter(|&&(at, ..)| at == now) {
-            self.due.pop_front();
-            match work {
-                Work::Unload => self.unload(now, index, &mut receive),
-                Work::Load => self.load(index),
+        if let Some((now, ..)) = self.due.next() {
+            self.work(now, &mut receive);
+        }
+    }
+
+    fn deliver_before(
+        &mut self,
+        before: u64,
+        mut receive: impl FnMut(u64, usize, Result<Message, Refusal>),
+    ) -> Option<u64> {
+        while self.due.next().is_none() {
+            let (bus, other) = self.next_times();
+            let now = bus.min(other);
+            if now >= before {
+                return None;
+            }
+            if bus < other {
+                self.run(before.min(other) - 1);
+            } else {
+                self.pass(now, &mut |index, heard| receive(now, index, heard));
+                return Some(now);
             }
         }
+        let (now, ..) = self.due.next().filter(|&(at, ..)| at < before)?;
+        self.work(now, &mut |index, heard| receive(now, index, heard));
+        Some(now)
+    }
+
+    fn set_listeners(&mut self, listeners: Vec<Vec<usize>>) {
+        (self.listeners, self.is_plain) = (Some(listeners), false);
+    }
+
+    fn switch(&mut self, now: u64, node: usize, power: Power) {
+        self.advance(now);
+        let Some(station) = self.stations.get_mut(node) else { return };
+        station.power = power;
+        match power {
+            Power::On => {
+                station.fresh();
+                self.bus.switch_on(node);
+            }
+            Power::Off => {
+                station.fresh();
+                self.bus.switch_off(node);
+            }
+            Power::OffWhenSent => self.leave(node, false),
+        }
+    }
+
+    fn has_off(&self) -> bool {
+        !self.off.is_empty()
     }
 
     fn take_stamps(&mut self) -> Vec<Stamp> {
@@ -438,6 +644,7 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
 
     fn watch(&mut self, zero_ns: u64, log: bool) {
         self.bus.report_losses(true);
+        self.bus.report_receptions(true);
         self.watch = Some(Watch::new(zero_ns, log));
     }
 

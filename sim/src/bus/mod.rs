@@ -45,6 +45,17 @@ pub struct Stamp {
     pub own: bool,
 }
 
+/// Power of a node, which an event has switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Power {
+    /// It comes.
+    On,
+    /// It goes without a word: what it has not begun to send is lost.
+    Off,
+    /// It goes once all that it has said is sent.
+    OffWhenSent,
+}
+
 /// A medium that carries the frames of nodes to their neighbours.
 pub trait Medium {
     /// Node `sender` says something at `now` (ns, never going back).
@@ -63,19 +74,39 @@ pub trait Medium {
     /// Lets the next thing happen: `receive(receiver, message)` for each node that hears something then, or the reason for refusing it.
     fn deliver(&mut self, receive: impl FnMut(usize, Result<Message, Refusal>));
 
+    /// Lets the next thing happen that comes before `before` (ns), with its time; none where nothing does. `receive(time, receiver, message)`
+    /// is as above. Times at which nobody hears anything may be passed over.
+    fn deliver_before(
+        &mut self,
+        before: u64,
+        mut receive: impl FnMut(u64, usize, Result<Message, Refusal>),
+    ) -> Option<u64> {
+        let at = self.next_arrival().filter(|&at| at < before)?;
+        self.deliver(|receiver, heard| receive(at, receiver, heard));
+        Some(at)
+    }
+
+    /// Whether there is anything to [take off](Self::take_off).
+    fn has_off(&self) -> bool {
+        false
+    }
+
     /// Nodes whose controllers have gone off the bus since the last call, and how often so far.
     fn take_off(&mut self) -> Vec<(usize, u16)> {
         Vec::new()
     }
 
-    /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus alone: a scenario refuses
-    /// them on any other.
+    /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus and on CAN alone: a scenario
+    /// refuses them on any other.
     fn set_listeners(&mut self, _listeners: Vec<Vec<usize>>) {}
 
     /// Stamps of SYNC since the last call, in the order in which nodes hear of them; none on a medium without a shared wire.
     fn take_stamps(&mut self) -> Vec<Stamp> {
         Vec::new()
     }
+
+    /// Node `node` goes at `now` (ns), or comes. On the ideal bus nothing follows: a node is no more than its frames there.
+    fn switch(&mut self, _now: u64, _node: usize, _power: Power) {}
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;

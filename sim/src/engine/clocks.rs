@@ -248,9 +248,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         (timing.ticks_at, *wake) = (ticks_at, ticks_at.min(keeps_at));
     }
 
-    /// Lets the bus deliver what comes at `at`; SYNC of time masters go to the keepers, with the stamps of their controllers.
+    /// Lets the bus deliver what comes next before `before` (ns), and gives its time; SYNC of time masters go to the keepers, with the stamps
+    /// of their controllers.
     #[cold]
-    pub(super) fn deliver_by_clocks(&mut self, at: u64) {
+    pub(super) fn deliver_by_clocks(&mut self, before: u64) -> Option<u64> {
+        let at = self.bus.next_arrival().filter(|&at| at < before)?;
         let (nodes, mut heard) = (&mut self.nodes, Vec::<Heard>::new());
         self.bus.deliver(|receiver, message| match message {
             Ok(Message::Sync { source: Some(source), previous_tick, phase_us }) => {
@@ -258,7 +260,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             }
             message => receive(nodes, receiver, message, at),
         });
-        let Some(clocks) = &mut self.clocks else { return };
+        let clocks = self.clocks.as_mut()?;
         let resolution = clocks.stamp_ns;
         for Stamp { node, at, own } in self.bus.take_stamps() {
             let Some(timing) = clocks.nodes.get_mut(node) else { continue };
@@ -268,6 +270,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         for (index, source, said) in heard {
             self.keep(index, source, said, at);
         }
+        Some(at)
     }
 
     /// Gives a SYNC to a keeper. A node counts it as any other frame.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::loopback::engine_on;
 use crate::scenario::Override;
 use std::path::Path;
 
@@ -30,6 +31,40 @@ fn the_nodes_and_the_bits_are_those_of_the_engine() {
                 assert_eq!(simulation.node(index as u16 + 1)[0].x.to_bits(), seen.x.to_bits());
             }
         }
+    }
+}
+
+/// Where nobody watches, receptions are no events of the bus: nothing that nodes hear depends on it, nor what their controllers stamp.
+#[test]
+fn who_watches_a_bus_changes_nothing_on_it() {
+    let drifting = "../sim-host/tests/clocks/five-agents.toml";
+    let bounced = "event=[{at='300ms',kind='bounce',node=2},{at='500ms',kind='partition',link=[1,2]},{at='600ms',kind='repair'}]";
+    for (file, sets) in [
+        ("five-agents.toml", &["bus.bit_errors=1e-4"][..]),
+        ("five-agents.toml", &["bus.loss=0.2"]),
+        ("five-agents.toml", &["bus.bit_errors=1e-4", bounced]),
+        (drifting, &[]),
+        (drifting, &["bus.loss=0.1"]),
+    ] {
+        let scenario = gallery(file, &[&["bus.model=can", "time.duration=1s"], sets].concat());
+        let engine = || engine_on(&scenario, can_bus::<Classic>(&scenario).unwrap()).unwrap();
+        let (mut unwatched, mut watched) = (engine(), engine());
+        watched.bus_mut().watch(scenario.time.tick_ns, true);
+        unwatched.start();
+        watched.start();
+        let mut simulation = Simulation::new(&scenario).unwrap();
+        for k in 0..=scenario.time.ticks {
+            let bits = |seen: &[Observation<f32>]| -> Vec<u32> {
+                seen.iter().map(|seen| seen.x.to_bits()).collect()
+            };
+            let seen = bits(watched.advance().unwrap());
+            assert_eq!(bits(unwatched.advance().unwrap()), seen, "{sets:?} {k}");
+            simulation.step();
+            assert_eq!(bits(simulation.network.observations()), seen, "{sets:?} {k}");
+        }
+        assert_eq!(unwatched.skew(), watched.skew(), "{sets:?}");
+        assert_eq!(unwatched.take_events(), watched.take_events(), "{sets:?}");
+        assert_eq!(unwatched.traffic(), watched.traffic(), "{sets:?}");
     }
 }
 

@@ -46,8 +46,9 @@ pub(in crate::scenario) fn make_sense(
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
-    if let Some(event) = items.first().filter(|_| setting.bus != BusModel::Ideal) {
-        let allowed = "must not be there with this bus.model: events happen on the ideal bus, so far";
+    if let Some(event) = items.first().filter(|_| setting.bus == BusModel::Uart) {
+        let allowed =
+            "must not be there with this bus.model: events happen on the ideal bus and on CAN, so far";
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
