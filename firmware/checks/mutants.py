@@ -22,6 +22,7 @@ LAYOUT = """
 SECTIONS {
   .vector_table 0x0 : { KEEP(*(.vector_table)) }
   .text : { *(.text*) }
+  .far 0xe840 : { *(.far*) }
   .rodata : { *(.rodata*) }
   .data 0x20000000 : { *(.data*) }
   .bss : { *(.bss*) }
