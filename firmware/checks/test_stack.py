@@ -27,7 +27,7 @@ INSTRUCTION = """
 typedef void (*call)(void);
 void leaf(void) { __asm__ volatile(""); }
 volatile call next = leaf;
-__attribute__((section(".far"))) void far(void) { __asm__ volatile(".balign 4\\n strex r0, r0, [r1]" ::: "r0", "memory"); next(); }
+__attribute__((section(".text.far"))) void far(void) { __asm__ volatile(".balign 4\\n strex r0, r0, [r1]" ::: "r0", "memory"); next(); }
 void deep(void) { far(); __asm__ volatile(""); }
 """
 DIRECT = """
