@@ -226,7 +226,7 @@ fn cures_are_tried_before_they_are_advised() {
 }
 
 /// The longest tick that is named, s, and the ratio of a run at so many times it.
-fn longest(file: &str, sets: &[&str]) -> (f64, impl Fn(f64) -> f64) {
+fn longest(file: &str, sets: &[&str]) -> (f64, impl Fn(f64) -> f64 + use<>) {
     let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).collect();
     let scenario = gallery(file, &sets);
     let (named, end_us) =
