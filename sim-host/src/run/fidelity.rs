@@ -2,19 +2,19 @@
 
 use super::drive::{Cut, Record, drive};
 use super::error::RunError;
-use super::heard;
 use super::network::Network;
 use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
+use crate::bus::can::CanBus;
 use crate::bus::table::{BusTable, BusTables};
 use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
-use crate::engine::{Clocks, Engine};
+use crate::engine::Engine;
 use crate::hub::Hub;
-use crate::loopback::{LOOPBACK, accepted, can_bus, compute, engine, ideal_bus, nodes, uart_bus};
+use crate::loopback::{LOOPBACK, accepted, can_bus, engine, engine_on, ideal_bus, nodes, uart_bus};
 use crate::noise::Noise;
 use crate::record::{BusSummary, ClockSummary};
 use crate::scenario::{BusModel, Coupling, Scenario};
@@ -48,9 +48,7 @@ fn on<M: Medium>(
     options: &RunOptions,
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
-    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
-    let mut engine = engine.with_clocks(Clocks::of(scenario));
+    let mut engine = engine_on(scenario, medium)?;
     let log = options.out.is_some() && options.bus_logs.any();
     engine.bus_mut().watch(scenario.time.tick_ns, log);
     in_program(scenario, options, rows, engine)
@@ -70,7 +68,7 @@ fn in_program<M: Medium>(
     // Of a run that was cut off nobody knows who would still have been heard.
     let (unheard, silent) = match record.cut {
         Some(_) => (Vec::new(), Vec::new()),
-        None => heard::unheard_and_silent(scenario, &engine),
+        None => engine.unheard_and_silent(&scenario.graph),
     };
     let (happened, reports) = (scenario.events.clone(), engine.reports());
     let clocks = engine.skew().map(|skew| ClockSummary::of(&skew, scenario));
@@ -122,7 +120,7 @@ fn tables<M: Medium>(engine: &mut Engine<M>, scenario: &Scenario, utilisation: f
 /// The nodes of a scenario in this program, on its CAN bus, not started yet.
 pub(crate) fn can_engine(
     scenario: &Scenario,
-) -> Result<Engine<crate::bus::can::CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
+) -> Result<Engine<CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
     let engine = Engine::new(nodes(scenario, LOOPBACK)?, can_bus(scenario)?);
     Ok(engine.with_noise(Noise::of(scenario)))
 }

@@ -1,8 +1,10 @@
 //! What every run must do, whether or not anything is expected of it.
 
 use super::{Findings, ReferenceSummary};
+use crate::engine::NodeEvent;
 use crate::figure::figure;
 use crate::scenario::{FloorSpec, Scenario, Stoppable};
+use funnelnet_node::Event;
 use funnelnet_protocol::report::Counters;
 use serde::Serialize;
 
@@ -66,6 +68,17 @@ pub struct AbsenceSummary {
     pub to_tick: Option<u32>,
     /// Why it was given up.
     pub why: String,
+}
+
+impl Stop {
+    /// The stop that an event of a node of `scenario` tells of, if it does.
+    #[must_use]
+    pub fn of(event: &NodeEvent, scenario: &Scenario) -> Option<Self> {
+        let Event::Fault(code) = event.event else { return None };
+        // Tick 0 is one tick after the start, when the announced states have arrived.
+        let at_ns = scenario.time.from_clock(event.at.saturating_sub(scenario.time.tick_ns));
+        Some(Self { id: scenario.nodes.get(event.node)?.id, at_s: at_ns as f64 / 1e9, why: code.to_string() })
+    }
 }
 
 /// What the checks look at.
