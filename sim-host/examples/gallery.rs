@@ -4,8 +4,8 @@
 //! markers in README.md; with `--check` it only compares the table, and fails where it differs.
 #![allow(clippy::expect_used, clippy::panic)]
 
-use sim_host::figure::figure;
 use sim_host::interrupt::Interrupt;
+use sim_host::number_format::significant;
 use sim_host::record::Summary;
 use sim_host::report::states_svg;
 use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate, trace};
@@ -164,7 +164,7 @@ fn row(scenario: &Scenario, summary: &Summary, missing: Option<&str>) -> String 
 
 /// So many significant digits, below 1e-3 too, where [`figure`] gives one less.
 fn digits_of(value: f64, digits: usize) -> String {
-    figure(value, if value.abs() < 1e-3 { digits + 1 } else { digits })
+    significant(value, if value.abs() < 1e-3 { digits + 1 } else { digits })
 }
 
 fn draw(scenario: &Scenario, outcome: &Outcome) {

@@ -2,7 +2,7 @@
 
 use super::{Findings, ReferenceSummary};
 use crate::engine::NodeEvent;
-use crate::figure::figure;
+use crate::number_format::significant;
 use crate::scenario::{FloorSpec, Scenario, Stoppable};
 use funnelnet_node::Event;
 use funnelnet_protocol::report::Counters;
@@ -142,7 +142,7 @@ fn stopped(scenario: &Scenario, stops: &[Stop]) -> Check {
         Stoppable::Ids(ids) => ids.contains(&id),
     };
     let tell = |stop: &Stop| {
-        format!("node {} stopped by itself at {} s: {}", stop.id, figure(stop.at_s, 6), stop.why)
+        format!("node {} stopped by itself at {} s: {}", stop.id, significant(stop.at_s, 6), stop.why)
     };
     let faults = stops.iter().filter(|stop| !may(stop.id)).map(tell).collect();
     let fine = match stops.len() {
@@ -183,8 +183,8 @@ fn floor(scenario: &Scenario, evidence: &Evidence<'_>) -> Check {
                 format!(
                     "node {} keeps its funnel at {} at tick {k}, wider than {}, which coupling.floor accepts",
                     account.id,
-                    figure(own, 4),
-                    figure(asked, 4)
+                    significant(own, 4),
+                    significant(asked, 4)
                 )
             }),
         }
@@ -219,7 +219,7 @@ fn measured(findings: &Findings) -> Check {
 /// A reference that does not know its own solution measures nothing.
 fn resolved(reference: Option<&ReferenceSummary>) -> Check {
     let unresolved = reference.filter(|reference| !reference.resolved).map(|reference| {
-        let error = figure(reference.error_estimate, 3);
+        let error = significant(reference.error_estimate, 3);
         format!("the continuous-time reference has not resolved the problem: it may be off by {error} itself")
     });
     let fine =
@@ -237,8 +237,8 @@ fn consistent(evidence: &Evidence<'_>) -> Check {
             faults.push(format!(
                 "node {} runs in another funnel than the scenario's: {} at tick {k}, where it is {}",
                 account.id,
-                figure(own, 6),
-                figure(asked, 6)
+                significant(own, 6),
+                significant(asked, 6)
             ));
         }
     }
@@ -254,8 +254,8 @@ fn own_width(account: &Account) -> Option<String> {
         format!(
             "node {} runs in another funnel than the scenario's: {} at tick {k}, where it is {}",
             account.id,
-            figure(own, 6),
-            figure(asked, 6)
+            significant(own, 6),
+            significant(asked, 6)
         )
     })
 }
