@@ -299,8 +299,8 @@ cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus 
     cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters --test lines -- --include-ignored
 }
 
-# Images that firmware/emulated runs.
-readonly EMULATED_IMAGES="rp2040_pico rp2040_pico_peers heater nucleo_g474re nucleo_g474re_can_fd nucleo_g474re_peers nucleo_f446re nrf52840_dk nrf52840_dk_peers"
+# Images that firmware/emulated runs. The image with CAN FD is the same binary: it is built before the one without.
+readonly EMULATED_IMAGES="rp2040_pico rp2040_pico_peers heater nucleo_g474re_can_fd nucleo_g474re nucleo_g474re_peers nucleo_f446re nrf52840_dk nrf52840_dk_peers"
 
 cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits
     if ! has_emulated; then

@@ -21,7 +21,7 @@ __attribute__((section(".vector_table"), used)) void *const table[16] =
 LAYOUT = """
 SECTIONS {
   .vector_table 0x0 : { KEEP(*(.vector_table)) }
-  .text : { *(.text*) }
+  .text : { *(.text) . = 0xe800; *(.text.far) }
   .rodata : { *(.rodata*) }
   .data 0x20000000 : { *(.data*) }
   .bss : { *(.bss*) }

@@ -154,7 +154,9 @@ class Stacks(Image):
         """Functions whose address is a word of the image, or is put together by movw and movt; the vector table does not count."""
         low = min(address for address in self.words)
         vectors = {low + 4 * n for n in range(HANDLERS)} if self.is_vector(low) else set()
-        found = {word - 1 for address, word in self.words.items() if word & 1 and address not in vectors}
+        # An instruction may read as an address: `strd r0, r0, [r5]` is 0xe9c5.
+        instructions = {address for address, _, mnemonic, _ in self.code if not mnemonic.startswith(".")}
+        found = {word - 1 for address, word in self.words.items() if word & 1 and address not in vectors | instructions}
         halves = {}
         for _, function, mnemonic, operands in self.code:
             if match := re.match(r"^(\w+), #(\d+)", operands):

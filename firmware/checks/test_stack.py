@@ -22,6 +22,14 @@ void branch(struct node *self) { follow(self->child); __asm__ volatile(""); }
 struct node leaf = { branch, 0 }, root = { branch, &leaf };
 void deep(void) { root.walk(&root); __asm__ volatile(""); }
 """
+# `strex r0, r0, [r1]` reads as the address of the function at 0xe840, which is called by no pointer.
+INSTRUCTION = """
+typedef void (*call)(void);
+void leaf(void) { __asm__ volatile(""); }
+volatile call next = leaf;
+__attribute__((section(".text.far"))) void far(void) { __asm__ volatile(".balign 4\\n strex r0, r0, [r1]" ::: "r0", "memory"); next(); }
+void deep(void) { far(); __asm__ volatile(""); }
+"""
 DIRECT = """
 void other(int n);
 void deep(void) { other(9); __asm__ volatile(""); }
@@ -60,6 +68,9 @@ class Stack(unittest.TestCase):
 
     def test_recursion_by_a_pointer_over_a_helper_is_refused(self):
         self.refused(OVER_A_HELPER, "in a circle, by pointers: branch")
+
+    def test_an_instruction_that_reads_as_an_address_is_no_pointer(self):
+        stack.bound(self.image(INSTRUCTION))
 
     def test_a_frame_whose_size_is_not_known_is_refused(self):
         self.refused(DYNAMIC, "how much is that?")

@@ -3,7 +3,7 @@
 #![no_main]
 
 use funnelnet_link::port::LOOK_EVERY_NS;
-use funnelnet_link::{BusState, CanPort, Classic, Fd, Format, Frame, Heard, Junction};
+use funnelnet_link::{BusState, CanPort, Classic, Fd, Format, Forwarder, Frame, Heard};
 use funnelnet_protocol::can;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
@@ -127,7 +127,7 @@ fn line(script: &mut Script<'_>) {
 
 /// Four nodes, each with a line to every other one: what one is told goes round, and dies.
 fn network(script: &mut Script<'_>) {
-    let mut nodes: [Junction<PEERS>; PEERS + 1] = Default::default();
+    let mut nodes: [Forwarder<PEERS>; PEERS + 1] = Default::default();
     let mut now = 0;
     while let Some(event) = script.byte() {
         let at = usize::from(event) % nodes.len();
@@ -149,7 +149,7 @@ fn network(script: &mut Script<'_>) {
 }
 
 /// Carries everything from node to node until nothing moves.
-fn settle(nodes: &mut [Junction<PEERS>; PEERS + 1], now: u64) {
+fn settle(nodes: &mut [Forwarder<PEERS>; PEERS + 1], now: u64) {
     let mut carried = 0;
     loop {
         let before = carried;

@@ -1,8 +1,8 @@
 //! Any text as a scenario: it is read, or refused with at least one mistake that has a place; no panic.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use funnelnet_sim::scenario::Scenario;
+use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 
 fuzz_target!(|text: &str| {

@@ -3,7 +3,7 @@
 
 use crate::bus::{Bus, BusState, Change, Step};
 use crate::format::Format;
-use crate::mailbox::{Mailbox, Put};
+use crate::tx_queue::{Put, TxQueue};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 
@@ -34,7 +34,7 @@ pub enum Heard {
 #[derive(Debug)]
 pub struct CanPort<F: Format> {
     format: F,
-    waiting: Mailbox<F::Frame>,
+    waiting: TxQueue<F::Frame>,
     bus: Bus,
     /// Time of the next look at the error state, ns.
     look_at: u64,
@@ -54,7 +54,7 @@ impl<F: Format> CanPort<F> {
     pub fn new() -> Self {
         Self {
             format: F::default(),
-            waiting: Mailbox::new(),
+            waiting: TxQueue::new(),
             bus: Bus::new(),
             look_at: 0,
             change: None,

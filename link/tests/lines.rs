@@ -1,7 +1,7 @@
 //! Networks of nodes on lines to each other: what is said once gets everywhere, goes over each line at most once in each direction, and dies.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnelnet_link::{FORGET_MS, HOST_LINE, Junction};
+use funnelnet_link::{FORGET_MS, Forwarder, HOST_LINE};
 use funnelnet_protocol::message::{
     Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
 };
@@ -21,7 +21,7 @@ struct End {
 
 /// Nodes, their lines, and the frames on them. Each line carries frames in order, and how fast is up to the test.
 struct Network {
-    junctions: Vec<Junction<PEERS>>,
+    forwarders: Vec<Forwarder<PEERS>>,
     /// The other end of each line between nodes.
     wires: BTreeMap<End, End>,
     /// Frames on their way to an end.
@@ -50,7 +50,7 @@ impl Network {
             }
         }
         Self {
-            junctions: (0..nodes).map(|_| Junction::new()).collect(),
+            forwarders: (0..nodes).map(|_| Forwarder::new()).collect(),
             wires,
             on_the_way: BTreeMap::new(),
             stuck: BTreeSet::new(),
@@ -73,7 +73,7 @@ impl Network {
             }
             message => message,
         };
-        self.junctions[node].send(&message, self.now);
+        self.forwarders[node].send(&message, self.now);
     }
 
     /// Everything that can happen next.
@@ -82,7 +82,7 @@ impl Network {
             (!frames.is_empty() && !self.stuck.contains(&end)).then_some(Move::Arrive(end))
         };
         let arrivals = self.on_the_way.iter().filter_map(takes);
-        let ends = (0..self.junctions.len()).flat_map(|node| (0..LINES).map(move |line| End { node, line }));
+        let ends = (0..self.forwarders.len()).flat_map(|node| (0..LINES).map(move |line| End { node, line }));
         arrivals.chain(ends.filter(|end| !self.stuck.contains(end)).map(Move::Leave)).collect()
     }
 
@@ -93,13 +93,13 @@ impl Network {
                 let Some(message) = self.on_the_way.get_mut(&end).and_then(VecDeque::pop_front) else {
                     return false;
                 };
-                if self.junctions[end.node].hear(end.line, &message, self.now) {
+                if self.forwarders[end.node].hear(end.line, &message, self.now) {
                     self.given[end.node].push(message);
                 }
                 true
             }
             Move::Leave(end) => {
-                let Some(message) = self.junctions[end.node].take(end.line) else { return false };
+                let Some(message) = self.forwarders[end.node].take(end.line) else { return false };
                 self.left.push((end, message));
                 if let Some(&other) = self.wires.get(&end) {
                     self.on_the_way.entry(other).or_default().push_back(message);
@@ -331,25 +331,25 @@ fn own_states_and_edges_go_on_all_lines_and_a_neighbours_goes_no_further() {
 
 #[test]
 fn of_what_waits_the_latest_counts_and_a_state_leaves_before_the_sync_that_came_after_it() {
-    let mut junction: Junction<1> = Junction::new();
+    let mut forwarder: Forwarder<1> = Forwarder::new();
     for tick in 1..=3 {
-        junction.send(&state(0, 0, tick), 0);
-        junction.send(&state(0, 1, tick), 0);
-        assert!(junction.hear(HOST_LINE, &sync(tick), 0));
+        forwarder.send(&state(0, 0, tick), 0);
+        forwarder.send(&state(0, 1, tick), 0);
+        assert!(forwarder.hear(HOST_LINE, &sync(tick), 0));
     }
-    let waiting: Vec<_> = std::iter::from_fn(|| junction.take(1)).collect();
+    let waiting: Vec<_> = std::iter::from_fn(|| forwarder.take(1)).collect();
     assert_eq!(waiting, [state(0, 0, 3), state(0, 1, 3), sync(3)]);
     // The host is not told what it has said.
-    assert_eq!(std::iter::from_fn(|| junction.take(HOST_LINE)).count(), 2);
+    assert_eq!(std::iter::from_fn(|| forwarder.take(HOST_LINE)).count(), 2);
 }
 
 #[test]
 fn on_a_line_that_is_too_slow_for_both_state_and_sync_take_turns() {
-    let mut junction: Junction<1> = Junction::new();
+    let mut forwarder: Forwarder<1> = Forwarder::new();
     let sent = (1..=6).filter_map(|tick| {
-        assert!(junction.hear(HOST_LINE, &sync(tick), 0));
-        junction.send(&state(0, 0, tick), 0);
-        junction.take(1)
+        assert!(forwarder.hear(HOST_LINE, &sync(tick), 0));
+        forwarder.send(&state(0, 0, tick), 0);
+        forwarder.take(1)
     });
     let sent: Vec<_> = sent.collect();
     assert_eq!(sent, [sync(1), state(0, 0, 2), sync(3), state(0, 0, 4), sync(5), state(0, 0, 6)]);
@@ -358,59 +358,59 @@ fn on_a_line_that_is_too_slow_for_both_state_and_sync_take_turns() {
 #[test]
 fn what_makes_a_node_speak_leaves_before_what_it_says() {
     for cause in [ctrl(Command::Start, 1), sync(3)] {
-        let mut junction: Junction<1> = Junction::new();
-        assert!(junction.hear(HOST_LINE, &cause, 0));
-        junction.send(&state(0, 0, 4), 0);
-        assert_eq!([junction.take(1), junction.take(1)], [Some(cause), Some(state(0, 0, 4))]);
+        let mut forwarder: Forwarder<1> = Forwarder::new();
+        assert!(forwarder.hear(HOST_LINE, &cause, 0));
+        forwarder.send(&state(0, 0, 4), 0);
+        assert_eq!([forwarder.take(1), forwarder.take(1)], [Some(cause), Some(state(0, 0, 4))]);
     }
 }
 
 #[test]
 fn a_command_and_a_fault_overtake_values() {
-    let mut junction: Junction<2> = Junction::new();
-    junction.send(&state(0, 0, 1), 0);
-    junction.send(&fault(0, 1), 0);
-    assert!(junction.hear(1, &ctrl(Command::Stop, 1), 0));
-    let waiting: Vec<_> = std::iter::from_fn(|| junction.take(2)).collect();
+    let mut forwarder: Forwarder<2> = Forwarder::new();
+    forwarder.send(&state(0, 0, 1), 0);
+    forwarder.send(&fault(0, 1), 0);
+    assert!(forwarder.hear(1, &ctrl(Command::Stop, 1), 0));
+    let waiting: Vec<_> = std::iter::from_fn(|| forwarder.take(2)).collect();
     assert_eq!(waiting, [ctrl(Command::Stop, 1), fault(0, 1), state(0, 0, 1)]);
     // Nothing goes back to where it came from.
-    assert_eq!(junction.take(1), Some(fault(0, 1)));
+    assert_eq!(forwarder.take(1), Some(fault(0, 1)));
 }
 
 #[test]
 fn a_command_without_a_number_is_for_the_node_alone_as_often_as_it_comes() {
-    let mut junction: Junction<2> = Junction::new();
+    let mut forwarder: Forwarder<2> = Forwarder::new();
     for _ in 0..2 {
-        assert!(junction.hear(HOST_LINE, &ctrl(Command::Stop, 0), 0));
-        assert!(junction.hear(1, &ctrl(Command::Stop, 0), 0));
+        assert!(forwarder.hear(HOST_LINE, &ctrl(Command::Stop, 0), 0));
+        assert!(forwarder.hear(1, &ctrl(Command::Stop, 0), 0));
     }
-    assert_eq!((0..3).filter_map(|line| junction.take(line)).count(), 0);
+    assert_eq!((0..3).filter_map(|line| forwarder.take(line)).count(), 0);
 }
 
 #[test]
 fn the_same_command_is_new_again_after_a_while() {
-    let mut junction: Junction<1> = Junction::new();
+    let mut forwarder: Forwarder<1> = Forwarder::new();
     let start = ctrl(Command::Start, 1);
-    assert!(junction.hear(HOST_LINE, &start, 0));
-    assert!(!junction.hear(HOST_LINE, &start, FORGET_MS - 1));
-    assert!(junction.hear(HOST_LINE, &start, FORGET_MS));
+    assert!(forwarder.hear(HOST_LINE, &start, 0));
+    assert!(!forwarder.hear(HOST_LINE, &start, FORGET_MS - 1));
+    assert!(forwarder.hear(HOST_LINE, &start, FORGET_MS));
 }
 
 #[test]
 fn after_a_start_the_ticks_begin_anew_and_no_sync_of_before_follows() {
     for arg in [0, 1] {
-        let mut junction: Junction<2> = Junction::new();
-        assert!(junction.hear(HOST_LINE, &sync(500), 0));
-        assert!(!junction.hear(HOST_LINE, &sync(u32::MAX), 1));
-        assert!(junction.hear(HOST_LINE, &ctrl(Command::Start, arg), 1));
-        let waiting: Vec<_> = std::iter::from_fn(|| junction.take(1)).collect();
+        let mut forwarder: Forwarder<2> = Forwarder::new();
+        assert!(forwarder.hear(HOST_LINE, &sync(500), 0));
+        assert!(!forwarder.hear(HOST_LINE, &sync(u32::MAX), 1));
+        assert!(forwarder.hear(HOST_LINE, &ctrl(Command::Start, arg), 1));
+        let waiting: Vec<_> = std::iter::from_fn(|| forwarder.take(1)).collect();
         assert!(!waiting.contains(&sync(500)), "{waiting:?}");
-        assert!(junction.hear(HOST_LINE, &sync(u32::MAX), 1));
-        assert_eq!(junction.take(1), Some(sync(u32::MAX)));
+        assert!(forwarder.hear(HOST_LINE, &sync(u32::MAX), 1));
+        assert_eq!(forwarder.take(1), Some(sync(u32::MAX)));
         // A copy of the start begins nothing.
-        let copy = junction.hear(2, &ctrl(Command::Start, arg), 2);
+        let copy = forwarder.hear(2, &ctrl(Command::Start, arg), 2);
         assert_eq!(copy, arg == 0);
-        assert_eq!(junction.hear(HOST_LINE, &sync(u32::MAX), 2), arg == 0);
+        assert_eq!(forwarder.hear(HOST_LINE, &sync(u32::MAX), 2), arg == 0);
     }
 }
 
@@ -423,27 +423,27 @@ fn the_faults_of_all_nodes_at_once_have_room() {
     network.say(0, fault(0, 8));
     network.run(&[]);
     assert_eq!(network.given.iter().map(Vec::len).collect::<Vec<_>>(), [126, 127, 127]);
-    assert_eq!(network.junctions.iter().map(Junction::dropped).sum::<u32>(), 0);
+    assert_eq!(network.forwarders.iter().map(Forwarder::dropped).sum::<u32>(), 0);
 }
 
 #[test]
 fn what_has_no_room_is_counted_the_node_takes_it_and_its_own_fault_has_room() {
-    let mut junction: Junction<1> = Junction::new();
+    let mut forwarder: Forwarder<1> = Forwarder::new();
     for number in 1..=20 {
-        assert!(junction.hear(HOST_LINE, &ctrl(Command::Stop, number), 0));
+        assert!(forwarder.hear(HOST_LINE, &ctrl(Command::Stop, number), 0));
     }
-    assert_eq!((std::iter::from_fn(|| junction.take(1)).count(), junction.dropped()), (16, 4));
+    assert_eq!((std::iter::from_fn(|| forwarder.take(1)).count(), forwarder.dropped()), (16, 4));
     for other in 0..130 {
-        assert!(junction.hear(1, &fault(1, other), 0));
+        assert!(forwarder.hear(1, &fault(1, other), 0));
     }
-    assert_eq!(junction.dropped(), 6);
-    junction.send(&fault(0, 0), 0);
-    assert!(std::iter::from_fn(|| junction.take(1)).any(|message| message == fault(0, 0)));
+    assert_eq!(forwarder.dropped(), 6);
+    forwarder.send(&fault(0, 0), 0);
+    assert!(std::iter::from_fn(|| forwarder.take(1)).any(|message| message == fault(0, 0)));
     // A line that takes nothing keeps no room for ever.
-    let mut junction: Junction<1> = Junction::new();
+    let mut forwarder: Forwarder<1> = Forwarder::new();
     for number in 1..=40 {
-        assert!(junction.hear(HOST_LINE, &ctrl(Command::Stop, number), u64::from(number) * FORGET_MS));
+        assert!(forwarder.hear(HOST_LINE, &ctrl(Command::Stop, number), u64::from(number) * FORGET_MS));
     }
-    assert_eq!(junction.dropped(), 0);
-    assert_eq!(junction.take(1), Some(ctrl(Command::Stop, 25)));
+    assert_eq!(forwarder.dropped(), 0);
+    assert_eq!(forwarder.take(1), Some(ctrl(Command::Stop, 25)));
 }

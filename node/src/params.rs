@@ -26,7 +26,7 @@ pub use funnelnet_law::range::{
 };
 
 /// Ticks for which a newcomer waits at most: neighbours that are apart come together in a second or never.
-pub const NEWCOMER_PATIENCE: u16 = 1_000;
+pub const NEWCOMER_PATIENCE: u16 = 500;
 
 /// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
 ///

@@ -4,8 +4,8 @@
 //! markers in README.md; with `--check` it only compares the table, and fails where it differs.
 #![allow(clippy::expect_used, clippy::panic)]
 
-use sim_host::figure::figure;
 use sim_host::interrupt::Interrupt;
+use sim_host::number_format::significant;
 use sim_host::record::Summary;
 use sim_host::report::states_svg;
 use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate, trace};
@@ -63,11 +63,11 @@ fn rows(scenarios: &[Scenario], draws: bool) -> Vec<String> {
 
 /// The row of a scenario, and its figure where it is drawn.
 fn shown(scenario: &Scenario, draws: bool) -> String {
-    let (outcome, missing) = run(scenario);
+    let (outcome, judged, missing) = run(scenario);
     if draws {
         draw(scenario, &outcome);
     }
-    row(scenario, &outcome.judge(scenario, Fidelity::Loopback), missing)
+    row(scenario, &outcome.judge(&judged, Fidelity::Loopback), missing)
 }
 
 /// Every scenario file, by name.
@@ -79,18 +79,18 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// A run beside the reference, or one without where there is none, and why.
-fn run(scenario: &Scenario) -> (Outcome, Option<&'static str>) {
+/// A run beside the reference with what it is judged by, or one without where there is none, and why.
+fn run(scenario: &Scenario) -> (Outcome, Scenario, Option<&'static str>) {
     let mut beside = scenario.clone();
     // Any distance, so that it is measured: of the whole run, and after its start.
     beside.expect.reference_error = beside.expect.reference_error.or(Some(f64::INFINITY));
     beside.expect.windows = STARTS.map(|start| after(scenario, start)).to_vec();
     match simulate(&beside, &options(scenario)) {
-        Ok(outcome) => (outcome, None),
+        Ok(outcome) => (outcome, beside, None),
         Err(error) => {
             eprintln!("{}: {}", name(scenario), error.message);
             let why = if scenario.events.is_empty() { "not resolved" } else { "none with events" };
-            (simulate(scenario, &options(scenario)).expect("a run"), Some(why))
+            (simulate(scenario, &options(scenario)).expect("a run"), scenario.clone(), Some(why))
         }
     }
 }
@@ -164,7 +164,7 @@ fn row(scenario: &Scenario, summary: &Summary, missing: Option<&str>) -> String 
 
 /// So many significant digits, below 1e-3 too, where [`figure`] gives one less.
 fn digits_of(value: f64, digits: usize) -> String {
-    figure(value, if value.abs() < 1e-3 { digits + 1 } else { digits })
+    significant(value, if value.abs() < 1e-3 { digits + 1 } else { digits })
 }
 
 fn draw(scenario: &Scenario, outcome: &Outcome) {

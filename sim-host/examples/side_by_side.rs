@@ -5,8 +5,8 @@
 //! root mean square input, and the root mean square that noise adds to the inputs over the second half.
 #![allow(clippy::expect_used)]
 
-use sim_host::figure::figure;
 use sim_host::interrupt::Interrupt;
+use sim_host::number_format::significant;
 use sim_host::record::Row;
 use sim_host::run::{Fidelity, RunOptions, Verbosity, simulate};
 use sim_host::scenario::{Override, Scenario};
@@ -39,11 +39,11 @@ fn main() {
         let added = both.flat_map(|(noisy, quiet)| noisy.u.iter().zip(&quiet.u).map(|(a, b)| a - b));
         println!(
             "| {name} | {} % | {} | {} | {} | {} |",
-            figure(100.0 * outside as f64 / noisy.len() as f64, 2),
-            figure(width, 2),
-            figure(inputs().fold(0.0f64, |most, u| most.max(u.abs())), 3),
-            figure(root_mean_square(inputs().copied()), 3),
-            figure(root_mean_square(added), 2),
+            significant(100.0 * outside as f64 / noisy.len() as f64, 2),
+            significant(width, 2),
+            significant(inputs().fold(0.0f64, |most, u| most.max(u.abs())), 3),
+            significant(root_mean_square(inputs().copied()), 3),
+            significant(root_mean_square(added), 2),
         );
     }
 }

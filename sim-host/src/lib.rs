@@ -5,8 +5,8 @@
 #![forbid(unsafe_code)]
 
 pub use funnelnet_sim::{
-    bus, central, check, configure, emergent, engine, extremes, figure, judge, loopback, noise, number,
-    presence, printable, random, reference, sampled, scenario,
+    bus, central, check, configure, emergent, engine, extremes, judge, loopback, noise, number,
+    number_format, presence, printable, random, reference, sampled, scenario,
 };
 
 pub mod bench;

@@ -255,12 +255,12 @@ fn largest(values: impl IntoIterator<Item = f64>) -> (usize, f64) {
 
 /// Four significant digits.
 fn figure(value: f64) -> String {
-    crate::figure::figure(value, 4)
+    crate::number_format::significant(value, 4)
 }
 
 /// Two significant digits, for what is only known to about.
 fn about(value: f64) -> String {
-    crate::figure::figure(value, 2)
+    crate::number_format::significant(value, 2)
 }
 
 /// `low to high`, or the one value that both are.

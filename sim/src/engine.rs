@@ -5,6 +5,7 @@
 mod clock;
 mod clocks;
 mod field;
+mod heard;
 mod plants;
 mod world;
 

@@ -22,7 +22,7 @@ use std::fmt;
 /// Drive of nodes in this program.
 pub const LOOPBACK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
 /// Drive of nodes in this program that come during a run: only SYNC tells them the tick.
-pub const JOINING: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: true };
+const JOINING: Drive = Drive { tick_source: TickSource::Sync, telemetry_every: 0, is_simulated: true };
 
 /// Why no network can be made of a scenario.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,12 +37,12 @@ pub enum Refused {
         /// Its reason.
         error: ConfigError,
     },
-    /// There are more nodes than can run, or something was said of one that is not there.
-    Nodes {
-        /// The largest id.
-        asked: usize,
-        /// The largest that there may be.
-        most: usize,
+    /// Something was said of a node that is not there.
+    NoNode {
+        /// Its id.
+        id: u16,
+        /// The largest that there is; they begin with 1.
+        last: usize,
     },
     /// The bus cannot be as it asks for.
     Bus(String),
@@ -55,7 +55,7 @@ impl fmt::Display for Refused {
             Self::Configuration { node, error } => {
                 write!(f, "node {node} refused its configuration: {error}")
             }
-            Self::Nodes { asked, most } => write!(f, "node {asked}: ids are 1 to {most} here"),
+            Self::NoNode { id, last } => write!(f, "node {id}: there is none; ids are 1 to {last} here"),
             Self::Bus(reason) => f.write_str(reason),
         }
     }
@@ -69,7 +69,7 @@ impl From<Unfit> for Refused {
     }
 }
 
-/// The nodes of a scenario on an ideal bus, with its events, not started yet.
+/// The nodes of a scenario on an ideal bus, not started yet.
 ///
 /// # Errors
 /// See [`Refused`].
@@ -77,24 +77,32 @@ pub fn engine(scenario: &Scenario) -> Result<Engine, Refused> {
     engine_on(scenario, ideal_bus(scenario))
 }
 
-/// The same on any medium: a scenario refuses events on one that makes none.
+/// The same on a medium.
 ///
 /// # Errors
 /// See [`Refused`].
 pub fn engine_on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M>, Refused> {
-    let engine = Engine::new(nodes(scenario, LOOPBACK)?, medium);
-    let engine = engine.with_noise(Noise::of(scenario)).with_compute(compute(scenario));
+    engine_of(scenario, medium, |drive| nodes(scenario, drive))
+}
+
+/// A medium and nodes, with all that a scenario has beside them: noise, times of computing, and clocks or events. `nodes` makes the nodes of a drive; events ask
+/// for them a second time, as they are after power-on.
+///
+/// # Errors
+/// See [`Refused`].
+pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
+    scenario: &Scenario,
+    medium: M,
+    nodes: impl Fn(Drive) -> Result<Vec<Node<f32, V>>, Refused>,
+) -> Result<Engine<M, V>, Refused> {
+    let compute = scenario.nodes.iter().map(|node| node.compute_ns).collect();
+    let engine = Engine::new(nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario)).with_compute(compute);
     if scenario.events.is_empty() {
         return Ok(engine.with_clocks(Clocks::of(scenario)));
     }
-    Ok(engine.with_world(world(scenario, nodes(scenario, JOINING)?)))
-}
-
-/// The events of a scenario, whose nodes are as `fresh` after power-on.
-#[must_use]
-pub fn world<V: VectorField<f32> + Clone>(scenario: &Scenario, fresh: Vec<Node<f32, V>>) -> World<V> {
     let course = scenario.course().on_clock(&scenario.time);
-    World::new(&course, scenario.time.tick_ns, listeners(scenario), fresh)
+    let world = World::new(&course, scenario.time.tick_ns, listeners(scenario), nodes(JOINING)?);
+    Ok(engine.with_world(world))
 }
 
 /// The nodes of a scenario, configured.
@@ -116,12 +124,6 @@ pub fn accepted(configs: &[NodeConfig], scenario: &Scenario) -> Result<Vec<Param
         engine::params(config, spec).map_err(|error| Refused::Configuration { node: config.id, error })
     };
     configs.iter().zip(&scenario.nodes).map(params).collect()
-}
-
-/// Time that each node takes from its tick to its frames, ns, by index.
-#[must_use]
-pub fn compute(scenario: &Scenario) -> Vec<u64> {
-    scenario.nodes.iter().map(|node| node.compute_ns).collect()
 }
 
 /// The scenario's bus without bit times.
@@ -157,11 +159,11 @@ pub fn can_bus<F: OnWire>(
     let mut stream = random::stream(seed, Purpose::BitErrors, 0);
     let errors = BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64())
         .map_err(|error| Refused::Bus(error.to_string()))?;
-    let configs = node_configs(scenario, LOOPBACK)?;
-    let ids: Vec<NodeId> = configs.iter().filter_map(|config| NodeId::new(config.id)).collect();
+    let known = |id: u16| NodeId::new(u8::try_from(id).ok()?);
+    let ids: Vec<NodeId> = scenario.nodes.iter().filter_map(|node| known(node.id)).collect();
     let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
     let masters = scenario.sync.iter().flat_map(|sync| &sync.masters);
-    let masters: Vec<NodeId> = masters.filter_map(|&id| NodeId::new(u8::try_from(id).ok()?)).collect();
+    let masters: Vec<NodeId> = masters.filter_map(|&id| known(id)).collect();
     let bus = CanBus::with_masters(timing, noise, (&ids, &listeners(scenario)), &masters);
     Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
 }

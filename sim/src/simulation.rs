@@ -11,15 +11,15 @@ pub use verdict::Verdict;
 
 use crate::bus::Medium;
 use crate::central::Central;
-use crate::configure::{central_configs, node_configs};
-use crate::engine::{self, Clocks, Driven, Engine, NodeEvent, Plants};
-use crate::judge::{Judge, Moment, Stop};
-use crate::loopback::{JOINING, LOOPBACK, Refused, accepted, can_bus, compute, ideal_bus, uart_bus, world};
+use crate::configure::{Drive, Unfit, central_configs, node_configs};
+use crate::engine::{self, Driven, NodeEvent, Plants};
+use crate::judge::{Accounts, Evidence, Judge, Moment, Stop, checks};
+use crate::loopback::{LOOPBACK, Refused, accepted, can_bus, engine_of, ideal_bus, uart_bus};
 use crate::noise::Noise;
-use crate::scenario::{BusModel, Coupling, LARGEST_RUN, Scenario};
+use crate::scenario::{BusModel, Coupling, Scenario};
 use funnelnet_law::field::VectorField;
 use funnelnet_link::{Classic, Fd};
-use funnelnet_node::{Event, Fixed, Model, Node, Observation, Params};
+use funnelnet_node::{Fixed, Model, Node, Observation, Params};
 use funnelnet_plant::Plant;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
@@ -35,6 +35,8 @@ pub struct Setup<'s> {
     /// By index; none for a node that is as the scenario says.
     makes: Vec<Option<Make>>,
     plants: Vec<Option<Box<dyn Driven>>>,
+    /// The first id that something was said of, and that is not there.
+    no_node: Option<u16>,
 }
 
 /// A network that runs.
@@ -42,6 +44,7 @@ pub struct Simulation<'s> {
     scenario: &'s Scenario,
     network: Box<dyn Network + 's>,
     judge: Judge<'s>,
+    accounts: Accounts<'s>,
     /// Tick that comes next.
     next: u64,
     events: Vec<NodeEvent>,
@@ -67,6 +70,7 @@ impl<'s> Simulation<'s> {
             scenario,
             makes: (0..nodes).map(|_| None).collect(),
             plants: (0..nodes).map(|_| None).collect(),
+            no_node: None,
         }
     }
 
@@ -84,6 +88,7 @@ impl<'s> Simulation<'s> {
         self.u.clear();
         self.u.extend(seen.iter().map(|seen| f64::from(seen.u)));
         self.judge.tick(&Moment { k, part: 0, x: &self.x, u: &self.u, presence: &presence }, None);
+        self.accounts.tick(k, seen, &presence, self.judge.psi());
         self.events.extend(self.network.take_events());
         Some(k)
     }
@@ -95,21 +100,36 @@ impl<'s> Simulation<'s> {
         self.verdict()
     }
 
-    /// Judges the ticks so far.
+    /// Judges the ticks so far; a run that is not whole holds nothing.
     #[must_use]
     pub fn verdict(self) -> Verdict {
-        let (scenario, ticks) = (self.scenario, self.next);
-        let stop = |event: &NodeEvent| match event.event {
-            Event::Fault(code) => Some(Stop {
-                id: scenario.nodes.get(event.node)?.id,
-                // Tick 0 is one tick after the start, when the announced states have arrived.
-                at_s: scenario.time.from_clock(event.at.saturating_sub(scenario.time.tick_ns)) as f64 / 1e9,
-                why: code.to_string(),
-            }),
-            _ => None,
+        let scenario = self.scenario;
+        let stops: Vec<_> = self.events.iter().filter_map(|event| Stop::of(event, scenario)).collect();
+        let mut accounts = self.accounts.finish();
+        for (account, report) in accounts.iter_mut().zip(self.network.reports()) {
+            account.report = report.map(|report| (report.max_ratio, report.counters));
+        }
+        let all = scenario.time.ticks + 1;
+        let early = (self.next < all).then(|| format!("after {} of {all} ticks", self.next));
+        let (unheard, silent) = match early {
+            // Nobody knows who would still have been heard.
+            Some(_) => (Vec::new(), Vec::new()),
+            None => self.network.unheard_and_silent(&scenario.graph),
         };
-        let stops = self.events.iter().filter_map(stop).collect();
-        Verdict { findings: self.judge.finish(), stops, ticks, of: scenario.time.ticks + 1 }
+        let findings = self.judge.finish();
+        let evidence = Evidence {
+            findings: &findings,
+            accounts: &accounts,
+            stops: &stops,
+            absences: &[],
+            unheard: &unheard,
+            silent: &silent,
+            contradictions: &[],
+            reference: None,
+            ended_early: early.as_deref(),
+        };
+        let checks = checks(scenario, &evidence);
+        Verdict { findings, checks, stops }
     }
 
     /// What the node with this id saw at the last tick, component by component; empty for an id that is not there.
@@ -154,14 +174,13 @@ impl<'s> Setup<'s> {
         make: impl Fn(&NodeConfig) -> Result<Params<f32, NodeField>, ConfigError> + 'static,
         plant: Option<Box<dyn Driven>>,
     ) -> Self {
-        // Beyond the scenario's nodes, where it is refused at the start.
-        let index = index_of(id).unwrap_or(usize::from(u16::MAX));
-        if index >= self.makes.len() {
-            self.makes.resize_with(index + 1, || None);
-        }
-        self.makes[index] = Some(Box::new(make));
-        if let Some(slot) = self.plants.get_mut(index) {
-            *slot = plant;
+        let index = index_of(id).unwrap_or(usize::MAX);
+        match (self.makes.get_mut(index), self.plants.get_mut(index)) {
+            (Some(own), Some(driven)) => {
+                *own = Some(Box::new(make));
+                *driven = plant;
+            }
+            _ => self.no_node = self.no_node.or(Some(id)),
         }
         self
     }
@@ -172,14 +191,14 @@ impl<'s> Setup<'s> {
     /// See [`Refused`].
     pub fn start(self) -> Result<Simulation<'s>, Refused> {
         let scenario = self.scenario;
-        let nodes = scenario.nodes.len();
-        if nodes > LARGEST_RUN || self.makes.len() > nodes {
-            return Err(Refused::Nodes { asked: self.makes.len().max(nodes), most: nodes.min(LARGEST_RUN) });
+        if let Some(id) = self.no_node {
+            return Err(Refused::NoNode { id, last: scenario.nodes.len() });
         }
         let mut network = self.network()?;
         network.start();
-        let (judge, events) = (Judge::new(scenario), Vec::new());
-        Ok(Simulation { scenario, network, judge, next: 0, events, x: Vec::new(), u: Vec::new() })
+        let (judge, accounts) = (Judge::new(scenario), Accounts::new(scenario));
+        let (events, x, u) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Simulation { scenario, network, judge, accounts, next: 0, events, x, u })
     }
 
     fn network(self) -> Result<Box<dyn Network + 's>, Refused> {
@@ -199,30 +218,19 @@ impl<'s> Setup<'s> {
     fn central(self) -> Result<Box<dyn Network + 's>, Refused> {
         let scenario = self.scenario;
         if self.makes.iter().any(Option::is_some) {
-            return Err(Refused::Unfit(crate::configure::Unfit::NotLocal));
+            return Err(Refused::Unfit(Unfit::NotLocal));
         }
         let params = accepted(&central_configs(scenario, LOOPBACK)?, scenario)?;
         Ok(Box::new(Central::new(params, &scenario.graph, Noise::of(scenario))))
     }
 
-    /// With events where there are any: a scenario refuses them on a medium that makes none.
     fn on<M: Medium + 's>(self, medium: M) -> Result<Box<dyn Network + 's>, Refused> {
-        let scenario = self.scenario;
-        if scenario.events.is_empty() {
-            return Ok(Box::new(self.engine(medium)?.with_clocks(Clocks::of(scenario))));
-        }
-        let world = world(scenario, self.nodes(JOINING)?);
-        Ok(Box::new(self.engine(medium)?.with_world(world)))
-    }
-
-    fn engine<M: Medium>(self, medium: M) -> Result<Engine<M, NodeField>, Refused> {
-        let scenario = self.scenario;
-        let engine = Engine::new(self.nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario));
-        Ok(engine.with_compute(compute(scenario)).with_plants(Plants::new(self.plants)))
+        let engine = engine_of(self.scenario, medium, |drive| self.nodes(drive))?;
+        Ok(Box::new(engine.with_plants(Plants::new(self.plants))))
     }
 
     /// The nodes, configured.
-    fn nodes(&self, drive: crate::configure::Drive) -> Result<Vec<Node<f32, NodeField>>, Refused> {
+    fn nodes(&self, drive: Drive) -> Result<Vec<Node<f32, NodeField>>, Refused> {
         let configs = node_configs(self.scenario, drive)?;
         let node = |(index, config): (usize, &NodeConfig)| {
             let params = match self.makes.get(index) {

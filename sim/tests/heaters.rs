@@ -137,3 +137,17 @@ fn a_broken_wire_stops_its_node_with_the_heater_off() {
     assert_eq!(blocks[1].drive, 0.0);
     assert!(blocks[0].drive > 0.0 && blocks[2].drive > 0.0);
 }
+
+/// Its power fails for 2 s: the heater is off meanwhile, and the node is one of its neighbours again afterwards.
+#[test]
+fn a_board_without_power_heats_nothing() {
+    let mut drives = Vec::new();
+    let bounce = ["time.duration=30s", "event=[{at='5s',kind='bounce',node=2,for='2s'}]"];
+    let (_, blocks) = heat(&bounce, |tick, blocks| {
+        if [40, 60, 80].contains(&tick) {
+            drives.push(blocks[1].borrow().drive);
+        }
+    });
+    assert!(drives[0] > 0.0 && drives[1] == 0.0, "{drives:?}");
+    assert!(blocks[1].drive > 0.0, "{}", blocks[1].drive);
+}

@@ -206,7 +206,7 @@ fn a_virtual_node_joins_when_its_coming_is_no_jump() {
     for (end, comes) in [0.02, 0.2].into_iter().flat_map(|end| (0..8).map(move |n| (end, 2_700 + 330 * n))) {
         let joined = World::new(end, comes, false).run();
         println!("virtual, psi {end}, comes at {comes} ms: {joined:?}");
-        assert!(joined.others < 1.1 && joined.with_edges < 1.5 && joined.inside < 1_100, "{joined:?}");
+        assert!(joined.others < 1.1 && joined.inside < 600, "{joined:?}");
         assert!(joined.input <= joined.bound, "{joined:?}");
     }
 }

@@ -2,7 +2,7 @@
 //! is deterministic, so nothing is allowed to change unnoticed.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
-use sim_host::figure::figure;
+use sim_host::number_format::significant;
 use sim_host::record::Summary;
 use sim_host::run::{Fidelity, Outcome};
 use sim_host::scenario::{Expect, Scenario};
@@ -75,9 +75,9 @@ fn figures(summary: &Summary, outcome: &Outcome) -> String {
     let extrapolated: u32 = outcome.counters.iter().map(|counters| counters.extrapolated).sum();
     format!(
         "{:>9} {:>8} {:>9} {:>8.1e} {:>6} {:>5} {:>9} {}",
-        figure(funnel.max_ratio, 4),
+        significant(funnel.max_ratio, 4),
         funnel.breaches,
-        figure(sync.final_spread, 4),
+        significant(sync.final_spread, 4),
         // Two digits: the reference is f64 arithmetic of a solver, which need not be the same to the last bit.
         summary.reference.unwrap().max_error,
         bus.sent,

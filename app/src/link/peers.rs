@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_futures::poll_once;
 use embassy_futures::select::{select, select_array};
 use embedded_io_async::{Read, Write};
-use funnelnet_link::{HOST_LINE, Junction};
+use funnelnet_link::{Forwarder, HOST_LINE};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Losses;
@@ -29,12 +29,12 @@ type PeerLine<R, W> = Line<R, W, MAX_REAL_TIME_FRAME, MAX_REAL_TIME_FRAME>;
 pub struct Peers<HR, HW, R, W, const PEERS: usize> {
     host: Line<HR, HW, MAX_FRAME, MAX_REPLY>,
     peers: [PeerLine<R, W>; PEERS],
-    junction: &'static mut Junction<PEERS>,
+    forwarder: &'static mut Forwarder<PEERS>,
     errors: Option<&'static AtomicU32>,
 }
 
 impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R, W, PEERS> {
-    /// A node on these UARTs: of each the half that writes and the half that reads. It is large, as `junction` is, and made in `place`.
+    /// A node on these UARTs: of each the half that writes and the half that reads. It is large, as `forwarder` is, and made in `place`.
     ///
     /// # Panics
     /// `place` is taken.
@@ -44,12 +44,12 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
         place: &'static StaticCell<Self>,
         host: (HW, HR),
         peers: [(W, R); PEERS],
-        junction: &'static mut Junction<PEERS>,
+        forwarder: &'static mut Forwarder<PEERS>,
     ) -> &'static mut Self {
         place.init_with(|| Self {
             host: Line::new(host),
             peers: peers.map(Line::new),
-            junction,
+            forwarder,
             errors: None,
         })
     }
@@ -61,10 +61,10 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
 
     /// Gives every line as much as it has room for.
     fn write(&mut self) {
-        let Self { host, peers, junction, .. } = self;
-        host.writing.write_from(HOST_LINE, junction);
+        let Self { host, peers, forwarder, .. } = self;
+        host.writing.write_from(HOST_LINE, forwarder);
         for (peer, line) in peers.iter_mut().zip(HOST_LINE + 1..) {
-            peer.writing.write_from(line, junction);
+            peer.writing.write_from(line, forwarder);
         }
     }
 
@@ -83,11 +83,11 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
 
     /// The next thing that neighbours have said. Before the host: a state goes before the SYNC that came after it.
     fn next_of_peers(&mut self, now: u64) -> Option<Result<Message, Refusal>> {
-        let Self { peers, junction, .. } = self;
+        let Self { peers, forwarder, .. } = self;
         for (peer, line) in peers.iter_mut().zip(HOST_LINE + 1..) {
             while let Some(frame) = peer.reading.receiving.next() {
                 match frame {
-                    Ok(Frame::RealTime(message)) if !hear(junction, line, &message, now) => {}
+                    Ok(Frame::RealTime(message)) if !hear(forwarder, line, &message, now) => {}
                     Ok(Frame::RealTime(message)) => return Some(Ok(message)),
                     Ok(Frame::Service { .. }) => return Some(Err(Refusal::Kind)),
                     Err(reason) => return Some(Err(reason)),
@@ -99,10 +99,10 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
 
     /// The same for the host. After a copy there is none, and the next wait is none either.
     fn next_of_host(&mut self, now: u64) -> Option<Result<Frame<'_>, Refusal>> {
-        let Self { host, junction, .. } = self;
+        let Self { host, forwarder, .. } = self;
         let frame = host.reading.receiving.next()?;
         match frame {
-            Ok(Frame::RealTime(message)) if !hear(junction, HOST_LINE, &message, now) => None,
+            Ok(Frame::RealTime(message)) if !hear(forwarder, HOST_LINE, &message, now) => None,
             frame => Some(frame),
         }
     }
@@ -126,7 +126,7 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Link for Peers<
     }
 
     async fn send(&mut self, message: &Message, now: u64) {
-        self.junction.send(message, ms(now));
+        self.forwarder.send(message, ms(now));
     }
 
     async fn reply(&mut self, reply: &Reply, source: u8) {
@@ -171,16 +171,16 @@ impl PeerBuffers {
 
 /// Whether a message of `now` (ns) is for the node. It goes into the log where there was no room to pass it on.
 fn hear<const PEERS: usize>(
-    junction: &mut Junction<PEERS>,
+    forwarder: &mut Forwarder<PEERS>,
     line: usize,
     message: &Message,
     now: u64,
 ) -> bool {
     #[cfg(feature = "defmt")]
-    let before = junction.dropped();
-    let is_new = junction.hear(line, message, ms(now));
+    let before = forwarder.dropped();
+    let is_new = forwarder.hear(line, message, ms(now));
     #[cfg(feature = "defmt")]
-    if junction.dropped() != before {
+    if forwarder.dropped() != before {
         defmt::warn!("no room to pass on: {}", message);
     }
     is_new
@@ -240,9 +240,9 @@ impl<W: Write, const LONGEST: usize> Writing<W, LONGEST> {
         self.left.is_empty()
     }
 
-    /// Writes what there is room for: the rest of a frame, then what waits in `junction` for the line with this number.
-    fn write_from<const PEERS: usize>(&mut self, line: usize, junction: &mut Junction<PEERS>) {
-        while !self.is_idle() || self.load(junction.take(line)) {
+    /// Writes what there is room for: the rest of a frame, then what waits in `forwarder` for the line with this number.
+    fn write_from<const PEERS: usize>(&mut self, line: usize, forwarder: &mut Forwarder<PEERS>) {
+        while !self.is_idle() || self.load(forwarder.take(line)) {
             if poll_once(self.write()).is_pending() {
                 return;
             }

@@ -16,7 +16,7 @@ use firmware::reset::{self, Start};
 use funnelnet_app::link::peers::Peers;
 use funnelnet_app::storage::Absent;
 use funnelnet_app::watchdog;
-use funnelnet_link::Junction;
+use funnelnet_link::Forwarder;
 use funnelnet_plant::Virtual;
 use funnelnet_protocol::service::ResetCause;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -29,12 +29,12 @@ type Link = Peers<Receiver, Transmitter, Receiver, Transmitter, 4>;
 
 #[embassy_executor::task]
 async fn node(host: Halves, peers: [Halves; 4], start: Start) {
-    static JUNCTION: ConstStaticCell<Junction<4>> = ConstStaticCell::new(Junction::new());
+    static FORWARDER: ConstStaticCell<Forwarder<4>> = ConstStaticCell::new(Forwarder::new());
     static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
     static LINK: StaticCell<Link> = StaticCell::new();
     // Without its watchdog: a busy host may leave an emulator standing for longer than a period, which is no fault of the node.
     let chip = Chip { uid: 0, start, watchdog: watchdog::Absent };
-    let link = Peers::make(&LINK, host, peers, JUNCTION.take());
+    let link = Peers::make(&LINK, host, peers, FORWARDER.take());
     pin!(app::run(&SESSION, link, &mut Absent, Virtual, chip)).await
 }
 

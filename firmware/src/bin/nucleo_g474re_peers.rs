@@ -20,7 +20,7 @@ use firmware::stm32::line::{CountErrors, ERRORS, line};
 use firmware::stm32::safety::{self, Iwdg};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use funnelnet_app::link::peers::{PeerBuffers, Peers};
-use funnelnet_link::Junction;
+use funnelnet_link::Forwarder;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -49,12 +49,12 @@ async fn node(
     flash: Flash<'static, flash::Blocking>,
     chip: Chip<Iwdg>,
 ) {
-    static JUNCTION: ConstStaticCell<Junction<PEERS>> = ConstStaticCell::new(Junction::new());
+    static FORWARDER: ConstStaticCell<Forwarder<PEERS>> = ConstStaticCell::new(Forwarder::new());
     static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
     static LINK: StaticCell<Link> = StaticCell::new();
     // In the second bank, while the program runs in the first.
     static STORAGE: StaticCell<InFlash<Blocking<Flash<'static, flash::Blocking>>>> = StaticCell::new();
-    let link = Peers::make(&LINK, host, peers, JUNCTION.take());
+    let link = Peers::make(&LINK, host, peers, FORWARDER.take());
     link.count_errors(&ERRORS);
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;

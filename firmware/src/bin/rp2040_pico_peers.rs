@@ -17,7 +17,7 @@ use firmware::rp::{self, PicoFlash, Timer};
 use firmware::storage::flash::{Blocking, InFlash, region};
 use firmware::{panic, reset};
 use funnelnet_app::link::peers::{PeerBuffers, Peers};
-use funnelnet_link::Junction;
+use funnelnet_link::Forwarder;
 use funnelnet_plant::Virtual;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -36,11 +36,11 @@ type Link = Peers<BufferedUartRx, BufferedUartTx, BufferedUartRx, BufferedUartTx
 
 #[embassy_executor::task]
 async fn node(host: Halves, peer: Halves, flash: PicoFlash, chip: Chip<Timer>) {
-    static JUNCTION: ConstStaticCell<Junction<1>> = ConstStaticCell::new(Junction::new());
+    static FORWARDER: ConstStaticCell<Forwarder<1>> = ConstStaticCell::new(Forwarder::new());
     static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
     static LINK: StaticCell<Link> = StaticCell::new();
     static STORAGE: StaticCell<InFlash<Blocking<PicoFlash>>> = StaticCell::new();
-    let link = Peers::make(&LINK, host, [peer], JUNCTION.take());
+    let link = Peers::make(&LINK, host, [peer], FORWARDER.take());
     let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
     storage.open().await;
     pin!(app::run(&SESSION, link, storage, Virtual, chip)).await

@@ -22,6 +22,8 @@ const ROOM: f32 = 1.25;
 const SHORTEST: f64 = 0.1;
 /// What its coming may move the term of a neighbour by, over its own funnel: a node at the mean of neighbours that are apart pulls them together.
 const GENTLE: f32 = 0.5;
+/// The same where waiting no longer helps: neighbours that others hold together are not as far apart.
+const APART: f32 = 2.0;
 /// Times as long as a silent neighbour is extrapolated, after which a node that hears nobody speaks.
 const NOBODY: u32 = 3;
 
@@ -106,20 +108,21 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             *ready = ready.saturating_add(1);
             // One with a plant has taken its time.
             let waits_no_longer = self.plant.is_some() || *ready > self.params.newcomer_patience;
-            if waits_no_longer || self.comes_gently(k, psi.now) {
+            if waits_no_longer || self.it_is_time(k, psi.now) {
                 self.speak(k);
             }
         }
         Widths { now: larger(psi.now, width), ahead: larger(psi.ahead, width) }
     }
 
-    /// Whether its edges would move the term of no neighbour by much of a funnel of `psi` (state units): neighbours on a path that it closes may be several funnels apart.
+    /// Whether its edges would move the term of no neighbour by much of a funnel of `psi` (state units), or of one by so much that nothing
+    /// but the newcomer holds it: neighbours on a path that it closes run apart for as long as it waits.
     #[cold]
-    fn comes_gently(&self, k: u32, psi: F) -> bool {
-        let limit = F::from_f32(GENTLE) * psi;
+    fn it_is_time(&mut self, k: u32, psi: F) -> bool {
         let edge =
             |(component, part): (usize, &Part<F>)| self.neighbours.largest_term(k, component as u8, part.x);
-        self.parts.iter().enumerate().map(edge).all(|term| term < limit)
+        let term = self.parts.iter().enumerate().map(edge).fold(F::ZERO, larger);
+        term < F::from_f32(GENTLE) * psi || term > F::from_f32(APART) * psi
     }
 
     fn speak(&mut self, k: u32) {

@@ -1,6 +1,6 @@
 //! Trajectories as they are recorded: a column of numbers for each name.
 
-use crate::figure::figure;
+use crate::number_format::significant;
 use crate::printable::printable;
 use serde::Serialize;
 use std::fmt;
@@ -151,9 +151,11 @@ impl fmt::Display for Apart {
         match (self.distance, self.t) {
             (Some(0.0), _) => write!(f, "{column}: zeros of different signs, in {} rows", self.rows),
             (Some(distance), Some(t)) => {
-                write!(f, "{column}: {} at t = {t} s, in {} rows", figure(distance, 4), self.rows)
+                write!(f, "{column}: {} at t = {t} s, in {} rows", significant(distance, 4), self.rows)
             }
-            (Some(distance), None) => write!(f, "{column}: {}, in {} rows", figure(distance, 4), self.rows),
+            (Some(distance), None) => {
+                write!(f, "{column}: {}, in {} rows", significant(distance, 4), self.rows)
+            }
             (None, _) => write!(f, "{column}: known in one of them only, in {} rows", self.rows),
         }
     }

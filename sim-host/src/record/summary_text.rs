@@ -4,7 +4,7 @@ use super::summary::{
     BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, Expectation, FunnelSummary,
     OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
 };
-use crate::figure::figure;
+use crate::number_format::significant;
 use std::fmt;
 
 /// Name and text of a line.
@@ -39,9 +39,9 @@ fn title(summary: &Summary) -> String {
         summary.scenario,
         summary.nodes,
         summary.ticks,
-        figure(summary.tick_s, 4),
+        significant(summary.tick_s, 4),
         summary.on,
-        figure(summary.wall_s, 3)
+        significant(summary.wall_s, 3)
     )
 }
 
@@ -59,7 +59,7 @@ fn behaviour(summary: &Summary) -> Vec<Line> {
 
 /// Its digits, or that it is not known.
 fn known(value: f64, digits: usize) -> String {
-    if value.is_nan() { "not known".to_owned() } else { figure(value, digits) }
+    if value.is_nan() { "not known".to_owned() } else { significant(value, digits) }
 }
 
 /// Lines on what carried the states, and how that differs from loopback.
@@ -91,7 +91,7 @@ fn verdict(summary: &Summary) -> Vec<Line> {
     let expectation = |Expectation { name, limit, value, pass }: &Expectation| {
         let value = value.map_or("not measured".to_owned(), |value| match value.is_nan() {
             true => "not a number".to_owned(),
-            false => figure(value, 4),
+            false => significant(value, 4),
         });
         (if *pass { "pass" } else { "FAIL" }, format!("{name} {value} < {limit}"))
     };
@@ -181,7 +181,7 @@ fn beside_loopback(bench: &BenchSummary) -> String {
         Some(format!(
             "node {} from tick {first}, by at most {}",
             node.node,
-            figure(node.largest_deviation, 4)
+            significant(node.largest_deviation, 4)
         ))
     };
     let differences: Vec<_> = bench.nodes.iter().filter_map(differs).collect();
@@ -204,7 +204,7 @@ fn own_clocks(clocks: &OwnClockSummary) -> String {
     let late: u64 = clocks.nodes.iter().map(|node| u64::from(node.extrapolated)).sum();
     format!(
         "largest skew {} s, {late} values came too late for their tick, {} node-ticks not recorded",
-        figure(clocks.largest_skew_s, 3),
+        significant(clocks.largest_skew_s, 3),
         clocks.missed
     )
 }
@@ -215,7 +215,7 @@ fn between_nodes(WiresSummary { count, extrapolated, .. }: &WiresSummary) -> Str
 
 /// Number, or the numbers of a vector in brackets.
 fn each(values: &[f64]) -> String {
-    let figures: Vec<_> = values.iter().map(|&value| figure(value, 6)).collect();
+    let figures: Vec<_> = values.iter().map(|&value| significant(value, 6)).collect();
     if let [one] = figures.as_slice() { one.clone() } else { format!("[{}]", figures.join(", ")) }
 }
 

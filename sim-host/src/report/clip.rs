@@ -82,7 +82,7 @@ pub(super) fn say<DB: DrawingBackend>(
 
 /// Two digits, as `8e8` or `120`.
 fn short(value: f64) -> String {
-    crate::figure::figure(value, 2).replace(".0e", "e").replace('-', "\u{2212}")
+    crate::number_format::significant(value, 2).replace(".0e", "e").replace('-', "\u{2212}")
 }
 
 #[cfg(test)]

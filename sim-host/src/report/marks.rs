@@ -64,7 +64,7 @@ impl Mark {
 
     /// As words: `stopped at 1.2 s`.
     pub(super) fn words(&self) -> String {
-        let time = |t: f64| crate::figure::figure(t, 4);
+        let time = |t: f64| crate::number_format::significant(t, 4);
         match (self.kind, self.to) {
             (Kind::Stopped, _) => format!("stopped at {} s", time(self.from)),
             (kind, None) => format!("{} from {} s on", kind.word(), time(self.from)),

@@ -24,7 +24,7 @@ fn digits(ratio: f64) -> String {
     });
     match decimals {
         _ if ratio.is_infinite() => "infinite".to_owned(),
-        _ if ratio >= 1e4 => crate::figure::figure(ratio, 3).replace(".0e", "e"),
+        _ if ratio >= 1e4 => crate::number_format::significant(ratio, 3).replace(".0e", "e"),
         Some(decimals) => format!("{ratio:.decimals$}"),
         None => if ratio < 1.0 {
             "1 \u{2212} 1e\u{2212}6 or nearer to 1"

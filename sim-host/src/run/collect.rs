@@ -6,26 +6,17 @@ use super::outcome::{Believed, Outcome};
 use super::rows::Rows;
 use crate::emergent::{Prediction, Predictor};
 use crate::extremes::{larger, largest};
-use crate::judge::{Account, Judge, Moment, ReferenceSummary};
+use crate::judge::{Account, Accounts, Judge, Moment, ReferenceSummary};
 use crate::number::shortest;
 use crate::presence::Presence;
 use crate::record::{OnBus, Row, TraceHash};
 use crate::reference::ReferenceSolution;
-use crate::scenario::{FloorSpec, Funnel, Scenario, Shape};
+use crate::scenario::Scenario;
 use funnelnet_node::Observation;
 
-/// A funnel may differ by this share from the scenario's for the rounding of f32.
-const FUNNEL_SHARE: f64 = 1e-3;
-/// And by this share of its width at the start, where a funnel closes at a time: the time that is left has rounding of its own.
-const FUNNEL_OF_START: f64 = 1e-6;
-/// The floor of f32 is judged by true states and present inputs; a node has measured ones and its last input.
-const FLOOR_SHARE: f64 = 1.5;
 /// What the hash takes for a state that a node does not have, or of which nothing is known: no run without such a gap is equal to one
 /// with it.
 const NO_STATE: f32 = f32::from_bits(0x7fc0_0000);
-/// Wider than any f32 funnel.
-const WIDEST: f64 = 1e17;
-
 /// Collector of one run.
 pub struct Collector<'a> {
     scenario: &'a Scenario,
@@ -39,7 +30,7 @@ pub struct Collector<'a> {
     /// Continuous-time states at every tick, where they are asked for.
     reference: Option<&'a ReferenceSolution>,
     hash: TraceHash,
-    accounts: Vec<Account>,
+    accounts: Accounts<'a>,
     reference_error: ReferenceSummary,
     outcome: Outcome,
     rows: &'a mut dyn Rows,
@@ -59,7 +50,6 @@ impl<'a> Collector<'a> {
         reference: Option<&'a ReferenceSolution>,
         rows: &'a mut dyn Rows,
     ) -> Self {
-        let account = |id| Account { id, ..Account::default() };
         Self {
             scenario,
             stride,
@@ -69,7 +59,7 @@ impl<'a> Collector<'a> {
             judge: Judge::new(scenario),
             reference,
             hash: TraceHash::new(),
-            accounts: scenario.nodes.iter().map(|node| account(node.id)).collect(),
+            accounts: Accounts::new(scenario),
             reference_error: reference.map(ReferenceSummary::beside).unwrap_or_default(),
             outcome: Outcome::default(),
             rows,
@@ -103,7 +93,7 @@ impl<'a> Collector<'a> {
             self.hash.extend(seen.iter().map(|seen| if known { seen.x } else { NO_STATE }));
         }
         self.judge((k, 0), seen, presence);
-        self.account(k, seen, presence);
+        self.accounts.tick(k, seen, presence, self.judge.psi());
         self.predict(k, seen, presence)
     }
 
@@ -171,15 +161,15 @@ impl<'a> Collector<'a> {
             })),
             breaches: accounts.iter().map(|account| account.breaches).sum(),
         };
-        let findings = self.judge.finish();
+        let (findings, accounts) = (self.judge.finish(), self.accounts.finish());
         Outcome {
             hash: Some(self.hash),
             max_ratio: findings.max_ratio,
             breaches: findings.breaches,
-            believed: Some(believed(&self.accounts)),
+            believed: Some(believed(&accounts)),
             last: findings.last.clone(),
             findings,
-            accounts: self.accounts,
+            accounts,
             reference: self.reference.map(|_| self.reference_error),
             prediction: self.predictor.finish(),
             ..self.outcome
@@ -211,60 +201,6 @@ impl<'a> Collector<'a> {
         self.rows.take(Row { lost: so_far.saturating_sub(before), ..row })
     }
 
-    /// What each node says of itself at the tick.
-    fn account(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
-        let components = self.scenario.components();
-        let asked = self.judge.psi().chunks(components);
-        let nodes = self.accounts.iter_mut().zip(&self.scenario.nodes).zip(presence);
-        for (((account, node), presence), (seen, asked)) in nodes.zip(seen.chunks(components).zip(asked)) {
-            match presence {
-                Presence::Ran => {}
-                Presence::Stopped | Presence::Off => continue,
-                Presence::Unrecorded | Presence::Absent => {
-                    account.unknown += 1;
-                    continue;
-                }
-            }
-            let (Some(first), Some(&asked)) = (seen.first(), asked.first()) else { continue };
-            let (mut k, mut asked) = (k, asked);
-            if !self.scenario.clocks.is_empty() {
-                let own = u64::from(first.tick);
-                // Before its first tick it has no funnel.
-                if first.psi == 0.0 || !is_next(account, own) {
-                    continue;
-                }
-                (k, asked) = (own, larger(asked, node.funnel.width(self.scenario.time.at_s(own))));
-            }
-            account.ran += 1;
-            // A node counts a tick once, whatever its number of components.
-            let ratio = seen.iter().fold(0.0, |most: f32, part| {
-                if part.ratio > most || part.ratio.is_nan() { part.ratio } else { most }
-            });
-            if ratio > account.max_ratio || ratio.is_nan() {
-                account.max_ratio = ratio;
-            }
-            // What is not a number is not inside.
-            let inside = ratio < 1.0;
-            account.breaches += u64::from(!inside);
-            let (own, t) = (f64::from(first.psi), self.scenario.time.at_s(k));
-            let drawn = node.funnel.width(t);
-            let rounding = rounding(&node.funnel);
-            let share = if self.scenario.floor == FloorSpec::F32 && asked > drawn {
-                FLOOR_SHARE
-            } else {
-                1.0 + FUNNEL_SHARE
-            };
-            if drawn > WIDEST {
-                continue;
-            }
-            if own > asked * share + rounding {
-                account.widened.get_or_insert((k, own, asked));
-            } else if own.is_nan() || own < drawn * (1.0 - FUNNEL_SHARE) - rounding {
-                account.other_funnel.get_or_insert((k, own, drawn));
-            }
-        }
-    }
-
     fn compare(&mut self, exact: &[f64], presence: &[Presence]) {
         let components = self.scenario.components();
         let known = |&(at, _): &(usize, (&f64, &f64))| {
@@ -275,25 +211,6 @@ impl<'a> Collector<'a> {
         let error = largest(0.0, apart);
         self.reference_error.max_error = larger(self.reference_error.max_error, error);
         self.reference_error.final_error = error;
-    }
-}
-
-/// Whether a node that ticks by a clock of its own has come to a tick that was not seen yet. Those that nobody has seen are not known: one of them may come
-/// before it is asked for its report.
-fn is_next(account: &mut Account, own: u64) -> bool {
-    let last = account.last_tick.replace(own);
-    if last == Some(own) {
-        return false;
-    }
-    account.unknown += last.map_or(own + 1, |last| own.saturating_sub(last + 1));
-    true
-}
-
-/// What a node's f32 makes of a funnel beyond [`FUNNEL_SHARE`] of it, state units.
-fn rounding(funnel: &Funnel<f64>) -> f64 {
-    match funnel.shape {
-        Shape::FiniteTime { .. } => FUNNEL_OF_START * funnel.width(0.0),
-        _ => 0.0,
     }
 }
 

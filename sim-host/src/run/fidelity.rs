@@ -2,11 +2,11 @@
 
 use super::drive::{Cut, Record, drive};
 use super::error::RunError;
-use super::heard;
 use super::network::Network;
 use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
 use super::rows::Rows;
+use crate::bus::can::CanBus;
 use crate::bus::table::{BusTable, BusTables};
 use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
@@ -41,7 +41,7 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     }
 }
 
-/// Runs on a medium with bits.
+/// Runs on a medium that makes no events.
 fn on<M: Medium>(
     medium: M,
     scenario: &Scenario,
@@ -68,7 +68,7 @@ fn in_program<M: Medium>(
     // Of a run that was cut off nobody knows who would still have been heard.
     let (unheard, silent) = match record.cut {
         Some(_) => (Vec::new(), Vec::new()),
-        None => heard::unheard_and_silent(scenario, &engine),
+        None => engine.unheard_and_silent(&scenario.graph),
     };
     let (happened, reports) = (scenario.events.clone(), engine.reports());
     let clocks = engine.skew().map(|skew| ClockSummary::of(&skew, scenario));
@@ -120,7 +120,7 @@ fn tables<M: Medium>(engine: &mut Engine<M>, scenario: &Scenario, utilisation: f
 /// The nodes of a scenario in this program, on its CAN bus, not started yet.
 pub(crate) fn can_engine(
     scenario: &Scenario,
-) -> Result<Engine<crate::bus::can::CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
+) -> Result<Engine<CanBus<impl funnelnet_can_bus::Noise + use<>>>, RunError> {
     Ok(engine_on(scenario, can_bus(scenario)?)?)
 }
 

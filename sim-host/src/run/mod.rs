@@ -11,7 +11,6 @@ mod error;
 mod event_log;
 mod fidelity;
 mod folder;
-mod heard;
 mod names;
 mod network;
 mod options;

@@ -15,7 +15,6 @@ use crate::record::{
     Expectation, FunnelSummary, PerComponent, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{EventSpec, Scenario, Window};
-use funnelnet_node::Event;
 use funnelnet_protocol::report::{Counters, Report};
 use std::collections::BTreeSet;
 
@@ -225,16 +224,7 @@ impl Outcome {
 
     /// The nodes that stopped by themselves, in the order in which they did.
     pub fn stops(&self, scenario: &Scenario) -> Vec<Stop> {
-        let stop = |event: &NodeEvent| match event.event {
-            Event::Fault(code) => Some(Stop {
-                id: scenario.nodes.get(event.node)?.id,
-                // Tick 0 is one tick after the start, when the announced states have arrived.
-                at_s: scenario.time.from_clock(event.at.saturating_sub(scenario.time.tick_ns)) as f64 / 1e9,
-                why: code.to_string(),
-            }),
-            _ => None,
-        };
-        self.events.iter().filter_map(stop).collect()
+        self.events.iter().filter_map(|event| Stop::of(event, scenario)).collect()
     }
 
     /// Ids of the nodes that stopped by themselves, ascending.

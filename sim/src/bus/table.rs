@@ -1,6 +1,6 @@
 //! What a CAN bus carried, by identifier: the same table for loopback, for a bench by its log, and as `check` computes it.
 
-use crate::figure::figure;
+use crate::number_format::significant;
 use funnelnet_can_bus::table::{Latencies, Row};
 use funnelnet_can_bus::{Id, Table};
 use serde::{Serialize, Serializer};
@@ -187,9 +187,9 @@ impl BusTable {
         let mut parts = Vec::new();
         match (self.utilisation, self.bitrate) {
             (Some(busy), Some(rate)) => {
-                parts.push(format!("busy for {} % at {rate} bit/s", figure(100.0 * busy, 3)))
+                parts.push(format!("busy for {} % at {rate} bit/s", significant(100.0 * busy, 3)))
             }
-            (Some(busy), None) => parts.push(format!("busy for {} %", figure(100.0 * busy, 3))),
+            (Some(busy), None) => parts.push(format!("busy for {} %", significant(100.0 * busy, 3))),
             _ => {}
         }
         let counts = [
@@ -214,7 +214,7 @@ impl IdentifierRow {
 
     fn told(&self) -> String {
         let optional = |count: Option<u64>| count.map_or("-".to_owned(), |count| count.to_string());
-        let time = |time: Option<f64>| time.map_or("-".to_owned(), |time| figure(1e6 * time, 4));
+        let time = |time: Option<f64>| time.map_or("-".to_owned(), |time| significant(1e6 * time, 4));
         let latency = self.latency_s;
         let winners: Vec<_> = self.lost_to.iter().map(|(id, count)| format!("{id} ({count})")).collect();
         format!(

@@ -1,4 +1,4 @@
-//! Serial lines, from node to node or to a hub, with the junction of each node at their ends: what the firmware runs between its node and its
+//! Serial lines, from node to node or to a hub, with the forwarder of each node at their ends: what the firmware runs between its node and its
 //! UARTs.
 //!
 //! A byte takes ten bits: start, eight data bits, stop. A frame is taken by the receiver's driver when its last byte has come. A line takes the
@@ -10,7 +10,7 @@ use super::{Medium, Traffic};
 use crate::random::{self, Purpose};
 use crate::scenario::{BusSpec, LinkSpec, Wiring};
 use funnelnet_can_bus::{BitErrors, Hit, Noise};
-use funnelnet_link::junction::{HOST_LINE, Junction, MAX_PEERS};
+use funnelnet_link::forwarder::{Forwarder, HOST_LINE, MAX_PEERS};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_REAL_TIME_FRAME};
@@ -85,7 +85,7 @@ pub struct UartBus {
     /// The line on which a node hears another, by sender and receiver. At a hub it is the same for all senders.
     arriving: BTreeMap<(usize, usize), usize>,
     listeners: Vec<Vec<usize>>,
-    junctions: Vec<Box<Junction<MOST_LINES>>>,
+    forwarders: Vec<Box<Forwarder<MOST_LINES>>>,
     /// What waits at the hub for each node, with who said it.
     at_hub: Vec<Vec<(usize, Message)>>,
     losers: Vec<Loser>,
@@ -109,7 +109,7 @@ impl UartBus {
             lines: Vec::new(),
             leaving: vec![Vec::new(); nodes],
             arriving: BTreeMap::new(),
-            junctions: (0..nodes).map(|_| Box::default()).collect(),
+            forwarders: (0..nodes).map(|_| Box::default()).collect(),
             at_hub: vec![Vec::new(); nodes],
             losers: (0..nodes).map(loser).collect(),
             busy_until: vec![0; nodes],
@@ -198,7 +198,7 @@ impl UartBus {
         let Some(line) = self.lines.get_mut(index).filter(|line| line.sending.is_none()) else { return };
         let next = match line.from {
             End::Node(node, number) => {
-                let message = self.junctions.get_mut(node).and_then(|junction| junction.take(number));
+                let message = self.forwarders.get_mut(node).and_then(|forwarder| forwarder.take(number));
                 message.map(|message| (node, message))
             }
             End::Hub(node) => {
@@ -292,11 +292,11 @@ impl UartBus {
             self.events.insert((busy_until, What::Wakes(node)));
             return;
         }
-        let Some(junction) = self.junctions.get_mut(node) else { return };
+        let Some(forwarder) = self.forwarders.get_mut(node) else { return };
         for &byte in bytes {
             match line.push(byte) {
                 None => {}
-                Some(Ok(message)) if junction.hear(number, &message, now / NS_PER_MS) => {
+                Some(Ok(message)) if forwarder.hear(number, &message, now / NS_PER_MS) => {
                     receive(node, Ok(message));
                 }
                 // A copy.
@@ -374,8 +374,8 @@ impl Medium for UartBus {
                 line.states |= 1 << component.get();
             }
         }
-        if let Some(junction) = self.junctions.get_mut(sender) {
-            junction.send(message, now / NS_PER_MS);
+        if let Some(forwarder) = self.forwarders.get_mut(sender) {
+            forwarder.send(message, now / NS_PER_MS);
         }
         self.start_all(sender, now);
     }

@@ -2,7 +2,7 @@
 
 use super::runge_kutta;
 use crate::extremes::{larger, largest, smaller};
-use crate::figure::figure;
+use crate::number_format::significant;
 use crate::scenario::{NodeSpec, Scenario};
 
 /// Longest integration step, s.
@@ -58,9 +58,9 @@ impl Grid {
         let why = || {
             format!(
                 "the fields turn or change by {} a second, which {} steps would resolve; {} were made",
-                figure(fastest, 4),
-                figure(resolving.ceil(), 4),
-                figure(steps, 4)
+                significant(fastest, 4),
+                significant(resolving.ceil(), 4),
+                significant(steps, 4)
             )
         };
         Self { step: end / steps, unresolved: (!resolved).then(why) }

@@ -2,7 +2,7 @@
 
 use super::{BlendedTrajectory, EmergentTrajectory};
 use crate::extremes::{larger, largest};
-use crate::figure::figure;
+use crate::number_format::significant;
 use crate::scenario::Scenario;
 use serde::Serialize;
 
@@ -106,8 +106,8 @@ impl Growth {
         let (exponent, t) = self.beyond?;
         Some(format!(
             "the emergent dynamics expand: an error has grown by {} up to {} s",
-            figure(funnelnet_law::math::exp(exponent), 2),
-            figure(t, 4)
+            significant(funnelnet_law::math::exp(exponent), 2),
+            significant(t, 4)
         ))
     }
 }

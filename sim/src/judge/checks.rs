@@ -1,8 +1,10 @@
 //! What every run must do, whether or not anything is expected of it.
 
 use super::{Findings, ReferenceSummary};
-use crate::figure::figure;
+use crate::engine::NodeEvent;
+use crate::number_format::significant;
 use crate::scenario::{FloorSpec, Scenario, Stoppable};
+use funnelnet_node::Event;
 use funnelnet_protocol::report::Counters;
 use serde::Serialize;
 
@@ -68,6 +70,17 @@ pub struct AbsenceSummary {
     pub why: String,
 }
 
+impl Stop {
+    /// The stop that an event of a node of `scenario` tells of, if it does.
+    #[must_use]
+    pub fn of(event: &NodeEvent, scenario: &Scenario) -> Option<Self> {
+        let Event::Fault(code) = event.event else { return None };
+        // Tick 0 is one tick after the start, when the announced states have arrived.
+        let at_ns = scenario.time.from_clock(event.at.saturating_sub(scenario.time.tick_ns));
+        Some(Self { id: scenario.nodes.get(event.node)?.id, at_s: at_ns as f64 / 1e9, why: code.to_string() })
+    }
+}
+
 /// What the checks look at.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence<'a> {
@@ -129,7 +142,7 @@ fn stopped(scenario: &Scenario, stops: &[Stop]) -> Check {
         Stoppable::Ids(ids) => ids.contains(&id),
     };
     let tell = |stop: &Stop| {
-        format!("node {} stopped by itself at {} s: {}", stop.id, figure(stop.at_s, 6), stop.why)
+        format!("node {} stopped by itself at {} s: {}", stop.id, significant(stop.at_s, 6), stop.why)
     };
     let faults = stops.iter().filter(|stop| !may(stop.id)).map(tell).collect();
     let fine = match stops.len() {
@@ -170,8 +183,8 @@ fn floor(scenario: &Scenario, evidence: &Evidence<'_>) -> Check {
                 format!(
                     "node {} keeps its funnel at {} at tick {k}, wider than {}, which coupling.floor accepts",
                     account.id,
-                    figure(own, 4),
-                    figure(asked, 4)
+                    significant(own, 4),
+                    significant(asked, 4)
                 )
             }),
         }
@@ -206,7 +219,7 @@ fn measured(findings: &Findings) -> Check {
 /// A reference that does not know its own solution measures nothing.
 fn resolved(reference: Option<&ReferenceSummary>) -> Check {
     let unresolved = reference.filter(|reference| !reference.resolved).map(|reference| {
-        let error = figure(reference.error_estimate, 3);
+        let error = significant(reference.error_estimate, 3);
         format!("the continuous-time reference has not resolved the problem: it may be off by {error} itself")
     });
     let fine =
@@ -224,8 +237,8 @@ fn consistent(evidence: &Evidence<'_>) -> Check {
             faults.push(format!(
                 "node {} runs in another funnel than the scenario's: {} at tick {k}, where it is {}",
                 account.id,
-                figure(own, 6),
-                figure(asked, 6)
+                significant(own, 6),
+                significant(asked, 6)
             ));
         }
     }
@@ -241,8 +254,8 @@ fn own_width(account: &Account) -> Option<String> {
         format!(
             "node {} runs in another funnel than the scenario's: {} at tick {k}, where it is {}",
             account.id,
-            figure(own, 6),
-            figure(asked, 6)
+            significant(own, 6),
+            significant(asked, 6)
         )
     })
 }

@@ -4,6 +4,7 @@
 //! widened for itself that it is inside. So neither enters here: the terms are those of the states at equal true time, over the edges of the
 //! scenario, and the funnel is the scenario's, not narrower than the floor that the scenario accepts.
 
+mod account;
 mod checks;
 mod counters;
 mod recovery;
@@ -11,6 +12,7 @@ mod reference;
 mod truth;
 mod windows;
 
+pub use account::Accounts;
 pub use checks::{AbsenceSummary, Account, Check, Evidence, Stop, checks};
 pub use counters::CounterSummary;
 pub use recovery::DuringEvents;

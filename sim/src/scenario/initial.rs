@@ -5,7 +5,7 @@ use super::graph::Graph;
 use super::model::{NodeSpec, Scenario};
 use super::tree::Place;
 use crate::extremes::{larger, largest};
-use crate::figure::figure;
+use crate::number_format::significant;
 use funnelnet_law::Coupling;
 use funnelnet_law::funnel::Shape;
 use funnelnet_law::math;
@@ -79,10 +79,10 @@ fn explain(node: &NodeSpec, ratio: f64, place: &Place) -> Diagnostic {
     let allowed = format!(
         "starts outside its funnel: |nu| = {} at t = 0 must be below psi(0) = {}, and is {} too \
          much (ratio {})",
-        figure(nu, 6),
-        figure(width, 6),
-        figure(nu - width, 4),
-        figure(ratio, 6)
+        significant(nu, 6),
+        significant(width, 6),
+        significant(nu - width, 4),
+        significant(ratio, 6)
     );
     let mut diagnostic = place.diagnostic(Problem::Whole, &key, allowed);
     let factor = round_up(1.05 * ratio * node.funnel.factor);

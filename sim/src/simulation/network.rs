@@ -4,8 +4,10 @@ use crate::bus::Medium;
 use crate::central::Central;
 use crate::engine::{Engine, NodeEvent};
 use crate::presence::Presence;
+use crate::scenario::Graph;
 use funnelnet_law::field::VectorField;
 use funnelnet_node::Observation;
+use funnelnet_protocol::report::Report;
 
 /// Nodes that tick together.
 pub(super) trait Network {
@@ -14,6 +16,10 @@ pub(super) trait Network {
     fn observations(&self) -> &[Observation<f32>];
     fn presence(&self, k: u64) -> Vec<Presence>;
     fn take_events(&mut self) -> Vec<NodeEvent>;
+    /// What the nodes report, by index; none for one that is off.
+    fn reports(&self) -> Vec<Option<Report>>;
+    /// Ids of nodes that nobody has ever heard, and of those that all have lost.
+    fn unheard_and_silent(&self, graph: &Graph) -> (Vec<u16>, Vec<u16>);
 }
 
 impl<M: Medium, V: VectorField<f32> + Clone> Network for Engine<M, V> {
@@ -37,6 +43,14 @@ impl<M: Medium, V: VectorField<f32> + Clone> Network for Engine<M, V> {
     fn take_events(&mut self) -> Vec<NodeEvent> {
         Self::take_events(self)
     }
+
+    fn reports(&self) -> Vec<Option<Report>> {
+        Self::reports(self)
+    }
+
+    fn unheard_and_silent(&self, graph: &Graph) -> (Vec<u16>, Vec<u16>) {
+        Self::unheard_and_silent(self, graph)
+    }
 }
 
 impl Network for Central {
@@ -56,5 +70,14 @@ impl Network for Central {
 
     fn take_events(&mut self) -> Vec<NodeEvent> {
         Self::take_events(self)
+    }
+
+    fn reports(&self) -> Vec<Option<Report>> {
+        Self::reports(self).into_iter().map(Some).collect()
+    }
+
+    /// It has no bus.
+    fn unheard_and_silent(&self, _: &Graph) -> (Vec<u16>, Vec<u16>) {
+        (Vec::new(), Vec::new())
     }
 }

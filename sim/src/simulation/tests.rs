@@ -76,9 +76,34 @@ fn every_bus_carries_it_and_a_dead_one_fails() {
         let verdict = Simulation::new(&scenario).unwrap().run();
         assert!(verdict.holds(), "{bus}: {verdict}");
     }
-    let dead = gallery("five-agents.toml", &["bus.loss=1.0"]);
-    let verdict = Simulation::new(&dead).unwrap().run();
-    assert!(!verdict.holds(), "{verdict}");
+}
+
+/// At rest nobody leaves a funnel on a bus that carries nothing.
+#[test]
+fn nodes_that_nobody_hears_hold_nothing() {
+    let rest = ["agent.state=0.0", "node=[]", "agent.dynamics={kind='affine'}", "time.duration=1s"];
+    for (sets, holds) in [(&[][..], true), (&["bus.loss=1.0"], false)] {
+        let scenario = gallery("five-agents.toml", &[&rest[..], sets].concat());
+        let verdict = Simulation::new(&scenario).unwrap().run();
+        assert!(verdict.holds() == holds && verdict.findings.breaches == 0, "{sets:?}: {verdict}");
+        assert!(holds || verdict.to_string().contains("no neighbour has ever heard node 1"), "{verdict}");
+    }
+}
+
+#[test]
+fn a_funnel_that_f32_does_not_resolve_holds_nothing() {
+    let narrow = "coupling.funnel={kind='exponential',start=40,end=1e-6,rate=5}";
+    let scenario = gallery("five-agents.toml", &["time.duration=6s", narrow]);
+    let verdict = Simulation::new(&scenario).unwrap().run();
+    assert!(verdict.to_string().contains("has floored its funnel"), "{verdict}");
+}
+
+/// As the command judges them: more is allowed for some time after an event, and a node that is alone has no term.
+#[test]
+fn events_are_judged_as_in_a_run() {
+    let scenario = gallery("bounce-join.toml", &[]);
+    let verdict = Simulation::new(&scenario).unwrap().run();
+    assert!(verdict.holds() && verdict.findings.uncoupled > 0, "{verdict}");
 }
 
 #[test]
@@ -96,7 +121,7 @@ fn what_is_said_of_a_node_that_is_not_there_is_refused() {
     let scenario = gallery("five-agents.toml", &[]);
     for id in [0, 6] {
         let refused = Simulation::setup(&scenario).field(id, Still).start().err().unwrap();
-        assert!(refused.to_string().contains("ids are 1 to 5 here"), "{refused}");
+        assert!(refused.to_string() == format!("node {id}: there is none; ids are 1 to 5 here"), "{refused}");
     }
 }
 
@@ -108,5 +133,8 @@ fn a_run_that_is_not_whole_holds_nothing() {
         simulation.step();
     }
     let verdict = simulation.verdict();
-    assert!(!verdict.holds() && verdict.to_string().contains("ticks were run"), "{verdict}");
+    assert!(
+        !verdict.holds() && verdict.to_string().contains("the run ended after 10 of 1001 ticks"),
+        "{verdict}"
+    );
 }

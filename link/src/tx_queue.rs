@@ -1,4 +1,4 @@
-//! Frames that wait for a CAN controller. They are never queued: of each identifier only the latest is kept.
+//! Frames that wait for a CAN controller: of each identifier only the latest.
 
 use crate::format::Frame;
 use heapless::Vec;
@@ -6,7 +6,7 @@ use heapless::Vec;
 /// Identifiers that one node sends: eight components of its state, a fault, an edge.
 pub const CAPACITY: usize = 10;
 
-/// What became of a frame that was put into the mailbox.
+/// What became of a frame that was put into the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Put {
     /// It waits.
@@ -19,11 +19,11 @@ pub enum Put {
 
 /// Waiting frames, at most one of each identifier, lowest identifier (highest priority) first.
 #[derive(Debug, Default)]
-pub struct Mailbox<F> {
+pub struct TxQueue<F> {
     frames: Vec<F, CAPACITY>,
 }
 
-impl<F: Frame> Mailbox<F> {
+impl<F: Frame> TxQueue<F> {
     /// An empty one.
     pub const fn new() -> Self {
         Self { frames: Vec::new() }
@@ -77,22 +77,22 @@ mod tests {
         })
     }
 
-    fn drained(mut mailbox: Mailbox<CanFrame>) -> Vec<Message> {
+    fn drained(mut queue: TxQueue<CanFrame>) -> Vec<Message> {
         let mut messages = Vec::new();
-        while let Some(frame) = mailbox.next() {
+        while let Some(frame) = queue.next() {
             messages.push(decode(frame.id(), frame.data()).unwrap());
-            mailbox.taken();
+            queue.taken();
         }
         messages
     }
 
     #[test]
     fn the_latest_value_of_an_identifier_wins() {
-        let mut mailbox = Mailbox::new();
-        assert_eq!(mailbox.put(state(0, 1)), Put::Waits);
-        assert_eq!(mailbox.put(state(1, 1)), Put::Waits);
-        assert_eq!(mailbox.put(state(0, 2)), Put::Replaced);
-        let ticks: Vec<_> = drained(mailbox)
+        let mut queue = TxQueue::new();
+        assert_eq!(queue.put(state(0, 1)), Put::Waits);
+        assert_eq!(queue.put(state(1, 1)), Put::Waits);
+        assert_eq!(queue.put(state(0, 2)), Put::Replaced);
+        let ticks: Vec<_> = drained(queue)
             .into_iter()
             .map(|message| match message {
                 Message::State { component, tick, .. } => (component.get(), tick.value()),
@@ -104,9 +104,9 @@ mod tests {
 
     #[test]
     fn the_lowest_identifier_goes_first() {
-        let mut mailbox = Mailbox::new();
+        let mut queue = TxQueue::new();
         for component in [7, 0, 3] {
-            mailbox.put(state(component, 1));
+            queue.put(state(component, 1));
         }
         let fault = Message::Fault {
             source: NodeId::new(5).unwrap(),
@@ -115,13 +115,13 @@ mod tests {
             arg: 1,
             tick: TickStamp::low(9, 8),
         };
-        mailbox.put(encode(&fault));
-        assert_eq!(drained(mailbox).first(), Some(&fault));
+        queue.put(encode(&fault));
+        assert_eq!(drained(queue).first(), Some(&fault));
     }
 
     #[test]
     fn what_has_no_room_is_dropped_and_nothing_else() {
-        let mut mailbox = Mailbox::new();
+        let mut queue = TxQueue::new();
         for id in 0..CAPACITY as u8 {
             let source = NodeId::new(id + 1).unwrap();
             let frame = encode(&Message::Sync {
@@ -129,9 +129,9 @@ mod tests {
                 previous_tick: TickStamp::low(0, 24),
                 phase_us: 0,
             });
-            assert_eq!(mailbox.put(frame), Put::Waits);
+            assert_eq!(queue.put(frame), Put::Waits);
         }
-        assert_eq!(mailbox.put(state(0, 1)), Put::Dropped);
-        assert_eq!(drained(mailbox).len(), CAPACITY);
+        assert_eq!(queue.put(state(0, 1)), Put::Dropped);
+        assert_eq!(drained(queue).len(), CAPACITY);
     }
 }

@@ -4,7 +4,7 @@ use funnelnet_law::math;
 
 /// `value` with so many significant digits and no trailing zeros; powers of ten below 1e-3 and from 1e6 on.
 #[must_use]
-pub fn figure(value: f64, digits: usize) -> String {
+pub fn significant(value: f64, digits: usize) -> String {
     let size = value.abs();
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -19,7 +19,7 @@ pub fn figure(value: f64, digits: usize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::figure;
+    use super::significant;
 
     #[test]
     fn figures_are_short() {
@@ -34,8 +34,8 @@ mod tests {
             (-0.25, "-0.25"),
             (f64::INFINITY, "inf"),
         ] {
-            assert_eq!(figure(value, 4), text);
+            assert_eq!(significant(value, 4), text);
         }
-        assert_eq!(figure(41.5, 6), "41.5");
+        assert_eq!(significant(41.5, 6), "41.5");
     }
 }

@@ -4,9 +4,9 @@
 //! It passes on commands, SYNC and faults, each once. So on any graph of lines a frame goes over each line at most once in each
 //! direction, and dies.
 
-use crate::flood::{Flood, Lines, Put};
-use crate::latest::Latest;
-use crate::newest::Newest;
+use crate::flood_filter::{FloodFilter, Lines, Put};
+use crate::line_queue::LineQueue;
+use crate::sync_filter::SyncFilter;
 use funnelnet_protocol::message::{Command, Message, TickStamp};
 
 /// The line to the host, by index.
@@ -18,25 +18,25 @@ pub const COMMANDS: usize = 16;
 /// Faults within [`FORGET_MS`](crate::FORGET_MS) that are passed on at most: all nodes have one at once where a host dies.
 pub const FAULTS: usize = 128;
 
-/// The lines of one node: [`HOST_LINE`] leads to the host, 1 to `PEERS` each to a neighbour. Sans-IO: what a line has received goes in by [`Junction::hear`], and
-/// what it is to send comes out of [`Junction::take`].
+/// The lines of one node: [`HOST_LINE`] leads to the host, 1 to `PEERS` each to a neighbour. Sans-IO: what a line has received goes in by [`Forwarder::hear`], and
+/// what it is to send comes out of [`Forwarder::take`].
 #[derive(Debug)]
-pub struct Junction<const PEERS: usize> {
-    commands: Flood<COMMANDS>,
-    faults: Flood<FAULTS>,
-    sync: Newest,
-    for_host: Latest,
-    for_peers: [Latest; PEERS],
+pub struct Forwarder<const PEERS: usize> {
+    commands: FloodFilter<COMMANDS>,
+    faults: FloodFilter<FAULTS>,
+    sync: SyncFilter,
+    for_host: LineQueue,
+    for_peers: [LineQueue; PEERS],
     dropped: u32,
 }
 
-impl<const PEERS: usize> Default for Junction<PEERS> {
+impl<const PEERS: usize> Default for Forwarder<PEERS> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const PEERS: usize> Junction<PEERS> {
+impl<const PEERS: usize> Forwarder<PEERS> {
     const ALL: Lines = {
         assert!(PEERS <= MAX_PEERS);
         Lines::MAX >> (MAX_PEERS - PEERS)
@@ -46,11 +46,11 @@ impl<const PEERS: usize> Junction<PEERS> {
     /// Nothing waits, nothing was heard.
     pub const fn new() -> Self {
         Self {
-            commands: Flood::new(),
-            faults: Flood::new(),
-            sync: Newest::NONE,
-            for_host: Latest::new(),
-            for_peers: [const { Latest::new() }; PEERS],
+            commands: FloodFilter::new(),
+            faults: FloodFilter::new(),
+            sync: SyncFilter::NONE,
+            for_host: LineQueue::new(),
+            for_peers: [const { LineQueue::new() }; PEERS],
             dropped: 0,
         }
     }
@@ -109,8 +109,8 @@ impl<const PEERS: usize> Junction<PEERS> {
 
     /// After a start the ticks begin anew. A SYNC of before that came after it would move the node to its tick.
     fn begin_anew(&mut self) {
-        self.sync = Newest::NONE;
-        self.latest().for_each(Latest::drop_sync);
+        self.sync = SyncFilter::NONE;
+        self.latest().for_each(LineQueue::drop_sync);
     }
 
     fn put_latest(&mut self, message: &Message, lines: Lines) {
@@ -121,7 +121,7 @@ impl<const PEERS: usize> Junction<PEERS> {
     }
 
     /// Line by line.
-    fn latest(&mut self) -> impl Iterator<Item = &mut Latest> {
+    fn latest(&mut self) -> impl Iterator<Item = &mut LineQueue> {
         core::iter::once(&mut self.for_host).chain(&mut self.for_peers)
     }
 

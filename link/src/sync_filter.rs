@@ -9,12 +9,12 @@ const BITS: u32 = 24;
 
 /// The newest SYNC. Only a newer one is new, so whatever goes round comes to an end, however much is on its way.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Newest {
+pub struct SyncFilter {
     /// Its tick, and when it was new, ms.
     last: Option<(u32, u64)>,
 }
 
-impl Newest {
+impl SyncFilter {
     /// None has come yet.
     pub const NONE: Self = Self { last: None };
 
@@ -37,13 +37,13 @@ impl Newest {
 mod tests {
     use super::*;
 
-    fn takes(newest: &mut Newest, tick: u32, now: u64) -> bool {
+    fn takes(newest: &mut SyncFilter, tick: u32, now: u64) -> bool {
         newest.take(TickStamp::low(tick, 24), now)
     }
 
     #[test]
     fn only_what_is_ahead_is_new_also_where_the_number_wraps() {
-        let mut newest = Newest::NONE;
+        let mut newest = SyncFilter::NONE;
         // All ones before tick 0.
         assert!(takes(&mut newest, u32::MAX, 0));
         assert!(!takes(&mut newest, u32::MAX, 0));
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn after_two_seconds_without_a_new_one_every_one_is() {
-        let mut newest = Newest::NONE;
+        let mut newest = SyncFilter::NONE;
         assert!(takes(&mut newest, 500, 0));
         assert!(!takes(&mut newest, 0, FORGET_MS - 1));
         assert!(takes(&mut newest, 0, FORGET_MS));

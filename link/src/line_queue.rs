@@ -9,11 +9,11 @@ const ROOM: usize = 12;
 /// Waiting frames, at most one of a kind, in the order in which their kinds came: a state that waits leaves before a SYNC that came after
 /// it, so that it is not late for the tick, and none waits for ever.
 #[derive(Debug, Default)]
-pub struct Latest {
+pub struct LineQueue {
     frames: Vec<Message, ROOM>,
 }
 
-impl Latest {
+impl LineQueue {
     /// Nothing waits.
     pub const fn new() -> Self {
         Self { frames: Vec::new() }

@@ -1,6 +1,6 @@
 //! What goes to all nodes of a network by the lines between them: commands, and faults.
 
-use crate::newest::FORGET_MS;
+use crate::sync_filter::FORGET_MS;
 use funnelnet_protocol::message::Message;
 use heapless::Vec;
 
@@ -20,7 +20,7 @@ pub enum Put {
 
 /// Frames that are remembered for [`FORGET_MS`], oldest first: a copy that has gone round a ring is known. No one replaces another.
 #[derive(Debug)]
-pub struct Flood<const ROOM: usize> {
+pub struct FloodFilter<const ROOM: usize> {
     frames: Vec<Remembered, ROOM>,
     /// Lines that some frame waits for.
     waiting: Lines,
@@ -35,7 +35,7 @@ struct Remembered {
     lines: Lines,
 }
 
-impl<const ROOM: usize> Flood<ROOM> {
+impl<const ROOM: usize> FloodFilter<ROOM> {
     /// Nothing is remembered.
     pub const fn new() -> Self {
         Self { frames: Vec::new(), waiting: 0 }
