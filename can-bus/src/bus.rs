@@ -216,7 +216,7 @@ impl<N: Noise> Bus<N> {
         self.timing
     }
 
-    /// Gives a frame to a controller, now; whether it had a free transmit buffer.
+    /// Gives a frame to a controller, now; whether it had a free transmit buffer. One without power has none.
     ///
     /// # Panics
     ///
@@ -224,7 +224,7 @@ impl<N: Noise> Bus<N> {
     #[must_use]
     pub fn send(&mut self, node: usize, frame: Frame) -> bool {
         let sender = &mut self.nodes[node];
-        if !sender.controller.load(&frame, self.now) {
+        if matches!(sender.power, Power::Off | Power::Leaving) || !sender.controller.load(&frame, self.now) {
             return false;
         }
         if sender.mode != Mode::Off {
@@ -275,8 +275,8 @@ impl<N: Noise> Bus<N> {
         }
     }
 
-    /// Takes the power of a controller. What waits in it is dropped; a frame that it is sending ends first. One that is on the way as a whole
-    /// stays acknowledged, whoever goes meanwhile.
+    /// Takes the power of a controller. What waits in it is dropped; a frame that it is sending ends first, or loses its arbitration. One that is on
+    /// the way as a whole stays acknowledged, whoever goes meanwhile.
     pub fn switch_off(&mut self, node: usize) {
         self.settle_idle();
         self.cancel(node);
@@ -727,6 +727,9 @@ impl<N: Noise> Bus<N> {
         for &node in lost {
             let id = self.nodes[node].sent().map(|pending| pending.frame.id());
             self.nodes[node].failed(false);
+            if self.nodes[node].power == Power::Leaving {
+                self.nodes[node].lose_power();
+            }
             if let Some(id) = id {
                 sink(Event { at: self.now, node, what: What::LostArbitration { id, to } });
             }
