@@ -538,6 +538,42 @@ cmd_scenarios() { #: run every scenario in scenarios/ and judge its expectations
     done
 }
 
+# Scenarios that no CAN bus carries: a coupling without nodes.
+readonly NOT_ON_CAN="side-by-side-weakly-centralised"
+
+cmd_same-bits() { #: run every scenario on `can` in debug, twice, and in release, and with Debian's compiler where it is: equal hash, equal can.log
+    local scenario name builds=(debug debug release)
+    cargo build --locked --quiet --package sim-host --bin sim-host
+    cargo build --locked --quiet --release --package sim-host --bin sim-host
+    if [[ -x /usr/bin/cargo && -x /usr/bin/rustc && $(rustc --version) != $(/usr/bin/rustc --version) ]]; then
+        PATH=/usr/bin:$PATH CARGO_TARGET_DIR=$ROOT/target/debian cargo build --locked --quiet --package sim-host --bin sim-host
+        builds+=(debian/debug)
+    else
+        say "SKIPPED the bits of a second compiler: /usr/bin has no Rust of another version"
+    fi
+    for scenario in scenarios/*.toml; do
+        name=$(basename "$scenario" .toml)
+        [[ $name != "$NOT_ON_CAN" ]] || continue
+        same_bits "$scenario" "${builds[@]}"
+    done
+    say "every scenario but $NOT_ON_CAN has equal hashes and equal can.log on can, by ${builds[*]}"
+}
+
+same_bits() { # SCENARIO BUILD...
+    local scenario=$1 build first="" bits folder status
+    folder=$(mktemp -d)
+    for build in "${@:2}"; do
+        rm -rf "$folder/out"
+        status=0
+        # What is expected of the ideal bus may fail on this one; what is refused is a failure here.
+        "target/$build/sim-host" run "$scenario" --quiet --set bus.model=can --set bus.bit_errors=1e-5 --out "$folder/out" >/dev/null 2>&1 || status=$?
+        (( status <= 1 )) && [[ -s $folder/out/can.log ]] || fail "$scenario does not run on can: exit code $status of target/$build/sim-host"
+        bits=$(sed -nE 's/.*"trace_hash": "(.*)".*/\1/p' "$folder/out/summary.json")-$(sha256sum <"$folder/out/can.log")
+        [[ $bits == "${first:=$bits}" ]] || fail "$scenario on can: $first by ${2}, $bits by $build"
+    done
+    rm -rf "$folder"
+}
+
 cmd_gallery() { #: draw the book's figures and compute the README's table of scenarios anew
     cargo run --release --locked --quiet --package sim-host --example gallery
 }
@@ -553,16 +589,19 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 }
 
 cmd_test() { #: set up, then every check, cheap ones first
-    local name
+    local name began
     for name in setup fmt clippy doc python unit package thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
         say "--- $name"
+        began=$SECONDS
         "cmd_$name"
+        say "$name took $((SECONDS - began)) s"
     done
     say "all checks passed"
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
     cmd_sweep
+    cmd_same-bits
     cargo test --locked -p sim-host --test memory -- --ignored --nocapture
     cargo test --release --locked -p system-tests --test properties --test outages --test editions -- --ignored --nocapture
     FUNNEL_EXTENDED=1 cmd_boards-run

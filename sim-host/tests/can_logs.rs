@@ -301,7 +301,7 @@ fn check_warns_of_a_bus_on_which_states_are_late_and_fails_one_that_cannot_carry
 /// Node by node, and to the scenario's last tick: vectors, noise, errors on the bus, a bus that is too full, a tick that is not whole microseconds.
 #[test]
 fn a_log_replays_clean_in_every_node_of_its_run() {
-    let cases: [(&str, &[&str], usize); 7] = [
+    let cases: [(&str, &[&str], usize); 10] = [
         (FIVE, &["time.duration=500ms"], 5),
         (FIVE, &["time.duration=300ms", "bus.bitrate=500000"], 5),
         (FIVE, &["time.duration=300ms", "bus.bit_errors=2e-4", "bus.bitrate=500000"], 5),
@@ -309,6 +309,13 @@ fn a_log_replays_clean_in_every_node_of_its_run() {
         (FIVE, &["time.duration=300ms", "agent.noise=0.01"], 5),
         ("scenarios/vector-oscillators.toml", &["time.duration=300ms"], 3),
         ("scenarios/median-11.toml", &["time.duration=200ms", "bus.bitrate=1000000"], 11),
+        (FIVE, &["bus.model=can-fd", "time.duration=300ms", "bus.bit_errors=2e-4"], 5),
+        (
+            FIVE,
+            &["bus.model=can-fd", "time.duration=300ms", "bus.bitrate=125000", "bus.data_bitrate=250000"],
+            2,
+        ),
+        ("scenarios/vector-oscillators.toml", &["bus.model=can-fd", "time.duration=300ms"], 3),
     ];
     for (scenario, sets, nodes) in cases {
         let run = Run::new(scenario, sets, &["--quiet"]);
@@ -363,6 +370,35 @@ fn one_bit_that_is_changed_is_found_at_its_tick_with_its_field_and_both_values()
         (&found["difference"]["tick"], &found["difference"]["field"]),
         (&0.into(), &"x".into()),
         "{found}"
+    );
+}
+
+#[test]
+fn one_bit_that_is_changed_in_a_frame_of_can_fd_is_found_too() {
+    let run = Run::new(FIVE, &["bus.model=can-fd", "time.duration=200ms"], &UNJUDGED);
+    let line = run.line_of("583", 120);
+    // After the two signs of CAN FD its flags, then the tick and x.
+    let changed = run.with_line(line, |line| {
+        let (head, data) = line.split_once("##").unwrap();
+        Some(format!(
+            "{head}#{}",
+            flip(&format!("#{}", &data[1..]), 4, 0).replace('#', &format!("#{}", &data[..1]))
+        ))
+    });
+    assert!(run.text(changed).lines().nth(line).unwrap().contains("##"));
+    let (code, text) = run.replay(changed, 3, &["--json"]);
+    let found: Value = serde_json::from_str(&text).unwrap();
+    let difference = &found["difference"];
+    assert_eq!(
+        (code, &difference["tick"], &difference["field"], &difference["line"]),
+        (Some(1), &120.into(), &"x".into(), &(line + 1).into()),
+        "{text}"
+    );
+    // Of the other format the log says it.
+    let (code, text) = run.replay("can.log", 3, &["--set", "bus.model=can"]);
+    assert!(
+        code == Some(2) && text.contains("with bus.model = \"can-fd\", and the scenario has \"can\""),
+        "{text}"
     );
 }
 

@@ -132,10 +132,14 @@ pub fn replay(path: &Path, scenario: &Scenario, id: u8) -> Result<Replayed, RunE
         ));
     }
     let survey = survey::survey(path, scenario, id)?;
-    if survey.drive == Drive::Simulated && scenario.bus.model != BusModel::Can {
+    let model = if survey.fd { BusModel::CanFd } else { BusModel::Can };
+    if survey.drive == Drive::Simulated && scenario.bus.model != model {
         return Err(RunError::bad_input(format!(
-            "{}: there is no START in it, so that it is of a simulated bus, and the scenario has none; add --set bus.model=can, with the bit rate of the run",
-            path.display()
+            "{}: there is no START in it, so that it is of a simulated bus, with bus.model = \"{}\", and the scenario has \"{}\"; add --set bus.model={}, with the bit rates of the run",
+            path.display(),
+            model.name(),
+            scenario.bus.model.name(),
+            model.name()
         )));
     }
     let mut replay = Replay::new(scenario, id, &survey)?;

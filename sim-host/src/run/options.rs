@@ -5,7 +5,7 @@ use crate::bus::SIMULATED;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
 use crate::record::BusLogs;
-use crate::scenario::{BusModel, Scenario, TimeSpec};
+use crate::scenario::{Scenario, TimeSpec};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -93,7 +93,7 @@ impl RunOptions {
                     scenario.nodes.iter().filter_map(|node| u8::try_from(node.id).ok()).collect();
                 bench.interfaces(&ids).into_iter().cloned().collect()
             }
-            (Fidelity::Loopback, _) if scenario.bus.model == BusModel::Can => vec![SIMULATED.to_owned()],
+            (Fidelity::Loopback, _) if scenario.bus.model.is_can() => vec![SIMULATED.to_owned()],
             _ => Vec::new(),
         }
     }

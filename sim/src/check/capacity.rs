@@ -67,7 +67,7 @@ pub(super) fn finding(scenario: &Scenario) -> Finding {
     let fd = highest_fd_rate(scenario.nodes.len(), scenario.components(), FD_RATES);
     let load = PLANNED_LOAD * rate / fast;
     // Whether it carries them is said by the finding on the bus itself.
-    let can = matches!(scenario.bus.model, BusModel::Can | BusModel::CanFd);
+    let can = scenario.bus.model.is_can();
     let plain = classic_bits(STATE_BYTES) as f64 / classic_bits(PLAIN_BYTES) as f64;
     let rates = (f64::from(scenario.bus.bitrate), f64::from(scenario.bus.data_bitrate));
     let most = match scenario.bus.model {

@@ -56,6 +56,12 @@ impl BusModel {
             Self::Uart => "uart",
         }
     }
+
+    /// Whether it is a CAN bus, of either format.
+    #[must_use]
+    pub fn is_can(self) -> bool {
+        matches!(self, Self::Can | Self::CanFd)
+    }
 }
 
 /// Where serial lines lead.
@@ -413,7 +419,7 @@ pub(super) fn fresh(bus: &BusSpec, time: &TimeSpec, root: &Item, log: &Log) {
 
 /// The bits of the bus have whole nanoseconds, and so have their sample points.
 pub(super) fn whole_bits(bus: &BusSpec, root: &Item, log: &Log) {
-    let is_can = matches!(bus.model, BusModel::Can | BusModel::CanFd);
+    let is_can = bus.model.is_can();
     let Some(section) = root.get("bus").filter(|_| is_can) else { return };
     let mut phases = vec![("bitrate", "sample_point", bus.bitrate, bus.sample_per_mille)];
     if bus.model == BusModel::CanFd {

@@ -4,7 +4,7 @@ use super::diagnostic::{Diagnostic, Problem};
 use super::duration::{format_duration, parse_duration};
 use super::reader::{Range, Section, duration_ns, integer};
 use super::tree::{Item, Value};
-use super::{BusModel, BusSpec, Coupling, EventSpec, LARGEST_RUN};
+use super::{BusSpec, Coupling, EventSpec, LARGEST_RUN};
 use crate::random::{self, Purpose};
 use crate::scenario::reader::Log;
 
@@ -184,7 +184,7 @@ pub(super) fn make_sense(
     if !events.is_empty() {
         refuse(item, "must not be there beside [[event]], so far");
     }
-    let on_can = matches!(bus.model, BusModel::Can | BusModel::CanFd);
+    let on_can = bus.model.is_can();
     if let (Some(item), Some(_), false) = (root.get("sync"), sync, on_can) {
         refuse(item, "needs bus.model = \"can\" or \"can-fd\", where all hear a SYNC at the same time");
     }
