@@ -574,11 +574,11 @@ same_bits() { # SCENARIO BUILD...
     rm -rf "$folder"
 }
 
-cmd_gallery() { #: draw the book's figures and compute the README's table of scenarios anew
+cmd_gallery() { #: draw the book's figures and compute its table of scenarios anew
     cargo run --release --locked --quiet --package sim-host --example gallery
 }
 
-cmd_gallery-check() { #: check that the README's table of scenarios is what they give now
+cmd_gallery-check() { #: check that the book's table of scenarios is what they give now
     cargo run --release --locked --quiet --package sim-host --example gallery -- --check
 }
 

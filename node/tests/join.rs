@@ -96,25 +96,40 @@ fn hear_near(node: &mut Node, k: u32) {
     hear(node, 3, k, -1.125);
 }
 
-/// Neighbours that are 4 apart would be thrown out by a node between them.
+/// Two that a node between them would throw out: their terms would be `term` funnels.
+fn hear_apart(node: &mut Node, k: u32, term: f32) {
+    hear(node, 2, k, term - 1.0);
+    hear(node, 3, k, -term / 3.0 - 1.0);
+}
+
+/// The tick at which a node that joins speaks, after the first one, whose neighbours are `term` funnels from it up to a tick, and near it from there on.
+fn spoke(term: f32, near_from: u32) -> u32 {
+    let mut node = node(&config());
+    node.on_message(&start(JOIN), 0).unwrap();
+    let spoke = (0..1_100).find(|&k| {
+        if k < near_from {
+            hear_apart(&mut node, FIRST + k, term)
+        } else {
+            hear_near(&mut node, FIRST + k)
+        }
+        !states(&tick(&mut node, FIRST + k, 0.0)).is_empty()
+    });
+    spoke.unwrap()
+}
+
 #[test]
 fn a_node_that_integrates_waits_for_its_neighbours_to_be_near_each_other_but_not_for_ever() {
-    let spoke = |near_from: u32| {
-        let mut node = node(&config());
-        node.on_message(&start(JOIN), 0).unwrap();
-        let spoke = (0..1_100).find(|&k| {
-            if k < near_from {
-                hear_both(&mut node, FIRST + k)
-            } else {
-                hear_near(&mut node, FIRST + k)
-            }
-            !states(&tick(&mut node, FIRST + k, 0.0)).is_empty()
-        });
-        spoke.unwrap()
-    };
-    assert!((200..230).contains(&spoke(200)), "{}", spoke(200));
-    // Before its first SYNC it refuses states.
-    assert!((500..503).contains(&spoke(2_000)), "{}", spoke(2_000));
+    for term in [0.6, 1.9] {
+        assert!((200..230).contains(&spoke(term, 200)), "{term} {}", spoke(term, 200));
+        // Before its first SYNC it refuses states.
+        assert!((500..503).contains(&spoke(term, 2_000)), "{term} {}", spoke(term, 2_000));
+    }
+}
+
+/// Those that are more than two funnels from it run apart for as long as it waits.
+#[test]
+fn a_node_that_integrates_does_not_wait_where_only_it_holds_its_neighbours_together() {
+    assert!(spoke(2.1, 2_000) < 3, "{}", spoke(2.1, 2_000));
 }
 
 #[test]

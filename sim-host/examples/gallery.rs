@@ -1,7 +1,7 @@
-//! The book's figures and the README's table of scenarios, drawn and computed anew from `scenarios/`.
+//! The book's figures and its table of scenarios, drawn and computed anew from `scenarios/`.
 //!
 //! Usage: `gallery [--check]`, from the root of the repository. Writes `docs/book/src/figures/NAME.svg` and the table between the
-//! markers in README.md; with `--check` it only compares the table, and fails where it differs.
+//! markers in `docs/book/src/scenarios/README.md`; with `--check` it only compares the table, and fails where it differs.
 #![allow(clippy::expect_used, clippy::panic)]
 
 use sim_host::interrupt::Interrupt;
@@ -21,6 +21,8 @@ const POINTS: u64 = 400;
 const NEAR: f64 = 5e-3;
 /// What may be the start of a run, s: where inputs are far larger than later, and a state moves farther within a tick than a continuous one does.
 const STARTS: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
+/// The page with the table.
+const PAGE: &str = "docs/book/src/scenarios/README.md";
 const BEGIN: &str = "<!-- gallery: begin -->\n";
 const END: &str = "<!-- gallery: end -->\n";
 
@@ -32,14 +34,14 @@ fn main() -> ExitCode {
         "| scenario | largest \\|nu\\|/psi | final spread | to xi at the end | reference error |\n|---|---:|---:|---:|---:|\n",
     );
     table += &rows(&scenarios, !check).concat();
-    let readme = std::fs::read_to_string("README.md").expect("README.md, from the root of the repository");
-    let (before, rest) = readme.split_once(BEGIN).expect("the marker where the table begins");
+    let page =
+        std::fs::read_to_string(PAGE).expect("the book's page of scenarios, from the root of the repository");
+    let (before, rest) = page.split_once(BEGIN).expect("the marker where the table begins");
     let (found, after) = rest.split_once(END).expect("the marker where the table ends");
     if !check {
-        std::fs::write("README.md", [before, BEGIN, &table, END, after].concat())
-            .expect("README.md can be written");
+        std::fs::write(PAGE, [before, BEGIN, &table, END, after].concat()).expect("the page can be written");
     } else if found != table {
-        eprintln!("README.md's table of scenarios is not what they give now: ./ci.sh gallery\n{table}");
+        eprintln!("the table of {PAGE} is not what its scenarios give now: ./ci.sh gallery\n{table}");
         return ExitCode::FAILURE;
     }
     ExitCode::SUCCESS
@@ -154,7 +156,7 @@ fn row(scenario: &Scenario, summary: &Summary, missing: Option<&str>) -> String 
     let unresolved = summary.reference.filter(|reference| !reference.resolved).map(|_| "not resolved");
     let number = |value: Option<f64>, digits| value.map_or(String::new(), |value| digits_of(value, digits));
     format!(
-        "| [{name}](docs/book/src/scenarios/{name}.md) | {} | {} | {} | {} |\n",
+        "| [{name}]({name}.md) | {} | {} | {} | {} |\n",
         number(summary.funnel.map(|funnel| funnel.max_ratio), 3),
         number(summary.sync.map(|sync| sync.final_spread), 2),
         number(summary.emergent.as_ref().and_then(|emergent| emergent.final_error), 2),

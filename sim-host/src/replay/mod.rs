@@ -1,5 +1,5 @@
 //! `sim-host replay`: gives one node's real code what the others said in a log, and compares what it sends with what the log says it sent
-//! (docs/book/src/logs.md).
+//! (docs/book/src/can-logs.md).
 
 mod difference;
 mod gaps;
