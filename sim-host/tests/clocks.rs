@@ -90,6 +90,89 @@ fn a_clock_that_has_jumped_too_far_stops_its_node_when_the_holdover_is_over() {
     assert_eq!(summary["stopped"], serde_json::json!([3]));
 }
 
+/// The events of a run that begin with a word, by the file that tells them, as the scenario's times in seconds.
+fn told(sets: &[&str], words: &str) -> Vec<f64> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clocks/five-agents.toml");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+    command.args(["run", scenario, "-q", "--out"]).arg(folder.path());
+    for set in sets {
+        command.args(["--set", set]);
+    }
+    let output = command.output().expect("sim-host starts");
+    let text = std::fs::read_to_string(folder.path().join("events.txt"));
+    let text = text.unwrap_or_else(|_| String::from_utf8(output.stderr).expect("text"));
+    let time = |line: &str| line.split(' ').next().and_then(|time| time.parse().ok());
+    text.lines().filter(|line| line.contains(words)).filter_map(time).collect()
+}
+
+const LOST: &str = "event=[{ at = \"5s\", kind = \"sync-loss\", for = \"2s\" }]";
+
+#[test]
+fn where_sync_is_lost_clocks_hold_over_and_are_together_again_after_it() {
+    let short = ["time.duration=12s", "expect.reference_error=1e9", "clock.wander=0"];
+    let with = run(&[&short[..], &[LOST, "expect.recovered_within=1s"]].concat());
+    assert_eq!(with["passed"], true, "{with}");
+    // What is learnt of the others' rates is kept: 100 ppm apart for 2 s they would be 200 us apart.
+    let skew = number(&with, "/clocks/skew_max_s");
+    assert!(skew < 20e-6, "{skew}");
+    let syncs = |summary: &Value| number(summary, "/clocks/syncs");
+    let lost = syncs(&run(&short)) - syncs(&with);
+    assert!((19.0..=21.0).contains(&lost), "{lost}");
+}
+
+#[test]
+fn where_sync_is_lost_for_longer_than_the_holdover_who_follows_stops() {
+    let summary = run(&[LOST, "safety.holdover=1s", "time.duration=8s", "sync.masters=[1]"]);
+    assert_eq!(summary["stopped"], serde_json::json!([2, 3, 4, 5]));
+    let stops = told(&[LOST, "safety.holdover=1s", "time.duration=8s", "sync.masters=[1]"], "stopped");
+    assert!(stops.iter().all(|at| (5.85..6.15).contains(at)), "{stops:?}");
+}
+
+#[test]
+fn where_one_master_is_silent_the_next_one_takes_over_and_yields_again() {
+    let silent = "event=[{ at = \"5s\", kind = \"sync-loss\", node = 1, for = \"2s\" }]";
+    let short = ["time.duration=12s", "expect.reference_error=1e9", "expect.recovered_within=1s", silent];
+    let summary = run(&short);
+    assert_eq!(summary["passed"], true, "{summary}");
+    assert!(number(&summary, "/clocks/skew_p99_s") < 5e-6, "{}", summary["clocks"]);
+    let leads = told(&short, "node 2 is time master");
+    assert!(leads.len() == 1 && (5.0..5.3).contains(&leads[0]), "{leads:?}");
+}
+
+#[test]
+fn a_clock_that_jumps_or_drifts_by_an_event_is_brought_back() {
+    for change in ["by = \"300us\"", "drift_ppm = -50"] {
+        let event = format!("event=[{{ at = \"5s\", kind = \"clock\", node = 3, {change} }}]");
+        let summary =
+            run(&[&event, "time.duration=12s", "expect.reference_error=1e9", "expect.recovered_within=1s"]);
+        assert_eq!(summary["passed"], true, "{change} {summary}");
+        let skew = number(&summary, "/clocks/skew_max_s");
+        assert!((3e-6..310e-6).contains(&skew), "{change} {skew}");
+        let off = run(&[&event, "sync.off=true", "time.duration=12s"]);
+        assert!(number(&off, "/clocks/skew_max_s") > skew, "{change} {off}");
+    }
+}
+
+#[test]
+fn events_of_clocks_that_make_no_sense_are_refused_by_name() {
+    let event = |keys: &str| format!("event=[{{ at = \"5s\", {keys} }}]");
+    assert!(refused(&[&event("kind = \"clock\", node = 3")]).contains("must be how far the clock jumps"));
+    assert!(refused(&[&event("kind = \"clock\", node = 9, by = \"1us\"")]).contains("node"));
+    assert!(refused(&[&event("kind = \"clock\", node = 3, by = \"2s\"")]).contains("a second at most"));
+    assert!(refused(&[&event("kind = \"sync-loss\"")]).contains("how long SYNC do not go out"));
+    assert!(
+        refused(&[&event("kind = \"sync-loss\", for = \"1h\"")])
+            .contains("must be over by the end of the run")
+    );
+    assert!(
+        refused(&[&event("kind = \"sync-loss\", for = \"1s\""), "sync.off=true"]).contains("needs [sync]")
+    );
+    assert!(
+        refused(&[&event("kind = \"crash\", node = 3")]).contains("another kind than clock and sync-loss")
+    );
+}
+
 #[test]
 fn keys_that_make_no_sense_are_refused_by_name() {
     assert!(refused(&["bus.model=ideal"]).contains("needs bus.model"));

@@ -97,7 +97,8 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
 ) -> Result<Engine<M, V>, Refused> {
     let compute = scenario.nodes.iter().map(|node| node.compute_ns).collect();
     let engine = Engine::new(nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario)).with_compute(compute);
-    if scenario.events.is_empty() {
+    // Events of clocks are part of those.
+    if scenario.stays_whole() {
         return Ok(engine.with_clocks(Clocks::of(scenario)));
     }
     let course = scenario.course().on_clock(&scenario.time);

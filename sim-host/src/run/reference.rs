@@ -157,9 +157,9 @@ fn rows(solution: &ReferenceSolution) -> impl Iterator<Item = Row> {
 }
 
 fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
-    if !scenario.events.is_empty() {
+    if !scenario.stays_whole() {
         return Err(RunError::bad_input(
-            "there is no reference for a scenario with an [[event]]: the continuous-time solution is that of all nodes and all links; \
+            "there is no reference for a scenario with an [[event]] that takes nodes or links away: the continuous-time solution is that of all nodes and all links; \
              run it with --on loopback, without reference_error among its expectations",
         ));
     }

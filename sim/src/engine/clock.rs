@@ -23,6 +23,8 @@ pub struct Clock {
     stream: Pcg64,
     /// Jumps to come: true time and how far, ns; the latest first.
     jumps: Vec<(u64, i64)>,
+    /// Drifts to come: true time and parts in a billion; the latest first.
+    drifts: Vec<(u64, i64)>,
     /// When the rate changes next, ns.
     wanders_at: u64,
 }
@@ -30,8 +32,12 @@ pub struct Clock {
 impl Clock {
     /// The clock of the node with this index, which shows 0 at true time 0.
     pub fn new(spec: &ClockSpec, seed: u64, index: usize) -> Self {
-        let mut jumps = spec.jumps.clone();
-        jumps.sort_by_key(|jump| std::cmp::Reverse(jump.0));
+        let latest_first = |changes: &[(u64, i64)]| {
+            let mut changes = changes.to_vec();
+            changes.sort_by_key(|change| std::cmp::Reverse(change.0));
+            changes
+        };
+        let (jumps, drifts) = (latest_first(&spec.jumps), latest_first(&spec.drifts));
         Self {
             at: 0,
             shows: 0,
@@ -39,6 +45,7 @@ impl Clock {
             wander_ppb: spec.wander_ppb,
             stream: random::stream(seed, Purpose::ClockWander, index as u64),
             jumps,
+            drifts,
             wanders_at: if spec.wander_ppb == 0 { u64::MAX } else { WANDERS_EVERY },
         }
     }
@@ -53,7 +60,8 @@ impl Clock {
 
     /// When it changes next, ns.
     fn changes_at(&self) -> u64 {
-        self.jumps.last().map_or(u64::MAX, |jump| jump.0).min(self.wanders_at)
+        let next = |changes: &[(u64, i64)]| changes.last().map_or(u64::MAX, |change| change.0);
+        next(&self.jumps).min(next(&self.drifts)).min(self.wanders_at)
     }
 
     /// Makes the changes up to `t`.
@@ -65,6 +73,10 @@ impl Clock {
                 && let Some((_, by)) = self.jumps.pop()
             {
                 self.shows += i128::from(by) * PARTS;
+            } else if self.drifts.last().is_some_and(|drift| drift.0 == at)
+                && let Some((_, ppb)) = self.drifts.pop()
+            {
+                self.ppb = ppb;
             } else {
                 let change = random::gaussian(&mut self.stream) * self.wander_ppb as f64;
                 self.ppb += change.round() as i64;
@@ -114,6 +126,16 @@ mod tests {
         assert_eq!(
             [999, 1_000, 1_999, 2_000, 3_000].map(|t| clock.shows(t)),
             [999, 1_500, 2_499, 2_200, 3_200]
+        );
+    }
+
+    #[test]
+    fn a_clock_drifts_as_it_is_told_to_from_then_on() {
+        let drifts = vec![(20_000, -50_000), (60_000, 0)];
+        let mut clock = clock(ClockSpec { drift_ppb: 50_000, drifts, ..ClockSpec::default() });
+        assert_eq!(
+            [20_000, 40_000, 60_000, 90_000].map(|t| clock.shows(t)),
+            [20_001, 40_000, 59_999, 89_999]
         );
     }
 

@@ -5,7 +5,7 @@
 use super::clock::Clock;
 use super::{Engine, NEVER, NodeEvent, receive};
 use crate::bus::{Medium, Stamp};
-use crate::scenario::{ClockSpec, Scenario, SyncSpec};
+use crate::scenario::{ClockSpec, EventKind, EventSpec, Scenario, SyncSpec, Targets};
 use funnelnet_can_bus::table::Latencies;
 use funnelnet_law::field::VectorField;
 use funnelnet_node::time::{Change, Keeper, Masters, Output, Role, Rules};
@@ -78,20 +78,18 @@ impl Clocks {
                 holdover_ns: sync.and(scenario.safety.holdover_ns),
             };
             let mut keeper = Keeper::new(rules);
+            let spec = with_events(spec, scenario, index);
             // Tick 0 is a tick after the start.
-            let jumps = spec.jumps.iter().map(|&(at, by)| (at.saturating_add(tick_ns), by)).collect();
-            let clock = Clock::new(&ClockSpec { jumps, ..spec.clone() }, scenario.seed, index);
+            let later = |changes: &[(u64, i64)]| {
+                changes.iter().map(|&(at, change)| (at.saturating_add(tick_ns), change)).collect()
+            };
+            let (jumps, drifts) = (later(&spec.jumps), later(&spec.drifts));
+            let mute = silences(scenario, index);
+            let clock = Clock::new(&ClockSpec { jumps, drifts, ..spec.clone() }, scenario.seed, index);
             // A node that is ahead by `offset` is where the others are only then. Network time begins a tick before tick 0.
             let ahead = tick_ns.saturating_add_signed(spec.offset_ns);
             keeper.start(0, ahead, tick_ns.saturating_mul(2), false);
-            Some(NodeClock {
-                clock,
-                keeper,
-                stamps: VecDeque::new(),
-                ticked_at: None,
-                ticks_at: NEVER,
-                mute: Vec::new(),
-            })
+            Some(NodeClock { clock, keeper, stamps: VecDeque::new(), ticked_at: None, ticks_at: NEVER, mute })
         };
         let nodes: Option<Vec<NodeClock>> = scenario.clocks.iter().enumerate().map(node).collect();
         let leader =
@@ -139,6 +137,33 @@ impl Clocks {
         let mut clock = node.clock.clone();
         (at, node.keeper.network(clock.shows(at)) >= time)
     }
+}
+
+/// The clock of a node with what events make of it. What they name in time of the scenario is true time from the start on.
+fn with_events(spec: &ClockSpec, scenario: &Scenario, index: usize) -> ClockSpec {
+    let mut spec = spec.clone();
+    let of_it = |event: &&EventSpec| event.kind == EventKind::Clock && event.targets.nodes().contains(&index);
+    for event in scenario.events.iter().filter(of_it) {
+        let at = scenario.time.on_clock(event.at_ns);
+        if event.clock.by_ns != 0 {
+            spec.jumps.push((at, event.clock.by_ns));
+        }
+        spec.drifts.extend(event.clock.drift_ppb.map(|ppb| (at, ppb)));
+    }
+    spec
+}
+
+/// From and to when SYNC of a node do not go out, engine time, ns.
+fn silences(scenario: &Scenario, index: usize) -> Vec<(u64, u64)> {
+    let of_it = |event: &&EventSpec| {
+        event.kind == EventKind::SyncLoss
+            && (event.targets == Targets::Masters || event.targets.nodes().contains(&index))
+    };
+    let silence = |event: &EventSpec| {
+        let from = scenario.time.on_clock(event.at_ns).saturating_add(scenario.time.tick_ns);
+        (from, from.saturating_add(event.lasts_ns))
+    };
+    scenario.events.iter().filter(of_it).map(silence).collect()
 }
 
 fn id_of(id: u16) -> Option<NodeId> {
@@ -225,7 +250,8 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 Output::Lost { silent_ms } => node.fail(FaultCode::HOLDOVER, silent_ms),
             }
         }
-        if timing.keeper.role() == Role::Leads && clocks.leader != index {
+        // Of two that lead, one that nobody hears does not.
+        if timing.keeper.role() == Role::Leads && clocks.leader != index && !timing.is_mute(now) {
             clocks.leader = index;
         }
         let of_node = clocks.network(index, now);

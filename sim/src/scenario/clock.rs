@@ -4,7 +4,7 @@ use super::diagnostic::{Diagnostic, Problem};
 use super::duration::{format_duration, parse_duration};
 use super::reader::{Range, Section, duration_ns, integer};
 use super::tree::{Item, Value};
-use super::{BusSpec, Coupling, EventSpec, LARGEST_RUN};
+use super::{BusSpec, Coupling, EventKind, EventSpec, LARGEST_RUN};
 use crate::random::{self, Purpose};
 use crate::scenario::reader::Log;
 
@@ -18,7 +18,7 @@ const MOST_JUMP_NS: i64 = 1_000_000_000;
 const PERIOD_NS: u64 = 100_000_000;
 const LONGEST_PERIOD_NS: u64 = 10_000_000_000;
 
-const DRIFT: Range = Range::between(-MOST_DRIFT, MOST_DRIFT, "ppm").on_host();
+pub(super) const DRIFT: Range = Range::between(-MOST_DRIFT, MOST_DRIFT, "ppm").on_host();
 const WIDTH: Range = Range::between(0.0, MOST_DRIFT, "ppm").on_host();
 const WANDER: Range = Range::between(0.0, MOST_WANDER, "ppm in a second").on_host();
 
@@ -33,6 +33,8 @@ pub struct ClockSpec {
     pub wander_ppb: u64,
     /// True time (ns from the start of the run) and how far it jumps then (ns).
     pub jumps: Vec<(u64, i64)>,
+    /// The same, and how much too fast it is from then on (parts in a billion).
+    pub drifts: Vec<(u64, i64)>,
 }
 
 /// What keeps the clocks together.
@@ -95,7 +97,7 @@ impl Common {
             random::below(&mut stream, n) as i64 - width as i64
         };
         let (drift_ppb, offset_ns) = (within(self.drift_ppb), within(self.offset_ns));
-        ClockSpec { offset_ns, drift_ppb, wander_ppb: self.wander_ppb, jumps: Vec::new() }
+        ClockSpec { offset_ns, drift_ppb, wander_ppb: self.wander_ppb, ..ClockSpec::default() }
     }
 }
 
@@ -132,12 +134,17 @@ fn read_jump(item: &Item, log: &Log) -> Option<(u64, i64)> {
     section.need("at", "must be a duration from the start, as \"5s\"")?;
     let at = section.duration("at", Some(0));
     section.need("by", "must be how far the clock jumps, as \"300us\" or \"-300us\"")?;
-    let by = section.value("by", 0, |item| match signed_ns(item)? {
-        by if by.abs() <= MOST_JUMP_NS => Ok(by),
-        _ => Err(item.diagnostic(Problem::Value, "must be a second at most, forwards or backwards")),
-    });
+    let by = section.value("by", 0, read_by);
     section.finish();
     Some((at, by))
+}
+
+/// How far a clock jumps, ns.
+pub(super) fn read_by(item: &Item) -> Result<i64, Box<Diagnostic>> {
+    match signed_ns(item)? {
+        by if by.abs() <= MOST_JUMP_NS => Ok(by),
+        _ => Err(item.diagnostic(Problem::Value, "must be a second at most, forwards or backwards")),
+    }
 }
 
 fn read_sync(mut section: Section<'_>, nodes: u64, tick_ns: u64) -> Option<SyncSpec> {
@@ -176,13 +183,28 @@ pub(super) fn make_sense(
     (coupling, events): (Coupling<f64>, &[EventSpec]),
     (root, log): (&Item, &Log),
 ) {
-    let Some(item) = root.get("clock").or(root.get("sync")).filter(|_| !clocks.is_empty()) else { return };
     let refuse = |item: &Item, allowed: &str| log.report(item.diagnostic(Problem::Value, allowed));
+    let of_clocks = |event: &&EventSpec| event.kind.is_of_clocks();
+    if let (Some(item), Some(event)) = (root.get("event"), events.iter().find(of_clocks)) {
+        match (event.kind, clocks.is_empty(), sync) {
+            (EventKind::Clock, true, _) => {
+                refuse(item, "of kind clock needs [clock] or [sync]: without them all nodes share one clock")
+            }
+            (EventKind::SyncLoss, _, None) => {
+                refuse(item, "of kind sync-loss needs [sync]: without it there is none to lose")
+            }
+            _ => {}
+        }
+    }
+    let Some(item) = root.get("clock").or(root.get("sync")).filter(|_| !clocks.is_empty()) else { return };
     if coupling == Coupling::WeaklyCentralised {
         refuse(item, "must not be there with weakly-centralised coupling, which is simulated without nodes");
     }
-    if !events.is_empty() {
-        refuse(item, "must not be there beside [[event]], so far");
+    if !events.iter().all(|event| event.kind.is_of_clocks()) {
+        refuse(
+            item,
+            "must not be there beside an [[event]] of another kind than clock and sync-loss, so far",
+        );
     }
     let on_can = bus.model.is_can();
     if let (Some(item), Some(_), false) = (root.get("sync"), sync, on_can) {
@@ -190,7 +212,7 @@ pub(super) fn make_sense(
     }
 }
 
-fn ppb(ppm: f64) -> i64 {
+pub(super) fn ppb(ppm: f64) -> i64 {
     if ppm.is_finite() { (ppm * 1000.0).round() as i64 } else { 0 }
 }
 

@@ -66,6 +66,12 @@ impl Scenario {
         self.nodes.first().map_or(1, |node| node.state.len())
     }
 
+    /// Whether no event takes a node or a link away: what events there are happen to clocks.
+    #[must_use]
+    pub fn stays_whole(&self) -> bool {
+        self.events.iter().all(|event| event.kind.is_of_clocks())
+    }
+
     /// What its events come to, step by step.
     #[must_use]
     pub fn course(&self) -> Course {

@@ -171,6 +171,9 @@ impl Course {
 /// The changes that an event makes, each with its time, ns.
 fn changes(spec: &EventSpec, graph: &Graph) -> Vec<(u64, Change)> {
     let mut changes = Vec::new();
+    if spec.kind.is_of_clocks() {
+        return changes;
+    }
     for &node in spec.targets.nodes() {
         changes.push(match spec.kind {
             EventKind::Join => (spec.at_ns, Change::On { node }),

@@ -21,8 +21,19 @@ pub struct EventSpec {
     pub kind: EventKind,
     /// The nodes or links that it happens to.
     pub targets: Targets,
-    /// Time for which a bounced node is off, ns; 0 for other kinds.
+    /// Time for which a bounced node is off, or SYNC do not go out, ns; 0 for other kinds.
     pub lasts_ns: u64,
+    /// What becomes of a clock; nothing for other kinds.
+    pub clock: ClockChange,
+}
+
+/// What becomes of a clock at an event.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClockChange {
+    /// How far it jumps, ns.
+    pub by_ns: i64,
+    /// How much too fast it is from then on, parts in a billion; none where that stays.
+    pub drift_ppb: Option<i64>,
 }
 
 /// Kind of an event.
@@ -40,6 +51,10 @@ pub enum EventKind {
     Partition,
     /// Links carry again what is sent.
     Repair,
+    /// A clock jumps, or drifts from then on.
+    Clock,
+    /// SYNC do not go out for a while.
+    SyncLoss,
 }
 
 impl EventKind {
@@ -53,7 +68,15 @@ impl EventKind {
             Self::Join => "join",
             Self::Partition => "partition",
             Self::Repair => "repair",
+            Self::Clock => "clock",
+            Self::SyncLoss => "sync-loss",
         }
+    }
+
+    /// Whether it happens to clocks alone: all nodes and links stay.
+    #[must_use]
+    pub fn is_of_clocks(self) -> bool {
+        matches!(self, Self::Clock | Self::SyncLoss)
     }
 }
 
@@ -68,15 +91,17 @@ pub enum Targets {
     Groups(Vec<Vec<usize>>),
     /// Every link.
     AllLinks,
+    /// Every node that may be time master.
+    Masters,
 }
 
 impl Targets {
-    /// The nodes; none where they are links.
+    /// The nodes; none where they are links, or time masters.
     #[must_use]
     pub fn nodes(&self) -> &[usize] {
         match self {
             Self::Nodes(nodes) => nodes,
-            Self::Link(..) | Self::Groups(_) | Self::AllLinks => &[],
+            Self::Link(..) | Self::Groups(_) | Self::AllLinks | Self::Masters => &[],
         }
     }
 
@@ -85,7 +110,7 @@ impl Targets {
     pub fn links(&self, graph: &Graph) -> Vec<(usize, usize)> {
         let edges = graph.edges.iter().map(|edge| (edge.a, edge.b));
         match self {
-            Self::Nodes(_) => Vec::new(),
+            Self::Nodes(_) | Self::Masters => Vec::new(),
             Self::Link(a, b) => edges.filter(|&edge| edge == (*a.min(b), *a.max(b))).collect(),
             Self::Groups(groups) => {
                 let group = groups_of(groups, graph.nodes);
@@ -109,6 +134,12 @@ fn groups_of(groups: &[Vec<usize>], nodes: usize) -> Vec<Option<usize>> {
 impl fmt::Display for EventSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.kind.name(), self.targets)?;
+        if self.clock.by_ns != 0 {
+            write!(f, " by {}", format_signed(self.clock.by_ns))?;
+        }
+        if let Some(ppb) = self.clock.drift_ppb {
+            write!(f, " drifts by {} ppm", ppb as f64 / 1000.0)?;
+        }
         match self.lasts_ns {
             0 => Ok(()),
             ns => write!(f, " for {}", format_duration(ns)),
@@ -127,8 +158,14 @@ impl fmt::Display for Targets {
                 write!(f, "groups {}", groups.join(" | "))
             }
             Self::AllLinks => f.write_str("all links"),
+            Self::Masters => f.write_str("all time masters"),
         }
     }
+}
+
+fn format_signed(ns: i64) -> String {
+    let size = format_duration(ns.unsigned_abs());
+    if ns < 0 { format!("-{size}") } else { size }
 }
 
 fn ids(nodes: &[usize]) -> String {

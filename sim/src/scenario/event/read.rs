@@ -1,7 +1,8 @@
 //! The keys of `[[event]]`, each by itself.
 
-use super::{EventKind, EventSpec, Targets};
+use super::{ClockChange, EventKind, EventSpec, Targets};
 use crate::scenario::Diagnostic;
+use crate::scenario::clock::{DRIFT, ppb, read_by};
 use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::{Choice, Log, Section, integer, later, ready};
 use crate::scenario::tree::{Item, Value};
@@ -16,6 +17,8 @@ const KINDS: [Choice<EventKind>; 22] = [
     ready("leave", EventKind::Leave),
     ready("partition", EventKind::Partition),
     ready("repair", EventKind::Repair),
+    ready("clock", EventKind::Clock),
+    ready("sync-loss", EventKind::SyncLoss),
     unbuilt("hold"),
     unbuilt("release"),
     unbuilt("cut"),
@@ -24,8 +27,6 @@ const KINDS: [Choice<EventKind>; 22] = [
     unbuilt("noise"),
     unbuilt("corrupt"),
     unbuilt("burst"),
-    unbuilt("clock"),
-    unbuilt("sync-loss"),
     unbuilt("sensor"),
     unbuilt("actuator"),
     unbuilt("liar"),
@@ -53,13 +54,43 @@ fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
     };
     // Without a kind nobody knows which keys there may be.
     let kind = section.choice("kind", &KINDS, None)?;
+    let mut clock = ClockChange::default();
     let (targets, lasts_ns) = match kind {
         EventKind::Bounce => (of_nodes(&mut section, nodes), lasts(&mut section)),
+        EventKind::Clock => {
+            clock = change_of_clock(&mut section);
+            (of_nodes(&mut section, nodes), 0)
+        }
+        EventKind::SyncLoss => {
+            let silent = section.need("for", "must be how long SYNC do not go out, as \"2s\"").is_some();
+            let lasts_ns = if silent { section.duration("for", Some(0)) } else { 0 };
+            (of_masters(&mut section, nodes), lasts_ns)
+        }
         EventKind::Crash | EventKind::Leave | EventKind::Join => (of_nodes(&mut section, nodes), 0),
         EventKind::Partition | EventKind::Repair => (of_links(&mut section, nodes, kind), 0),
     };
     section.finish();
-    Some(EventSpec { at_ns, kind, targets: targets?, lasts_ns })
+    Some(EventSpec { at_ns, kind, targets: targets?, lasts_ns, clock })
+}
+
+/// `by`, `drift_ppm`, or both.
+fn change_of_clock(section: &mut Section<'_>) -> ClockChange {
+    let by_ns = section.value("by", 0, read_by);
+    let drift_ppb = section.optional_number("drift_ppm", DRIFT).map(ppb);
+    if by_ns == 0 && drift_ppb.is_none() {
+        section.missing("by", "must be how far the clock jumps, as \"300us\" or \"-300us\"; or drift_ppm, its drift from then on");
+    }
+    ClockChange { by_ns, drift_ppb }
+}
+
+/// `node` or `nodes`; without either all that may be time master.
+fn of_masters(section: &mut Section<'_>, nodes: u64) -> Option<Targets> {
+    let ids = match one_of(section, "node", "nodes")? {
+        Some(("node", item)) => index(item, nodes).map(|index| vec![index]),
+        Some((_, item)) => indices(item, nodes),
+        None => return Some(Targets::Masters),
+    };
+    kept(section, ids).map(Targets::Nodes)
 }
 
 fn lasts(section: &mut Section<'_>) -> u64 {

@@ -92,7 +92,10 @@ impl Setting<'_> {
         if event.at_ns > self.end_ns() {
             self.report(item, "at", format!("must not be later than the end of the run, {end}"));
         } else if back_ns > self.end_ns() {
-            let allowed = format!("must bring the node back by the end of the run, {end}; a crash does not");
+            let allowed = match event.kind {
+                EventKind::SyncLoss => format!("must be over by the end of the run, {end}"),
+                _ => format!("must bring the node back by the end of the run, {end}; a crash does not"),
+            };
             self.report(item, if item.get("for").is_some() { "for" } else { "at" }, allowed);
         } else if comes && self.time.first_tick(back_ns) > LAST_JOIN {
             let last = format_duration(self.time.at_ns(LAST_JOIN));
@@ -104,7 +107,7 @@ impl Setting<'_> {
     /// The links of an event are edges. Gives how many nodes or links it has.
     fn of_the_graph(&self, event: &EventSpec, item: &Item) -> usize {
         let count = event.targets.nodes().len() + event.targets.links(self.graph).len();
-        if count > 0 {
+        if count > 0 || event.kind.is_of_clocks() {
             return count;
         }
         match &event.targets {
