@@ -130,7 +130,7 @@ class OnLine(Even, Commissioned):
         states, us."""
         draw, words = random.Random(2), Words.of(f"time.duration={ticks + 10}ms")["ticks"]
         strangers = [states[0]["serial"] for tick in self.strangers() for states in tick["states"][2:]]
-        times, begin, said = state_times(board), board.core.ns, 0
+        leaving, begin, said = state_times(board), board.core.ns, 0
         for tick in range(ticks):
             at(tick)
             board.run(begin + tick * 1e6 + draw.random() * 3e5 - board.core.ns)
@@ -142,6 +142,8 @@ class OnLine(Even, Commissioned):
                 board.run(len(other) / 2 * board.line.byte_ns)
                 said += 1
         board.run(begin + ticks * 1e6 - board.core.ns)
+        # Not those beside a reply: it takes the same line, and the state waits for it.
+        times = list(leaving)
         counters = self.counters(board)
         heard = counters["accepted"] + sum(counters["refused"])
         print(f"{board.image}: {said} frames on its line in {ticks} ms, {counters['accepted']} accepted, {sum(counters['refused'])} refused")
