@@ -15,7 +15,7 @@ import tempfile
 from bench import boards, run
 
 GIVEN = re.compile(r'uid = "([0-9a-f]{16})": was blank, is (id \d+ with configuration [0-9a-f]{8})$', re.MULTILINE)
-LISTED = re.compile(r'uid = "([0-9a-f]{16})" .*?, (blank|id \d+ with configuration [0-9a-f]{8}), last reset: (\w+), starts: (\d+)$', re.MULTILINE)
+LISTED = re.compile(r'uid = "([0-9a-f]{16})" .*?, (blank|id \d+ with configuration [0-9a-f]{8}), last reset: ([a-z -]+), starts: (\d+)$', re.MULTILINE)
 
 
 def said(*command):

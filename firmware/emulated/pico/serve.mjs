@@ -23,11 +23,12 @@ process.stdin.on('end', () => process.exit(0));
 // Flash operations that the file knows of.
 let written = 0;
 
-// The power may go at any moment: the file has what the flash has.
+// The power may go at any moment: the file has all that the flash had after an operation.
 function keep() {
   if (!kept || pico.nor.operations === written) return;
   written = pico.nor.operations;
-  fs.writeFileSync(kept, pico.storage());
+  fs.writeFileSync(`${kept}.new`, pico.storage());
+  fs.renameSync(`${kept}.new`, kept);
 }
 
 let wallBase = performance.now(), base = 0;
