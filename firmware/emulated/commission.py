@@ -11,9 +11,11 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 
 from bench import boards, run
 
+BOOT_S = 60
 GIVEN = re.compile(r'uid = "([0-9a-f]{16})": was blank, is (id \d+ with configuration [0-9a-f]{8})$', re.MULTILINE)
 LISTED = re.compile(r'uid = "([0-9a-f]{16})" .*?, (blank|id \d+ with configuration [0-9a-f]{8}), last reset: ([a-z -]+), starts: (\d+)$', re.MULTILINE)
 
@@ -26,6 +28,14 @@ def said(*command):
     return done.stdout
 
 
+def listing(host, bench, nodes):
+    """What `--list` hears: uid, id with checksum, reset and starts of each. It waits for two seconds, in which emulated boards may not start."""
+    end = time.monotonic() + BOOT_S
+    while len(found := LISTED.findall(said(host, "bench", "--bench", bench, "--list"))) < nodes and time.monotonic() < end:
+        pass
+    return found
+
+
 def commission(host, server, image, nodes, scenario, arguments, storage):
     """What blank boards are given, then said by them when they have power again: uid to id with checksum, of each."""
     with boards(server, image, nodes, storage) as bench:
@@ -33,7 +43,7 @@ def commission(host, server, image, nodes, scenario, arguments, storage):
     if len(given) != int(nodes) or len(set(given.values())) != int(nodes):
         sys.exit(f"commission.py: {len(given)} of {nodes} boards were blank and have a configuration of their own")
     with boards(server, image, nodes, storage) as bench:
-        found = LISTED.findall(said(host, "bench", "--bench", bench, "--list"))
+        found = listing(host, bench, int(nodes))
         if any((reset, starts) != ("power-on", "1") for *_, reset, starts in found):
             sys.exit("commission.py: not every board has just been given power")
         listed = {uid: has for uid, has, *_ in found if uid in given}
