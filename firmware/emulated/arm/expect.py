@@ -5,7 +5,7 @@ import random
 from board import kind
 from bus import Bus
 from core import PowerCut
-from even import LARGEST_JITTER, TICK_US, Even
+from even import LARGEST_JITTER, TICK_US, Even, tick_of, width
 from fdcan import Frame
 import settings
 from words import CONFIGURED, STAGED, STATE, STORED, Words, read, words
@@ -125,31 +125,35 @@ class OnLine(Even, Commissioned):
     def lost(self, board):
         return board.uart.overruns
 
-    def with_traffic(self, board, ticks, at=lambda tick: None):
+    def with_traffic(self, board, ticks, tick_us=TICK_US, at=lambda tick: None):
         """Runs a node among states of its neighbour, states of strangers and noise, and calls `at` in each period; the times of its
         states, us."""
-        draw, words = random.Random(2), Words.of(f"time.duration={ticks + 10}ms")["ticks"]
+        draw, period = random.Random(2), tick_us * 1e3
+        words = Words.of(tick_of(tick_us), f"time.duration={(ticks + 10) * tick_us}us")["ticks"]
         strangers = [states[0]["serial"] for tick in self.strangers() for states in tick["states"][2:]]
         leaving, begin, said = state_times(board), board.core.ns, 0
         for tick in range(ticks):
             at(tick)
-            board.run(begin + tick * 1e6 + draw.random() * 3e5 - board.core.ns)
+            board.run(begin + (tick + draw.random() * 0.3) * period - board.core.ns)
             board.tell(words[tick + 1]["states"][1][0]["serial"])
             said += 1
-            while board.core.ns < begin + tick * 1e6 + 8e5:
+            while board.core.ns < begin + (tick + 0.8) * period:
                 other = draw.choice(strangers) if draw.random() < 0.5 else noise(draw)
                 board.tell(other)
                 board.run(len(other) / 2 * board.line.byte_ns)
                 said += 1
-        board.run(begin + ticks * 1e6 - board.core.ns)
+        board.run(begin + ticks * period - board.core.ns)
         # Not those beside a reply: it takes the same line, and the state waits for it.
         times = list(leaving)
         counters = self.counters(board)
-        heard = counters["accepted"] + sum(counters["refused"])
-        print(f"{board.image}: {said} frames on its line in {ticks} ms, {counters['accepted']} accepted, {sum(counters['refused'])} refused")
+        print(f"{board.image}: {said} frames on its line in {ticks} ticks, {counters['accepted']} accepted, {sum(counters['refused'])} refused")
         # The start is one, too.
-        self.assertEqual(heard, said + 1)
+        self.assertEqual(counters["accepted"] + sum(counters["refused"]), said + 1)
         return times
+
+    def test_with_a_period_of_two_milliseconds_its_ticks_are_even_whatever_its_clock(self):
+        times, _ = self.row("configure_by_timer", 2 * TICK_US)
+        self.assertLess(width(times, 2 * TICK_US), LARGEST_JITTER * 2 * TICK_US)
 
     @staticmethod
     def strangers():
@@ -368,8 +372,9 @@ class OnCan(Even, Commissioned):
     def lost(self, board):
         return board.can.lost
 
-    def with_traffic(self, board, ticks, at=lambda tick: None):
-        """Runs a node among states of its neighbour and frames of others, and calls `at` in each period; the times of its states, us."""
+    def with_traffic(self, board, ticks, tick_us=TICK_US, at=lambda tick: None):
+        """Runs a node among states of its neighbour and frames of others, with ticks of 1 ms, and calls `at` in each period; the times of its states, us."""
+        self.assertEqual(tick_us, TICK_US)
         draw, words = random.Random(2), Words.of()["ticks"]
         board.can.sent_at.clear()
         begin = board.core.ns
