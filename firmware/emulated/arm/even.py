@@ -9,7 +9,7 @@ from words import CONFIGURED, REPORT, Words
 TICK_US, LARGEST_JITTER = 1000, 0.05
 # Instructions at a time where jitter is measured: 1.6 us at 160 MHz, 3.9 us at 64 MHz.
 FINE_SLICE = 250
-# Beginnings of a row of counts that are told apart.
+# Beginnings of a row of counts that are told apart: at 32,768 Hz a period of 1 ms is 4096 / 125 counts.
 PHASES = 125
 
 
@@ -79,6 +79,6 @@ def parts(times, tick_us, clock_hz):
     if clock_hz is None:
         return 0.0, width(times, tick_us)
     count_us = 1e6 / clock_hz
-    rows = [lambda index, phase=phase: math.floor(phase / PHASES + index * tick_us / count_us) * count_us for phase in range(PHASES)]
+    rows = [lambda index, phase=phase: math.floor((phase + 0.5) / PHASES + index * tick_us / count_us) * count_us for phase in range(PHASES)]
     row = min(rows, key=lambda row: spread(times, row))
     return width([row(index) for index in range(len(times))], tick_us), spread(times, row)
