@@ -28,12 +28,14 @@ def said(*command):
     return done.stdout
 
 
-def listing(host, bench, nodes):
-    """What `--list` hears: uid, id with checksum, reset and starts of each. It waits for two seconds, in which emulated boards may not start."""
+def listing(host, bench, uids):
+    """What `--list` hears of these: uid, id with checksum, reset and starts of each. It waits for two seconds, in which emulated boards may
+    not start; and it asks the ports of the machine, too."""
     end = time.monotonic() + BOOT_S
-    while len(found := LISTED.findall(said(host, "bench", "--bench", bench, "--list"))) < nodes and time.monotonic() < end:
-        pass
-    return found
+    while True:
+        found = [each for each in LISTED.findall(said(host, "bench", "--bench", bench, "--list")) if each[0] in uids]
+        if len(found) == len(uids) or time.monotonic() > end:
+            return found
 
 
 def commission(host, server, image, nodes, scenario, arguments, storage):
@@ -43,10 +45,10 @@ def commission(host, server, image, nodes, scenario, arguments, storage):
     if len(given) != int(nodes) or len(set(given.values())) != int(nodes):
         sys.exit(f"commission.py: {len(given)} of {nodes} boards were blank and have a configuration of their own")
     with boards(server, image, nodes, storage) as bench:
-        found = listing(host, bench, int(nodes))
+        found = listing(host, bench, given)
         if any((reset, starts) != ("power-on", "1") for *_, reset, starts in found):
             sys.exit("commission.py: not every board has just been given power")
-        listed = {uid: has for uid, has, *_ in found if uid in given}
+        listed = {uid: has for uid, has, *_ in found}
         if listed == given:
             run(host, scenario, bench, *arguments)
     return given, listed
