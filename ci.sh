@@ -317,11 +317,15 @@ cmd_boards-run() { #: run images of real boards on emulators that others wrote: 
 }
 
 boards_run_pico() {
-    local nodes=5 ticks=300
+    local nodes=5 ticks=300 image
+    image=$(image_path rp2040_pico)
     (cd firmware/emulated/pico && node --test --test-reporter=spec test/) || return
     say "a bench of $nodes Picos, $ticks ticks"
-    python3 firmware/emulated/bench.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$(image_path rp2040_pico)" \
-        "$nodes" scenarios/five-agents.toml --set "time.duration=${ticks}ms"
+    python3 firmware/emulated/bench.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$image" \
+        "$nodes" scenarios/five-agents.toml --set "time.duration=${ticks}ms" || return
+    say "$nodes Picos commissioned over a power cycle"
+    python3 firmware/emulated/commission.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$image" \
+        "$nodes" scenarios/five-agents.toml --set "time.duration=50ms"
 }
 
 boards_run_arm() {

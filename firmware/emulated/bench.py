@@ -3,6 +3,7 @@
 usage: bench.py SIM-HOST SERVER IMAGE NODES SCENARIO [argument of sim-host bench]...      SERVER: pico/serve.mjs
 """
 
+import contextlib
 import os
 import pathlib
 import pty
@@ -16,20 +17,22 @@ UID = 0xE6605838832B1000
 
 
 class Port:
-    """A pseudo-terminal with an emulated board at its other end."""
+    """A pseudo-terminal with an emulated board at its other end; `storage` is a file for what its flash keeps, or None."""
 
-    def __init__(self, server, image, node):
+    def __init__(self, server, image, node, storage=None):
         self.master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
         # Kept open: the terminal would hang up between the programs that open it.
         self.slave = slave
-        self.board = subprocess.Popen(["node", server, image, f"{UID + node:016x}"], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        kept = [] if storage is None else [storage]
+        self.board = subprocess.Popen(["node", server, image, f"{UID + node:016x}", *kept], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         for source, sink in ((self.master, self.board.stdin.fileno()), (self.board.stdout.fileno(), self.master)):
             threading.Thread(target=pump, args=(source, sink), daemon=True).start()
 
     def end(self):
-        self.board.terminate()
+        """As if its power went."""
+        self.board.kill()
         self.board.wait()
 
 
@@ -48,21 +51,34 @@ def bench_file(ports):
     return "\n".join(lines)
 
 
-def main(host, server, image, nodes, scenario, *arguments):
-    ports = [Port(server, image, node) for node in range(1, int(nodes) + 1)]
+@contextlib.contextmanager
+def boards(server, image, nodes, storage=lambda node: None):
+    """Boards with power, and a bench file that names them."""
+    ports = [Port(server, image, node, storage(node)) for node in range(1, int(nodes) + 1)]
     try:
         with tempfile.TemporaryDirectory() as folder:
             bench = pathlib.Path(folder) / "bench.toml"
             bench.write_text(bench_file(ports))
-            done = subprocess.run([host, "bench", scenario, "--bench", bench, *arguments], stdout=subprocess.PIPE, text=True)
-        print(done.stdout, end="")
-        # A scenario may be content with less; these boards are to have every bit.
-        if done.returncode == 0 and "bit for bit as loopback" not in done.stdout:
-            sys.exit("bench.py: not bit for bit as loopback")
-        sys.exit(done.returncode)
+            yield bench
     finally:
         for port in ports:
             port.end()
+
+
+def run(host, scenario, bench, *arguments):
+    """An ordinary bench, of which every bit is to be loopback's."""
+    done = subprocess.run([host, "bench", scenario, "--bench", bench, *arguments], stdout=subprocess.PIPE, text=True)
+    print(done.stdout, end="", flush=True)
+    if done.returncode:
+        sys.exit(done.returncode)
+    # A scenario may be content with less; these boards are to have every bit.
+    if "bit for bit as loopback" not in done.stdout:
+        sys.exit("bench.py: not bit for bit as loopback")
+
+
+def main(host, server, image, nodes, scenario, *arguments):
+    with boards(server, image, nodes) as bench:
+        run(host, scenario, bench, *arguments)
 
 
 if __name__ == "__main__":

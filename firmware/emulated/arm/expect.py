@@ -5,30 +5,16 @@ import random
 from board import kind
 from bus import Bus
 from core import PowerCut
+from even import LARGEST_JITTER, TICK_US, Even, tick_of, width
 from fdcan import Frame
 import settings
-from words import CONFIGURED, REPORT, STAGED, STATE, STORED, read, words
+from words import CONFIGURED, STAGED, STATE, STORED, Words, read, words
 
-SCENARIO = "firmware/emulated/pair.toml"
+STRANGERS = "scenarios/five-agents.toml"
 DEPTHS = (0, 0.5, 1)
-TICK_US, LARGEST_JITTER = 1000, 0.05
 # Function codes of states on CAN.
 STATES = 3, 11
 FLOOD_NS = 1e9
-# Instructions at a time where jitter is measured: 1.6 us at 160 MHz.
-FINE_SLICE = 250
-
-
-class Words:
-    """Read once."""
-
-    known = {}
-
-    @classmethod
-    def of(cls, *overrides):
-        if overrides not in cls.known:
-            cls.known[overrides] = words(SCENARIO, *overrides)
-        return cls.known[overrides]
 
 
 class Commissioned:
@@ -116,7 +102,7 @@ class Commissioned:
         self.assertEqual(ends[0], old)
 
 
-class OnLine(Commissioned):
+class OnLine(Even, Commissioned):
     """A node with both planes on one serial line; the test is the hub, and its neighbour."""
 
     def test_it_runs_the_bits_of_loopback(self):
@@ -132,6 +118,47 @@ class OnLine(Commissioned):
         said = [bytes(frame).hex() + "00" for frame in board.frames()[begin:] if kind(frame) == STATE]
         self.assertEqual(said, [tick["states"][0][0]["serial"] for tick in ticks])
         self.assertEqual(board.uart.overruns, 0)
+
+    def start(self, board):
+        board.tell(Words.of()["start"]["serial"])
+
+    def lost(self, board):
+        return board.uart.overruns
+
+    def with_traffic(self, board, ticks, tick_us=TICK_US, at=lambda tick: None):
+        """Runs a node among states of its neighbour, states of strangers and noise, and calls `at` in each period; the times of its
+        states, us."""
+        draw, period = random.Random(2), tick_us * 1e3
+        words = Words.of(tick_of(tick_us), f"time.duration={(ticks + 10) * tick_us}us")["ticks"]
+        strangers = [states[0]["serial"] for tick in self.strangers() for states in tick["states"][2:]]
+        leaving, begin, said = state_times(board), board.core.ns, 0
+        for tick in range(ticks):
+            at(tick)
+            board.run(begin + (tick + draw.random() * 0.3) * period - board.core.ns)
+            board.tell(words[tick + 1]["states"][1][0]["serial"])
+            said += 1
+            while board.core.ns < begin + (tick + 0.8) * period:
+                other = draw.choice(strangers) if draw.random() < 0.5 else noise(draw)
+                board.tell(other)
+                board.run(len(other) / 2 * board.line.byte_ns)
+                said += 1
+        board.run(begin + ticks * period - board.core.ns)
+        # Not those beside a reply: it takes the same line, and the state waits for it.
+        times = list(leaving)
+        counters = self.counters(board)
+        print(f"{board.image}: {said} frames on its line in {ticks} ticks, {counters['accepted']} accepted, {sum(counters['refused'])} refused")
+        # The start is one, too.
+        self.assertEqual(counters["accepted"] + sum(counters["refused"]), said + 1)
+        return times
+
+    def test_with_a_period_of_two_milliseconds_its_ticks_are_even_whatever_its_clock(self):
+        times, _ = self.row("configure_by_timer", 2 * TICK_US)
+        self.assertLess(width(times, 2 * TICK_US), LARGEST_JITTER * 2 * TICK_US)
+
+    @staticmethod
+    def strangers():
+        """What nodes that are no neighbours say: frames that are whole, and not for it."""
+        return words(STRANGERS, "time.duration=10ms")["ticks"]
 
     def test_noise_leaves_a_node_that_answers(self):
         board, draw = self.configured(self.BOARD.booted()), random.Random(1)
@@ -152,6 +179,28 @@ class OnLine(Commissioned):
         self.assertEqual(board.core.resets, 1)
         identity = board.identity(Words.of())
         self.assertEqual((identity["id"], identity["reset"], identity["starts"]), (1, "Software", 2))
+
+
+def state_times(board):
+    """The times at which its states will have left, us: a list that grows as it speaks."""
+    times, frame, keep = [], bytearray(), board.uart.on_byte
+
+    def on_byte(byte):
+        keep(byte)
+        if byte:
+            frame.append(byte)
+            return
+        if len(frame) > 1 and kind(frame) == STATE:
+            times.append(board.uart.byte_at / 1e3)
+        frame.clear()
+
+    board.uart.on_byte = on_byte
+    return times
+
+
+def noise(draw):
+    """A frame of drawn bytes, as hexadecimal digits."""
+    return bytes(draw.randrange(1, 256) for _ in range(draw.randrange(2, 30))).hex() + "00"
 
 
 class OnLines:
@@ -183,7 +232,7 @@ def tell_all(boards, text):
             board.run(50e3)
 
 
-class OnCan(Commissioned):
+class OnCan(Even, Commissioned):
     """A node with its states on CAN."""
 
     def pair(self):
@@ -252,9 +301,6 @@ class OnCan(Commissioned):
         self.assertEqual(heard, count - foreign)
         self.assertEqual((board.can.lost, counters["link"]["frames"]), (0, 0))
 
-    def counters(self, board):
-        return board.ask(Words.of()["report"], REPORT)["report"]["counters"]
-
     def lets_in(self, board, function, node):
         """Whether the controller lets in a frame with this identifier."""
         before = board.can.refused
@@ -320,19 +366,20 @@ class OnCan(Commissioned):
         self.assertEqual(counters["bus_errors"], 7)
         self.assertEqual(counters["line_errors"], 1, "an overrun of several bytes is one")
 
-    def timed(self, configure):
-        """A node that ticks by its own clock, and has been started."""
-        board = self.BOARD.booted()
-        self.assertEqual(board.ask(Words.of()["nodes"][0][configure], CONFIGURED)["configured"], {"ok": None})
+    def start(self, board):
         board.can.receive(board.frame(Words.of()["start"]))
-        return board
 
-    def with_traffic(self, board, ticks):
-        """Runs a node among states of its neighbour and frames of others; the times of its states, us."""
+    def lost(self, board):
+        return board.can.lost
+
+    def with_traffic(self, board, ticks, tick_us=TICK_US, at=lambda tick: None):
+        """Runs a node among states of its neighbour and frames of others, with ticks of 1 ms, and calls `at` in each period; the times of its states, us."""
+        self.assertEqual(tick_us, TICK_US)
         draw, words = random.Random(2), Words.of()["ticks"]
         board.can.sent_at.clear()
         begin = board.core.ns
         for tick in range(ticks):
+            at(tick)
             board.run(begin + tick * 1e6 + draw.random() * 3e5 - board.core.ns)
             board.can.receive(at_tick(board.frame(words[1]["states"][1][0]), tick + 1))
             while board.core.ns < begin + tick * 1e6 + 9e5:
@@ -342,24 +389,6 @@ class OnCan(Commissioned):
                     board.can.receive(other)
         board.run(begin + ticks * 1e6 - board.core.ns)
         return [at / 1e3 for at, sent in zip(board.can.sent_at, board.can.sent) if STATES[0] <= sent.id >> 7 <= STATES[1]]
-
-    def jitter(self, configure):
-        board, ticks = self.timed(configure), settings.jitter_ticks()
-        board.core.slice_length = FINE_SLICE
-        times = self.with_traffic(board, ticks)
-        self.assertGreaterEqual(len(times), ticks - 2)
-        # Against a clock of exactly the period, from the first one on.
-        late = [at - times[0] - index * TICK_US for index, at in enumerate(times)]
-        width = max(late) - min(late)
-        counters = self.counters(board)
-        print(f"{board.image}, {configure}: {len(times)} ticks by its own clock with traffic, jitter {width:.1f} us, "
-              f"{counters['overruns']} late by a period, {counters['link']['unsaid']} unsaid")
-        self.assertLess(width, LARGEST_JITTER * TICK_US)
-        self.assertEqual((counters["overruns"], counters["link"]["frames"], board.can.lost), (0, 0, 0))
-        return counters
-
-    def test_ticks_of_its_own_clock_are_even_with_a_full_bus(self):
-        self.jitter("configure_by_timer")
 
     def test_a_line_that_is_too_slow_for_telemetry_delays_no_tick(self):
         self.assertGreater(self.jitter("configure_telling")["link"]["unsaid"], 0)

@@ -25,7 +25,7 @@ class NrfCore(Core):
 class Nrf52840(Board):
     """A node on an nRF52840-DK."""
 
-    image, boot_ms, storage_at = "nrf52840_dk", BOOT_MS, STORAGE
+    image, boot_ms, storage_at, clock_hz = "nrf52840_dk", BOOT_MS, STORAGE, Rtc.HZ
 
     def __init__(self, image=None, serial=1, storage=None, broken=()):
         core = NrfCore(self.path(image), HZ, FLASH, FLASH_SIZE, 256 << 10, INFORMATION)

@@ -144,6 +144,7 @@ class Uarte(NrfPeripheral):
     def reset(self):
         super().reset()
         self.fifo, self.running, self.sent_at = collections.deque(), None, None
+        self.byte_at = 0.0
         self.overruns = 0
 
     def task(self, offset):
@@ -194,8 +195,10 @@ class Uarte(NrfPeripheral):
 
     def advance(self, before, after):
         if self.sent_at is not None and after >= self.sent_at:
-            self.sent_at = None
-            for byte in self.sending:
+            first, self.sent_at = self.sent_at - len(self.sending) * self.byte_ns, None
+            for count, byte in enumerate(self.sending, 1):
+                # When it has left, ns.
+                self.byte_at = first + count * self.byte_ns
                 self.on_byte(byte)
             self.fire(self.ENDTX)
 

@@ -6,6 +6,7 @@ import os
 import pathlib
 import subprocess
 
+SCENARIO = "firmware/emulated/pair.toml"
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 IMAGES = ROOT / "firmware/target/thumbv7em-none-eabihf/release"
 HOST = pathlib.Path(os.environ.get("FUNNEL_HOST", ROOT / "target/debug"))
@@ -19,6 +20,18 @@ STATE = 0x13
 def words(scenario, *overrides):
     """All that is said to the nodes of a scenario, and what loopback gives, tick by tick."""
     return json.loads(subprocess.run([PROGRAM, ROOT / scenario, *overrides], check=True, capture_output=True).stdout)
+
+
+class Words:
+    """Those of two nodes, read once."""
+
+    known = {}
+
+    @classmethod
+    def of(cls, *overrides):
+        if overrides not in cls.known:
+            cls.known[overrides] = words(SCENARIO, *overrides)
+        return cls.known[overrides]
 
 
 def read(frames):
