@@ -109,6 +109,13 @@ pub struct Cli {
     pub(super) command: Command,
 }
 
+/// The files that have a schema.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub(super) enum SchemaOf {
+    /// The scenario file
+    Scenario,
+}
+
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Run a scenario and check its expectations
