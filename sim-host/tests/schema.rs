@@ -141,7 +141,7 @@ fn least(branch: &Value, name: Option<&str>, path: &str) -> Value {
     let more = match (path, name) {
         ("", _) => base(),
         ("agent", _) => base()["agent"].clone(),
-        ("link[]", _) => json!({ "between": [1, 2], "loss": 0.1 }),
+        ("link[]", _) => json!({ "between": [1, 2], "loss": 0.1, "latency": "1us" }),
         ("event[]", Some("partition" | "repair")) => json!({ "groups": [[1, 2], [3, 4, 5]] }),
         ("event[]", Some(_)) => json!({ "node": 2 }),
         ("expect.window[]", _) => json!({ "spread": 10.0 }),
@@ -400,6 +400,8 @@ fn ends(kind: &Value) -> Vec<(Value, bool)> {
     }
     if kind.get("pattern").is_some() {
         found.extend(["1", "1 parsec", "ms", "1e3s", ""].map(|text| (json!(text), false)));
+        let is_above_zero = kind["pattern"].as_str().unwrap().contains("[1-9]");
+        found.push((json!("0s"), !is_above_zero));
     }
     if let Some(most) = kind["maxLength"].as_u64() {
         found.extend([(json!("x".repeat(most as usize)), true), (json!("x".repeat(most as usize + 1)), false), (json!(""), false)]);

@@ -207,7 +207,7 @@ fn graph() -> Value {
         ];
         object(common.into_iter().chain(own).collect())
     };
-    let degree = || key("degree", integer((1, MAX_NODES - 1)), "neighbours per node").as_in(json!(2)).required();
+    let degree = || key("degree", integer((1, MAX_NODES - 1)), "neighbours per node").as_in(json!(4)).required();
     let edges = array(array(number(network::EDGE_WEIGHT), 2, Some(3)), 0, None);
     kinds(vec![
         branch(&["ring", "path", "star", "complete"], vec![]),
@@ -366,12 +366,24 @@ fn agent() -> Value {
         key("dynamics", dynamics(|key| key), "the node's own field: needed here or in each node").as_in(json!({ "kind": "affine", "slope": -1.0 })),
         key("unit", unit, "the unit of the states, shown on the axes of pictures").as_in(json!("degC")),
     ];
-    object(own.into_iter().chain(of_node()).collect())
+    let with_default = |key: Key| match key.name {
+        "state" | "noise" => key.or(json!(0.0)),
+        "compute" => key.or(json!("0s")),
+        "inputs" => key.or(json!({})),
+        _ => key,
+    };
+    object(own.into_iter().chain(of_node().into_iter().map(with_default)).collect())
 }
 
 /// An override is merged over the default, so that nothing of it is required.
 fn node() -> Value {
-    let loose = |key: Key| Key { required: false, ..key };
+    // What an override leaves out is the node's default, not the section's.
+    let loose = |mut key: Key| {
+        if let Some(default) = key.schema.as_object_mut().and_then(|schema| schema.remove("default")) {
+            key = key.as_in(default);
+        }
+        Key { required: false, ..key }
+    };
     let own = vec![
         key("id", id(), "the node that it changes").as_in(json!(1)).required(),
         key("dynamics", merged(dynamics(loose)), "merged over the default of the same kind; another kind starts afresh").as_in(json!({ "offset": 1.0 })),
