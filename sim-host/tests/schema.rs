@@ -47,8 +47,10 @@ fn every_scenario_passes() {
             continue;
         }
         let document: Value = toml::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
-        let errors: Vec<_> =
-            validator.iter_errors(&document).map(|error| format!("{}: {error}", error.instance_path())).collect();
+        let errors: Vec<_> = validator
+            .iter_errors(&document)
+            .map(|error| format!("{}: {error}", error.instance_path()))
+            .collect();
         assert!(errors.is_empty(), "{}: {errors:#?}", path.display());
         count += 1;
     }
@@ -110,7 +112,8 @@ fn names(branch: &Value) -> Option<(&'static str, Vec<String>)> {
     let key = ["kind", "model"].into_iter().find(|key| branch["properties"].get(key).is_some())?;
     let schema = &branch["properties"][key];
     let one = schema["const"].as_str().map(|name| vec![name.to_owned()]);
-    let all = || schema["enum"].as_array().unwrap().iter().map(|name| name.as_str().unwrap().to_owned()).collect();
+    let all =
+        || schema["enum"].as_array().unwrap().iter().map(|name| name.as_str().unwrap().to_owned()).collect();
     Some((key, one.unwrap_or_else(all)))
 }
 
@@ -195,9 +198,11 @@ impl Walk {
     /// The names of kinds are those that the reader runs.
     fn kinds(&mut self, schema: &Value, path: &str, around: Around<'_>) {
         let Some((key, _)) = branches(schema).into_iter().find_map(names) else { return };
-        let ours: BTreeSet<_> = branches(schema).into_iter().filter_map(names).flat_map(|(_, names)| names).collect();
+        let ours: BTreeSet<_> =
+            branches(schema).into_iter().filter_map(names).flat_map(|(_, names)| names).collect();
         let found = self.read(&fitted(around(json!({ (key): "zzz" })))).unwrap_err();
-        let listed = found.0.iter().find_map(|it| it.allowed.strip_prefix("must be one of ")).unwrap_or_default();
+        let listed =
+            found.0.iter().find_map(|it| it.allowed.strip_prefix("must be one of ")).unwrap_or_default();
         let runs = |name: &&str| match self.read(&fitted(around(json!({ (key): name })))) {
             Ok(_) => true,
             Err(errors) => errors.0.iter().all(|error| error.problem != Problem::Unsupported),
@@ -215,7 +220,10 @@ impl Walk {
         let at = format!("{path}({})", name.unwrap_or(""));
         let document = fitted(around(section.clone()));
         self.accepts(&document, &at);
-        let is_merged = path.starts_with("node[].") && name.is_none() && branch.get("required").is_none() && path != "node[].clock";
+        let is_merged = path.starts_with("node[].")
+            && name.is_none()
+            && branch.get("required").is_none()
+            && path != "node[].clock";
         if !is_merged {
             self.knows(branch, &section, &at, around);
         }
@@ -236,7 +244,9 @@ impl Walk {
         let document = fitted(around(unknown));
         let errors = self.read(&document).map_or_else(|errors| errors.0, |_| Vec::new());
         let list = errors.iter().find(|error| matches!(error.problem, Problem::UnknownKey { .. }));
-        let Some(list) = list else { return self.wrong.push(format!("{at}: an unknown key is no error: {errors:?}")) };
+        let Some(list) = list else {
+            return self.wrong.push(format!("{at}: an unknown key is no error: {errors:?}"));
+        };
         let theirs: BTreeSet<_> = list.allowed.split(", ").collect();
         let ours: BTreeSet<_> = object(&branch["properties"]).keys().map(String::as_str).collect();
         if ours != theirs {
@@ -245,7 +255,13 @@ impl Walk {
         self.refused_by_schema(&document, &format!("{at}.zzz"));
     }
 
-    fn key(&mut self, section: &Value, schema: &Value, (key, at, path): (&str, &str, &str), around: Around<'_>) {
+    fn key(
+        &mut self,
+        section: &Value,
+        schema: &Value,
+        (key, at, path): (&str, &str, &str),
+        around: Around<'_>,
+    ) {
         let name = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         let at = format!("{at}.{key}");
         let with = |value: Value| {
@@ -271,7 +287,9 @@ impl Walk {
             without = fitted(around(bare));
             match (told, self.read(&without)) {
                 (Ok(told), Ok(untold)) => {
-                    if (Scenario { as_run: String::new(), ..told }) != (Scenario { as_run: String::new(), ..untold }) {
+                    if (Scenario { as_run: String::new(), ..told })
+                        != (Scenario { as_run: String::new(), ..untold })
+                    {
                         self.wrong.push(format!("{at}: the default is not {default}"));
                     }
                 }
@@ -295,7 +313,9 @@ impl Walk {
             } else if is_section(&kind["items"]) {
                 self.section(&kind["items"], &format!("{name}[]"), &|item| with(json!([item])));
             } else if is_section(&kind["additionalProperties"]) {
-                self.section(&kind["additionalProperties"], &format!("{name}.*"), &|item| with(json!({ "load": item })));
+                self.section(&kind["additionalProperties"], &format!("{name}.*"), &|item| {
+                    with(json!({ "load": item }))
+                });
             }
         }
     }
@@ -315,8 +335,13 @@ impl Walk {
     fn within(&mut self, document: &Value, at: &str, key: &str) {
         self.accepted += 1;
         if let Err(errors) = self.read(document) {
-            let range = |text: &str| ["must be from", "must be >", "must be at most", "must be at least 1e"].iter().any(|it| text.starts_with(it));
-            let mut of_key = errors.0.iter().filter(|error| error.key.ends_with(key) && range(&error.allowed));
+            let range = |text: &str| {
+                ["must be from", "must be >", "must be at most", "must be at least 1e"]
+                    .iter()
+                    .any(|it| text.starts_with(it))
+            };
+            let mut of_key =
+                errors.0.iter().filter(|error| error.key.ends_with(key) && range(&error.allowed));
             if let Some(error) = of_key.next() {
                 self.wrong.push(format!("{at}: refused by the reader: {error}"));
             }
@@ -353,9 +378,8 @@ fn beside(path: &str, key: &str) -> &'static [&'static str] {
 
 /// A value of each type that none of the alternatives has.
 fn wrong_types(kinds: &[&Value]) -> Vec<Value> {
-    let has = |name: &str| {
-        kinds.iter().any(|kind| kind["type"] == name || (name == "object" && is_section(kind)))
-    };
+    let has =
+        |name: &str| kinds.iter().any(|kind| kind["type"] == name || (name == "object" && is_section(kind)));
     let mut wrong = vec![];
     if !has("boolean") {
         wrong.push(json!(true));
@@ -372,7 +396,9 @@ fn wrong_types(kinds: &[&Value]) -> Vec<Value> {
     if !has("object") {
         wrong.push(json!({ "zzz": 1 }));
     }
-    let takes_any_text = kinds.iter().any(|kind| kind["type"] == "string" && kind.get("pattern").or(kind.get("const")).or(kind.get("enum")).is_none());
+    let takes_any_text = kinds.iter().any(|kind| {
+        kind["type"] == "string" && kind.get("pattern").or(kind.get("const")).or(kind.get("enum")).is_none()
+    });
     if !takes_any_text {
         wrong.push(json!("zzz"));
     }
@@ -404,7 +430,11 @@ fn ends(kind: &Value) -> Vec<(Value, bool)> {
         found.push((json!("0s"), !is_above_zero));
     }
     if let Some(most) = kind["maxLength"].as_u64() {
-        found.extend([(json!("x".repeat(most as usize)), true), (json!("x".repeat(most as usize + 1)), false), (json!(""), false)]);
+        found.extend([
+            (json!("x".repeat(most as usize)), true),
+            (json!("x".repeat(most as usize + 1)), false),
+            (json!(""), false),
+        ]);
     }
     found
 }
@@ -414,7 +444,8 @@ fn inline(value: &Value) -> String {
     match value {
         Value::Array(items) => format!("[{}]", items.iter().map(inline).collect::<Vec<_>>().join(", ")),
         Value::Object(table) => {
-            let entries: Vec<_> = table.iter().map(|(key, value)| format!("{key} = {}", inline(value))).collect();
+            let entries: Vec<_> =
+                table.iter().map(|(key, value)| format!("{key} = {}", inline(value))).collect();
             format!("{{ {} }}", entries.join(", "))
         }
         value => value.to_string(),

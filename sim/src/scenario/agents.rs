@@ -386,8 +386,7 @@ fn read_sine(item: &Item, components: &Components, log: &Log) -> Option<Vec<Sine
         "must be a number or an array of numbers, one per component (state units per second)",
     );
     let amplitudes = section.value("amplitude", nothing.clone(), |item| components.numbers(item, INPUT));
-    let frequency =
-        section.number("frequency", None, FREQUENCY);
+    let frequency = section.number("frequency", None, FREQUENCY);
     let phases = section.value("phase", nothing, |item| components.numbers(item, PHASE));
     section.finish();
     let sines = amplitudes.into_iter().zip(phases).enumerate();

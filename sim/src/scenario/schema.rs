@@ -11,11 +11,11 @@ use super::network::{self, MAX_NODES};
 use super::reader::Range;
 use super::safety::LONGEST_HOLDOVER_NS;
 use super::{agents, duration::format_duration};
+use funnelnet_law::Gain;
 use funnelnet_law::range::{
     DAMPING, INPUT, LARGEST_RATE, LONGEST_ROUND, LONGEST_SLOW_START, POWERS, SCHEDULE_EPS, STATE,
     WIDEST_GUARD,
 };
-use funnelnet_law::Gain;
 use funnelnet_node::params;
 use funnelnet_protocol::config::{MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES};
 use serde_json::{Map, Value, json};
@@ -55,8 +55,7 @@ fn key(name: &'static str, mut schema: Value, what: impl Into<String>) -> Key {
 fn object(keys: Vec<Key>) -> Value {
     let required: Vec<_> = keys.iter().filter(|key| key.required).map(|key| key.name).collect();
     let properties: Map<_, _> = keys.into_iter().map(|key| (key.name.to_owned(), key.schema)).collect();
-    let mut schema =
-        json!({ "type": "object", "properties": properties, "additionalProperties": false });
+    let mut schema = json!({ "type": "object", "properties": properties, "additionalProperties": false });
     if !required.is_empty() {
         schema["required"] = json!(required);
     }
@@ -163,7 +162,8 @@ fn per_component(range: Range) -> Value {
 pub fn scenario() -> Value {
     let mut schema = object(vec![
         key("version", integer((1, 1)), "the version of this format").as_in(json!(1)).required(),
-        key("title", text(), "shown in plots and summaries; default: the name of the file").as_in(json!("Five agents")),
+        key("title", text(), "shown in plots and summaries; default: the name of the file")
+            .as_in(json!("Five agents")),
         key("seed", integer((0, u64::MAX)), "root of every random stream").or(json!(1)),
         key("time", time(), "the network's tick, and how long a run is").required(),
         key("graph", graph(), "who hears whom, and how much it counts").required(),
@@ -180,8 +180,9 @@ pub fn scenario() -> Value {
     ]);
     schema["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
     schema["title"] = json!("Funnelnet scenario");
-    schema["description"] =
-        json!("A network of funnel-coupled agents. What only the whole file shows is judged by sim-host check.");
+    schema["description"] = json!(
+        "A network of funnel-coupled agents. What only the whole file shows is judged by sim-host check."
+    );
     schema
 }
 
@@ -202,36 +203,51 @@ fn graph() -> Value {
     let branch = |names: &[&str], own: Vec<Key>| {
         let common = vec![
             kind("kind", names),
-            key("nodes", integer((1, MAX_NODES)), "number of nodes, ids 1 to this; a run takes 127 at most").as_in(json!(5)).required(),
+            key("nodes", integer((1, MAX_NODES)), "number of nodes, ids 1 to this; a run takes 127 at most")
+                .as_in(json!(5))
+                .required(),
             key("weight", number(network::EDGE_WEIGHT), "weight of every edge").or(json!(1.0)),
         ];
         object(common.into_iter().chain(own).collect())
     };
-    let degree = || key("degree", integer((1, MAX_NODES - 1)), "neighbours per node").as_in(json!(4)).required();
+    let degree =
+        || key("degree", integer((1, MAX_NODES - 1)), "neighbours per node").as_in(json!(4)).required();
     let edges = array(array(number(network::EDGE_WEIGHT), 2, Some(3)), 0, None);
     kinds(vec![
         branch(&["ring", "path", "star", "complete"], vec![]),
-        branch(&["grid"], vec![key("columns", integer((1, MAX_NODES)), "nodes per row; default: as square as it gets").as_in(json!(3))]),
+        branch(
+            &["grid"],
+            vec![
+                key("columns", integer((1, MAX_NODES)), "nodes per row; default: as square as it gets")
+                    .as_in(json!(3)),
+            ],
+        ),
         branch(&["ring-lattice"], vec![degree()]),
         branch(&["random-regular"], vec![degree()]),
         branch(
             &["erdos-renyi"],
-            vec![key("probability", number(Range::positive_probability()), "of each edge").as_in(json!(1.0)).required()],
+            vec![
+                key("probability", number(Range::positive_probability()), "of each edge")
+                    .as_in(json!(1.0))
+                    .required(),
+            ],
         ),
         branch(
             &["edges"],
-            vec![key("edges", edges, "ids of both ends and the weight, which defaults to `weight`; symmetric")
-                .as_in(json!([[1, 2, 1.0], [2, 3], [3, 4], [4, 5]])).required()],
+            vec![
+                key("edges", edges, "ids of both ends and the weight, which defaults to `weight`; symmetric")
+                    .as_in(json!([[1, 2, 1.0], [2, 3], [3, 4], [4, 5]]))
+                    .required(),
+            ],
         ),
     ])
 }
 
 fn coupling() -> Value {
-    let gains = |keeps_funnels: &[bool]| {
-        gain(|kind| keeps_funnels.contains(&kind), |key| key)
-    };
+    let gains = |keeps_funnels: &[bool]| gain(|kind| keeps_funnels.contains(&kind), |key| key);
     let gain_key = |keeps_funnels: &[bool], example: Value| {
-        key("gain", gains(keeps_funnels), "mu: what becomes of the share of the funnel that is used").as_in(example)
+        key("gain", gains(keeps_funnels), "mu: what becomes of the share of the funnel that is used")
+            .as_in(example)
     };
     let reciprocal = || json!({ "kind": "reciprocal", "scale": 1.0 });
     let linear = || json!({ "kind": "linear", "slope": 10.0 });
@@ -251,7 +267,13 @@ fn coupling() -> Value {
     };
     let both = &[true, false];
     let in_funnels = ["edge-wise", "element-wise", "max-gain", "weakly-centralised"];
-    let eta = key("eta", number(Range::non_negative(STATE)), "errors below this (state units) leave the gain as it is").as_in(json!(0.1)).required();
+    let eta = key(
+        "eta",
+        number(Range::non_negative(STATE)),
+        "errors below this (state units) leave the gain as it is",
+    )
+    .as_in(json!(0.1))
+    .required();
     kinds(vec![
         branch(&["node-wise"], vec![gain_key(both, reciprocal()).required()]),
         branch(&in_funnels[..1], vec![gain_key(&[true], reciprocal()).required()]),
@@ -292,8 +314,12 @@ fn gain(wanted: impl Fn(bool) -> bool, of: impl Fn(Key) -> Key) -> Value {
 /// Numbers of a funnel that narrows exponentially.
 fn exponential() -> Vec<Key> {
     vec![
-        key("start", number(Range::positive(STATE)), "width at t = 0 (state units)").as_in(json!(40.0)).required(),
-        key("end", number(Range::non_negative(STATE)), "width in the end (state units)").as_in(json!(2.0)).required(),
+        key("start", number(Range::positive(STATE)), "width at t = 0 (state units)")
+            .as_in(json!(40.0))
+            .required(),
+        key("end", number(Range::non_negative(STATE)), "width in the end (state units)")
+            .as_in(json!(2.0))
+            .required(),
         key("rate", number(Range::positive("1/s").up_to(LARGEST_RATE)), "1/s").as_in(json!(1.0)).required(),
     ]
 }
@@ -304,30 +330,60 @@ fn constant() -> Vec<Key> {
 
 /// `of` changes each key but the kind.
 fn funnel(of: impl Fn(Key) -> Key) -> Value {
-    let start = || key("start", number(Range::positive(STATE)), "width at t = 0 (state units)").as_in(json!(40.0)).required();
+    let start = || {
+        key("start", number(Range::positive(STATE)), "width at t = 0 (state units)")
+            .as_in(json!(40.0))
+            .required()
+    };
     let at = |what| key("at", span(), what).as_in(json!("5s")).required();
     let branch = |name: &'static str, own: Vec<Key>| {
-        let factor = key("factor", number(Range::positive("the paper's r_i")), "the paper's r_i, by which the funnel is wider").or(json!(1.0));
+        let factor = key(
+            "factor",
+            number(Range::positive("the paper's r_i")),
+            "the paper's r_i, by which the funnel is wider",
+        )
+        .or(json!(1.0));
         object([kind("kind", &[name])].into_iter().chain([factor].into_iter().chain(own).map(&of)).collect())
     };
     let then = |name, keys: Vec<Key>| object([kind("kind", &[name])].into_iter().chain(keys).collect());
     let normalised = kinds(vec![then("exponential", exponential()), then("constant", constant())]);
-    let scale = key("scale", number(Range::positive("state units times seconds")), "state units times seconds; infinite at t = 0").as_in(json!(1.0)).required();
+    let scale = key(
+        "scale",
+        number(Range::positive("state units times seconds")),
+        "state units times seconds; infinite at t = 0",
+    )
+    .as_in(json!(1.0))
+    .required();
     kinds(vec![
         branch("exponential", exponential()),
         branch("constant", constant()),
         branch("reciprocal-time", vec![scale]),
-        branch("finite-time", vec![
-            start(),
-            at("when the funnel is closed"),
-            key("power", number(Range::between(POWERS.0, POWERS.1, "1")), "exponent by which it closes").or(json!(1.0)),
-        ]),
-        branch("schedule", vec![
-            start(),
-            at("when the first part ends"),
-            key("eps", number(Range::between(SCHEDULE_EPS.0, SCHEDULE_EPS.1, "1")), "how near the end of the first part comes").as_in(json!(0.1)).required(),
-            key("then", normalised, "the funnel that follows").as_in(json!({ "kind": "constant", "width": 1.0 })).required(),
-        ]),
+        branch(
+            "finite-time",
+            vec![
+                start(),
+                at("when the funnel is closed"),
+                key("power", number(Range::between(POWERS.0, POWERS.1, "1")), "exponent by which it closes")
+                    .or(json!(1.0)),
+            ],
+        ),
+        branch(
+            "schedule",
+            vec![
+                start(),
+                at("when the first part ends"),
+                key(
+                    "eps",
+                    number(Range::between(SCHEDULE_EPS.0, SCHEDULE_EPS.1, "1")),
+                    "how near the end of the first part comes",
+                )
+                .as_in(json!(0.1))
+                .required(),
+                key("then", normalised, "the funnel that follows")
+                    .as_in(json!({ "kind": "constant", "width": 1.0 }))
+                    .required(),
+            ],
+        ),
     ])
 }
 
@@ -342,8 +398,18 @@ fn on_breach(couplings: &[&str]) -> Value {
     if reopens {
         tables.push(object(vec![
             kind("kind", &["reopen"]),
-            key("margin", number(Range::between(1.01, 1e6, "1")), "|nu| / psi is 1 / margin in the wider funnel").or(json!(1.5)),
-            key("rate", number(Range::positive("1/s").up_to(LARGEST_RATE)), "how fast the added width decays, 1/s").or(json!(1.0)),
+            key(
+                "margin",
+                number(Range::between(1.01, 1e6, "1")),
+                "|nu| / psi is 1 / margin in the wider funnel",
+            )
+            .or(json!(1.5)),
+            key(
+                "rate",
+                number(Range::positive("1/s").up_to(LARGEST_RATE)),
+                "how fast the added width decays, 1/s",
+            )
+            .or(json!(1.0)),
         ]));
     }
     any(&[json!({ "type": "string", "enum": words }), kinds(tables)])
@@ -352,18 +418,27 @@ fn on_breach(couplings: &[&str]) -> Value {
 /// What `[agent]` and `[[node]]` share.
 fn of_node() -> Vec<Key> {
     vec![
-        key("state", per_component(agents::STATE), "initial state: a number, or an array for a vector state").as_in(json!(0.5)),
-        key("noise", number(agents::NOISE), "standard deviation of Gaussian noise on each state as it is sent").as_in(json!(0.1)),
+        key("state", per_component(agents::STATE), "initial state: a number, or an array for a vector state")
+            .as_in(json!(0.5)),
+        key(
+            "noise",
+            number(agents::NOISE),
+            "standard deviation of Gaussian noise on each state as it is sent",
+        )
+        .as_in(json!(0.1)),
         key("inputs", inputs(), "values over time from CSV files that expressions may name").as_in(json!({})),
-        key("limits", limits(), "what an actuator can do: bounds of the input, around zero").as_in(json!({ "low": -5.0, "high": 5.0 })),
-        key("compute", duration(), "time from a node's tick to its frames, shorter than the tick").as_in(json!("20us")),
+        key("limits", limits(), "what an actuator can do: bounds of the input, around zero")
+            .as_in(json!({ "low": -5.0, "high": 5.0 })),
+        key("compute", duration(), "time from a node's tick to its frames, shorter than the tick")
+            .as_in(json!("20us")),
     ]
 }
 
 fn agent() -> Value {
     let unit = json!({ "type": "string", "minLength": 1, "maxLength": agents::LONGEST_UNIT });
     let own = vec![
-        key("dynamics", dynamics(|key| key), "the node's own field: needed here or in each node").as_in(json!({ "kind": "affine", "slope": -1.0 })),
+        key("dynamics", dynamics(|key| key), "the node's own field: needed here or in each node")
+            .as_in(json!({ "kind": "affine", "slope": -1.0 })),
         key("unit", unit, "the unit of the states, shown on the axes of pictures").as_in(json!("degC")),
     ];
     let with_default = |key: Key| match key.name {
@@ -386,9 +461,24 @@ fn node() -> Value {
     };
     let own = vec![
         key("id", id(), "the node that it changes").as_in(json!(1)).required(),
-        key("dynamics", merged(dynamics(loose)), "merged over the default of the same kind; another kind starts afresh").as_in(json!({ "offset": 1.0 })),
-        key("gain", merged(gain(|_| true, loose)), "merged over the default of the same kind; another kind starts afresh").as_in(json!({ "scale": 2.0 })),
-        key("funnel", merged(funnel(loose)), "merged over the default of the same kind; another kind starts afresh").as_in(json!({ "factor": 2.0 })),
+        key(
+            "dynamics",
+            merged(dynamics(loose)),
+            "merged over the default of the same kind; another kind starts afresh",
+        )
+        .as_in(json!({ "offset": 1.0 })),
+        key(
+            "gain",
+            merged(gain(|_| true, loose)),
+            "merged over the default of the same kind; another kind starts afresh",
+        )
+        .as_in(json!({ "scale": 2.0 })),
+        key(
+            "funnel",
+            merged(funnel(loose)),
+            "merged over the default of the same kind; another kind starts afresh",
+        )
+        .as_in(json!({ "factor": 2.0 })),
         damping(),
         key("clock", own_clock(), "the clock of this node").as_in(json!({ "drift_ppm": -50.0 })),
     ];
@@ -415,12 +505,19 @@ fn dynamics(of: impl Fn(Key) -> Key) -> Value {
     let slope = agents::SLOPE;
     let matrix = array(array(number(slope), 1, Some(MAX_COMPONENTS)), 1, Some(MAX_COMPONENTS));
     let affine = [
-        key("slope", any(&[number(slope), matrix]), "1/s; a matrix, row by row, for vector states").or(json!(0.0)),
+        key("slope", any(&[number(slope), matrix]), "1/s; a matrix, row by row, for vector states")
+            .or(json!(0.0)),
         key("offset", per_component(agents::INPUT), "state units per second").or(json!(0.0)),
-        key("sines", array(sine(), 0, Some(MAX_SINES)), "sum of amplitude sin(frequency t + phase)").or(json!([])),
+        key("sines", array(sine(), 0, Some(MAX_SINES)), "sum of amplitude sin(frequency t + phase)")
+            .or(json!([])),
     ];
-    let f = key("f", any(&[text(), array(text(), 1, Some(MAX_COMPONENTS))]), "the field in state units per second; an array for vector states")
-        .as_in(json!("-x + sin(t)")).required();
+    let f = key(
+        "f",
+        any(&[text(), array(text(), 1, Some(MAX_COMPONENTS))]),
+        "the field in state units per second; an array for vector states",
+    )
+    .as_in(json!("-x + sin(t)"))
+    .required();
     kinds(vec![
         object([kind("kind", &["affine"])].into_iter().chain(affine.into_iter().map(&of)).collect()),
         object(vec![kind("kind", &["expression"]), of(f)]),
@@ -429,7 +526,9 @@ fn dynamics(of: impl Fn(Key) -> Key) -> Value {
 
 fn sine() -> Value {
     object(vec![
-        key("amplitude", per_component(agents::INPUT), "state units per second").as_in(json!(10.0)).required(),
+        key("amplitude", per_component(agents::INPUT), "state units per second")
+            .as_in(json!(10.0))
+            .required(),
         key("frequency", number(agents::FREQUENCY), "rad/s").as_in(json!(1.0)).required(),
         key("phase", per_component(agents::PHASE), "rad").or(json!(0.0)),
     ])
@@ -450,7 +549,9 @@ fn limits() -> Value {
     let low = Range::between(-params::LARGEST, 0.0, INPUT);
     object(vec![
         key("low", input(low), "state units per second, zero at most").as_in(json!(-5.0)).required(),
-        key("high", input(Range::non_negative(INPUT)), "state units per second, zero at least").as_in(json!(5.0)).required(),
+        key("high", input(Range::non_negative(INPUT)), "state units per second, zero at least")
+            .as_in(json!(5.0))
+            .required(),
     ])
 }
 
@@ -461,10 +562,15 @@ fn loss() -> Key {
     let bursts = object(vec![
         key("good", probability(), "probability of a loss in the good state").or(json!(0.0)),
         key("bad", probability(), "probability of a loss in the bad state").or(json!(1.0)),
-        key("to_bad", changes(), "probability that the bad state follows the good one").as_in(json!(0.01)).required(),
-        key("to_good", changes(), "probability that the good state follows the bad one").as_in(json!(0.1)).required(),
+        key("to_bad", changes(), "probability that the bad state follows the good one")
+            .as_in(json!(0.01))
+            .required(),
+        key("to_good", changes(), "probability that the good state follows the bad one")
+            .as_in(json!(0.1))
+            .required(),
     ]);
-    key("loss", any(&[probability(), bursts]), "probability that a receiver loses a frame; or bursts").or(json!(0.0))
+    key("loss", any(&[probability(), bursts]), "probability that a receiver loses a frame; or bursts")
+        .or(json!(0.0))
 }
 
 fn delay() -> [Key; 2] {
@@ -481,15 +587,27 @@ fn bus_section() -> Value {
         key("bit_errors", number(range), "share of bits that are wrong").or(json!(0.0))
     };
     let point = |name, per_mille: u32| {
-        key(name, number(bus::SAMPLE_POINT), "where in a bit its level is read, a whole number of thousandths").or(json!(f64::from(per_mille) / 1e3))
+        key(
+            name,
+            number(bus::SAMPLE_POINT),
+            "where in a bit its level is read, a whole number of thousandths",
+        )
+        .or(json!(f64::from(per_mille) / 1e3))
     };
     let can = |name: &'static str| {
         let limits = (bus::SLOWEST_BITRATE.into(), bus::DEFAULT_BITRATE.into());
-        vec![kind("model", &[name]), bitrate(limits), point("sample_point", bus::SAMPLE_PER_MILLE), errors(), loss()]
+        vec![
+            kind("model", &[name]),
+            bitrate(limits),
+            point("sample_point", bus::SAMPLE_PER_MILLE),
+            errors(),
+            loss(),
+        ]
     };
     let data = (bus::SLOWEST_BITRATE.into(), bus::FASTEST_DATA_BITRATE.into());
     let of_data = [
-        key("data_bitrate", integer(data), "rate of the data, bit/s, no slower than bitrate").or(json!(bus::DEFAULT_DATA_BITRATE)),
+        key("data_bitrate", integer(data), "rate of the data, bit/s, no slower than bitrate")
+            .or(json!(bus::DEFAULT_DATA_BITRATE)),
         point("data_sample_point", bus::DATA_SAMPLE_PER_MILLE),
     ];
     let wiring = json!({ "type": "string", "enum": ["lines", "hub"] });
@@ -503,7 +621,12 @@ fn bus_section() -> Value {
             kind("model", &["uart"]),
             bitrate(bus::BAUDS),
             key("wiring", wiring, "a line for each edge, or for each node to a hub").or(json!("lines")),
-            key("receive_buffer", integer((1, bus::LARGEST_RECEIVE_BUFFER)), "bytes that a driver holds for a node that computes").or(json!(bus::DEFAULT_RECEIVE_BUFFER)),
+            key(
+                "receive_buffer",
+                integer((1, bus::LARGEST_RECEIVE_BUFFER)),
+                "bytes that a driver holds for a node that computes",
+            )
+            .or(json!(bus::DEFAULT_RECEIVE_BUFFER)),
             errors(),
             loss(),
         ]),
@@ -518,10 +641,21 @@ fn link() -> Value {
         share("duplicate", "probability that a frame comes twice"),
         share("corrupt", "probability that the receiver reads a bit of a frame wrong"),
     ];
-    let branch = |ends: Vec<Key>, of_frames: Vec<Key>| object(ends.into_iter().chain(of_frames).chain(delay()).collect());
+    let branch = |ends: Vec<Key>, of_frames: Vec<Key>| {
+        object(ends.into_iter().chain(of_frames).chain(delay()).collect())
+    };
     branch(
         vec![
-            key("between", { let mut pair = ids(2); pair["maxItems"] = json!(2); pair }, "both directions between two neighbours").as_in(json!([1, 2])),
+            key(
+                "between",
+                {
+                    let mut pair = ids(2);
+                    pair["maxItems"] = json!(2);
+                    pair
+                },
+                "both directions between two neighbours",
+            )
+            .as_in(json!([1, 2])),
             key("from", id(), "the sender, with `to`: one direction").as_in(json!(1)),
             key("to", id(), "the receiver").as_in(json!(2)),
         ],
@@ -537,11 +671,16 @@ fn event() -> Value {
             key("nodes", ids(1), "the nodes that it happens to").as_in(json!([2, 3])),
         ]
     };
-    let pair = || { let mut pair = ids(2); pair["maxItems"] = json!(2); pair };
+    let pair = || {
+        let mut pair = ids(2);
+        pair["maxItems"] = json!(2);
+        pair
+    };
     let groups = array(ids(1), 2, None);
     let of_links = [
         key("link", pair(), "ids of two neighbours").as_in(json!([1, 2])),
-        key("groups", groups, "two or more groups of nodes, between which links are cut or repaired").as_in(json!([[1, 2], [3, 4, 5]])),
+        key("groups", groups, "two or more groups of nodes, between which links are cut or repaired")
+            .as_in(json!([[1, 2], [3, 4, 5]])),
     ];
     let lasts = key("for", span(), "how long a bounced node is off").or(json!("100ms"));
     kinds(vec![
@@ -553,8 +692,10 @@ fn event() -> Value {
 
 fn clock_section() -> Value {
     object(vec![
-        key("offset", duration(), "how far clocks may be ahead or behind at the start, less than a tick").or(json!("0s")),
-        key("drift_ppm", number(clock::WIDTH), "how much too fast or slow, parts in a million").or(json!(0.0)),
+        key("offset", duration(), "how far clocks may be ahead or behind at the start, less than a tick")
+            .or(json!("0s")),
+        key("drift_ppm", number(clock::WIDTH), "how much too fast or slow, parts in a million")
+            .or(json!(0.0)),
         key("wander", number(clock::WANDER), "how the drift changes, ppm in a second").or(json!(0.0)),
     ])
 }
@@ -562,18 +703,25 @@ fn clock_section() -> Value {
 fn own_clock() -> Value {
     let jump = object(vec![
         key("at", duration(), "time from the start").as_in(json!("500ms")).required(),
-        key("by", signed_duration(), "how far the clock jumps: a second at most").as_in(json!("-300us")).required(),
+        key("by", signed_duration(), "how far the clock jumps: a second at most")
+            .as_in(json!("-300us"))
+            .required(),
     ]);
     object(vec![
-        key("offset", signed_duration(), "how far it is ahead at the start, less than a tick").as_in(json!("-100us")),
-        key("drift_ppm", number(clock::DRIFT), "how much it is too fast, parts in a million").as_in(json!(-50.0)),
+        key("offset", signed_duration(), "how far it is ahead at the start, less than a tick")
+            .as_in(json!("-100us")),
+        key("drift_ppm", number(clock::DRIFT), "how much it is too fast, parts in a million")
+            .as_in(json!(-50.0)),
         key("wander", number(clock::WANDER), "how the drift changes, ppm in a second").as_in(json!(0.1)),
         key("jumps", array(jump, 0, None), "when the clock jumps").or(json!([])),
     ])
 }
 
 fn sync() -> Value {
-    let period = format!("time from one SYNC to the next, from a tick to {}", format_duration(clock::LONGEST_PERIOD_NS));
+    let period = format!(
+        "time from one SYNC to the next, from a tick to {}",
+        format_duration(clock::LONGEST_PERIOD_NS)
+    );
     object(vec![
         key("period", span(), period).or(json!(format_duration(clock::PERIOD_NS))),
         key("masters", ids(1), "ids of the nodes that may be time master").or(json!([1])),
@@ -582,9 +730,17 @@ fn sync() -> Value {
 }
 
 fn safety() -> Value {
-    let holdover = format!("a node that ticks by SYNC stops when it has heard none for so long, a tick to {}", format_duration(LONGEST_HOLDOVER_NS));
+    let holdover = format!(
+        "a node that ticks by SYNC stops when it has heard none for so long, a tick to {}",
+        format_duration(LONGEST_HOLDOVER_NS)
+    );
     object(vec![
-        key("lost_neighbours", integer((0, MAX_NEIGHBOURS as u64)), "so many neighbours lost at once stop a node; 0 never does").or(json!(0)),
+        key(
+            "lost_neighbours",
+            integer((0, MAX_NEIGHBOURS as u64)),
+            "so many neighbours lost at once stop a node; 0 never does",
+        )
+        .or(json!(0)),
         key("holdover", span(), holdover).as_in(json!("200ms")),
     ])
 }
@@ -615,9 +771,15 @@ fn expect() -> Value {
         limit("emergent_error", STATE, "largest distance of a node to the emergent dynamics at the end"),
         limit("blended_error", STATE, "largest distance of a node to the blended dynamics at the end"),
         limit("reference_error", STATE, "largest distance to the continuous-time reference"),
-        key("final_value", final_value, "every component of every node ends nearer than `within` to `is`").as_in(json!({ "is": 1.0, "within": 0.1 })),
+        key("final_value", final_value, "every component of every node ends nearer than `within` to `is`")
+            .as_in(json!({ "is": 1.0, "within": 0.1 })),
         limit("max_input", INPUT, "largest |u| over all nodes and ticks"),
-        key("recovered_within", span(), "longest time from the end of an event to the last tick outside a funnel").as_in(json!("500ms")),
+        key(
+            "recovered_within",
+            span(),
+            "longest time from the end of an event to the last tick outside a funnel",
+        )
+        .as_in(json!("500ms")),
         key("stopped", stopped, "ids of nodes that may stop by themselves, or \"any\"").or(json!([])),
         key("window", array(window, 0, None), "limits for a part of the run"),
     ])
