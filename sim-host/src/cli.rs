@@ -28,7 +28,7 @@ use crate::scenario::{Override, Scenario, format_duration};
 pub use arguments::Cli;
 use arguments::{
     BenchArgs, CheckArgs, Command, DEFAULT_IMAGE, DiffArgs, NodeArgs, OutputArgs, ReplayArgs, RunArgs,
-    Settings, Source,
+    SchemaOf, Settings, Source,
 };
 use words::{command, repeat};
 
@@ -104,6 +104,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Check(args) => check_command(&args),
         Command::Diff(args) => diff_command(&args),
         Command::Replay(args) => replay_command(&args),
+        Command::Schema { file: SchemaOf::Scenario } => schema_command(),
         Command::Completions { shell } => completions(shell),
         Command::Man { command } => manual_page(command.as_deref()),
     };
@@ -366,6 +367,13 @@ fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {
         complain(&format!("the CAN interface is gone: {why}"));
     }
     Ok(Exit::from(&end))
+}
+
+fn schema_command() -> Result<Exit, Failure> {
+    let text = serde_json::to_string_pretty(&crate::scenario::schema::scenario())
+        .map_err(|error| Failure { message: error.to_string(), exit: Exit::Defect })?;
+    print(&text)?;
+    Ok(Exit::Success)
 }
 
 fn completions(shell: clap_complete::Shell) -> Result<Exit, Failure> {

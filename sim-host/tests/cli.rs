@@ -209,7 +209,7 @@ fn a_mistake_in_a_file_is_shown_with_file_line_and_column() {
     let path = write("typo.toml", text.replace("nodes = 5", "nodse = 5").as_bytes());
     let (code, _, err) = run(&["run", path.to_str().unwrap()]);
     assert_eq!(code, Some(2));
-    assert!(err.contains("typo.toml:13:1: unknown key 'nodse' in [graph] of kind 'ring'; "), "{err}");
+    assert!(err.contains("typo.toml:14:1: unknown key 'nodse' in [graph] of kind 'ring'; "), "{err}");
     assert!(err.contains("did you mean 'nodes'?"), "{err}");
 }
 

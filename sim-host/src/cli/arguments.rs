@@ -86,6 +86,11 @@ Examples:
   candump -L can0 > bench.log
   sim-host replay bench.log --scenario scenarios/five-agents.toml --node 3";
 
+const SCHEMA_HELP: &str = "\
+Examples:
+  sim-host schema > scenario.schema.json
+  and as the first line of a scenario beside it:  #:schema ./scenario.schema.json";
+
 const COMPLETIONS_HELP: &str = "\
 Examples:
   source <(sim-host completions bash)
@@ -102,6 +107,13 @@ Examples:
 pub struct Cli {
     #[command(subcommand)]
     pub(super) command: Command,
+}
+
+/// The files that have a schema.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub(super) enum SchemaOf {
+    /// The scenario file
+    Scenario,
 }
 
 #[derive(Debug, Subcommand)]
@@ -124,6 +136,13 @@ pub(super) enum Command {
     /// Feed a log of CAN to one node's real code, and compare what it sends with what the log says it sent
     #[command(after_help = REPLAY_HELP)]
     Replay(ReplayArgs),
+    /// Print the JSON Schema of the scenario file, from which editors know its keys
+    #[command(after_help = SCHEMA_HELP)]
+    Schema {
+        /// The file to describe
+        #[arg(value_enum, default_value = "scenario")]
+        file: SchemaOf,
+    },
     /// Print a completion script for a shell
     #[command(after_help = COMPLETIONS_HELP)]
     Completions {

@@ -24,11 +24,16 @@ use crate::extremes::largest;
 use funnelnet_law::law::node_wise::C;
 use funnelnet_law::{Coupling, Gain};
 
-const STATE: Range = Range::any("state units");
-const INPUT: Range = Range::any("state units per second");
+pub(super) const STATE: Range = Range::any("state units");
+pub(super) const INPUT: Range = Range::any("state units per second");
 /// Characters of a unit.
-const LONGEST_UNIT: usize = 16;
-const NOISE: Range = Range::non_negative("state units").up_to(params::LARGEST);
+pub(super) const LONGEST_UNIT: usize = 16;
+pub(super) const NOISE: Range = Range::non_negative("state units").up_to(params::LARGEST);
+
+/// Slopes, frequencies and phases of an affine field.
+pub(super) const SLOPE: Range = Range::any("1/s").up_to(params::LARGEST_RATE);
+pub(super) const FREQUENCY: Range = Range::non_negative("rad/s").up_to(params::LARGEST_RATE);
+pub(super) const PHASE: Range = Range::any("rad").up_to(params::LARGEST_PHASE);
 
 /// What one `[agent]` or `[[node]]` table says.
 #[derive(Clone, Copy, Default)]
@@ -292,9 +297,8 @@ fn read_dynamics(
     if is_expression {
         return read_expression(section, components, inputs, log).map(Dynamics::Expression);
     }
-    let slope = Range::any("1/s").up_to(params::LARGEST_RATE);
     let affine = Affine {
-        slope: section.value("slope", vec![0.0], |item| components.matrix(item, slope)),
+        slope: section.value("slope", vec![0.0], |item| components.matrix(item, SLOPE)),
         offset: section.value("offset", vec![0.0; components.count], |item| components.numbers(item, INPUT)),
         sines: read_sines(&mut section, components),
     };
@@ -376,16 +380,14 @@ fn read_sines(dynamics: &mut Section<'_>, components: &Components) -> Vec<Sine> 
 /// One sine per component that has an amplitude.
 fn read_sine(item: &Item, components: &Components, log: &Log) -> Option<Vec<Sine>> {
     let mut section = Section::open(item, log)?;
-    let phase = Range::any("rad").up_to(params::LARGEST_PHASE);
     let nothing = vec![0.0; components.count];
     section.need(
         "amplitude",
         "must be a number or an array of numbers, one per component (state units per second)",
     );
     let amplitudes = section.value("amplitude", nothing.clone(), |item| components.numbers(item, INPUT));
-    let frequency =
-        section.number("frequency", None, Range::non_negative("rad/s").up_to(params::LARGEST_RATE));
-    let phases = section.value("phase", nothing, |item| components.numbers(item, phase));
+    let frequency = section.number("frequency", None, FREQUENCY);
+    let phases = section.value("phase", nothing, |item| components.numbers(item, PHASE));
     section.finish();
     let sines = amplitudes.into_iter().zip(phases).enumerate();
     let sines = sines.map(|(component, (amplitude, phase))| Sine {

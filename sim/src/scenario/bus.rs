@@ -12,24 +12,27 @@ use funnelnet_law::Coupling;
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 
 /// Bit rate of CAN where none is said, and the fastest one of classic CAN and of the arbitration of CAN FD, bit/s.
-const DEFAULT_BITRATE: u32 = 1_000_000;
+pub(super) const DEFAULT_BITRATE: u32 = 1_000_000;
 /// Slowest rate of CAN, bit/s.
-const SLOWEST_BITRATE: u32 = 10_000;
+pub(super) const SLOWEST_BITRATE: u32 = 10_000;
 /// Rate of the data of CAN FD where none is said, as the boards have it, and the fastest one, bit/s.
-const DEFAULT_DATA_BITRATE: u32 = 2_000_000;
-const FASTEST_DATA_BITRATE: u32 = 8_000_000;
+pub(super) const DEFAULT_DATA_BITRATE: u32 = 2_000_000;
+pub(super) const FASTEST_DATA_BITRATE: u32 = 8_000_000;
 /// A second in nanoseconds.
 const SECOND_NS: u32 = 1_000_000_000;
 /// Where in a bit a controller reads its level, per mille of it: what CiA recommends, and what the boards have for the data of CAN FD.
-const SAMPLE_PER_MILLE: u32 = 875;
-const DATA_SAMPLE_PER_MILLE: u32 = 750;
+pub(super) const SAMPLE_PER_MILLE: u32 = 875;
+pub(super) const DATA_SAMPLE_PER_MILLE: u32 = 750;
 /// Rates of a serial line, bit/s.
-const BAUDS: (u64, u64) = (1_200, 10_000_000);
+pub(super) const BAUDS: (u64, u64) = (1_200, 10_000_000);
 /// Bytes that the driver of a serial line holds: as many as the boards' drivers do where none is said.
-const DEFAULT_RECEIVE_BUFFER: u32 = 512;
-const LARGEST_RECEIVE_BUFFER: u64 = 65_536;
+pub(super) const DEFAULT_RECEIVE_BUFFER: u32 = 512;
+pub(super) const LARGEST_RECEIVE_BUFFER: u64 = 65_536;
 /// Largest share of disturbed bits: no frame has a chance above it.
-const MOST_BIT_ERRORS: f64 = 0.1;
+pub(super) const MOST_BIT_ERRORS: f64 = 0.1;
+
+/// Where in a bit its level can be read.
+pub(super) const SAMPLE_POINT: Range = Range::between(0.001, 0.999, "of a bit");
 
 /// What carries the states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -257,7 +260,7 @@ fn read_bit_errors(section: &mut Section<'_>) -> u32 {
 }
 
 fn read_sample_point(item: &Item) -> Result<u32, Box<Diagnostic>> {
-    let point = number(item, Range::between(0.001, 0.999, "of a bit"))?;
+    let point = number(item, SAMPLE_POINT)?;
     let per_mille = (point * 1e3).round();
     if (point * 1e3 - per_mille).abs() > 1e-6 {
         return Err(item.diagnostic(Problem::Value, "must be a whole number of thousandths of a bit"));

@@ -15,12 +15,12 @@ const MOST_WANDER: f64 = 10.0;
 /// The furthest jump, ns: a second.
 const MOST_JUMP_NS: i64 = 1_000_000_000;
 /// Time between SYNC where none is said, and the longest one, ns.
-const PERIOD_NS: u64 = 100_000_000;
-const LONGEST_PERIOD_NS: u64 = 10_000_000_000;
+pub(super) const PERIOD_NS: u64 = 100_000_000;
+pub(super) const LONGEST_PERIOD_NS: u64 = 10_000_000_000;
 
 pub(super) const DRIFT: Range = Range::between(-MOST_DRIFT, MOST_DRIFT, "ppm").on_host();
-const WIDTH: Range = Range::between(0.0, MOST_DRIFT, "ppm").on_host();
-const WANDER: Range = Range::between(0.0, MOST_WANDER, "ppm in a second").on_host();
+pub(super) const WIDTH: Range = Range::between(0.0, MOST_DRIFT, "ppm").on_host();
+pub(super) const WANDER: Range = Range::between(0.0, MOST_WANDER, "ppm in a second").on_host();
 
 /// The clock of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -142,7 +142,7 @@ pub(super) fn read_gain(item: &Item, coupling: Coupling<f64>, log: &Log) -> Opti
     suits(gain, coupling).map_err(refuse).ok()
 }
 
-fn range(parameter: &Parameter) -> Range {
+pub(super) fn range(parameter: &Parameter) -> Range {
     match parameter.allowed {
         Allowed::Between(low, high) => Range::between(low, high, parameter.unit),
         _ => Range::positive(parameter.unit),

@@ -1,7 +1,7 @@
 //! Durations as people write them, kept as whole nanoseconds.
 
 /// Units that a duration may have, with their length in nanoseconds.
-const UNITS: [(&str, u64); 7] = [
+pub(super) const UNITS: [(&str, u64); 7] = [
     ("ns", 1),
     ("us", 1_000),
     ("µs", 1_000),

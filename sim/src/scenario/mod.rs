@@ -24,6 +24,8 @@ mod network;
 mod overrides;
 pub mod reader;
 mod safety;
+#[cfg(feature = "check")]
+pub mod schema;
 #[cfg(feature = "spectrum")]
 mod spectrum;
 mod topology;

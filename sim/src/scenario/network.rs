@@ -13,7 +13,7 @@ use funnelnet_protocol::config::MAX_NEIGHBOURS;
 /// The largest network that can be read, and checked. A run takes fewer: see [`super::LARGEST_RUN`].
 pub(super) const MAX_NODES: u64 = 2_000;
 
-const EDGE_WEIGHT: Range = Range::positive("edge weight").up_to(params::LARGEST_WEIGHT);
+pub(super) const EDGE_WEIGHT: Range = Range::positive("edge weight").up_to(params::LARGEST_WEIGHT);
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {

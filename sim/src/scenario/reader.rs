@@ -38,6 +38,17 @@ impl Log {
     }
 }
 
+/// Where a range ends.
+#[cfg(feature = "check")]
+pub(super) struct Bounds {
+    /// May be infinite.
+    pub low: f64,
+    /// Whether `low` itself is outside.
+    pub low_open: bool,
+    /// May be infinite.
+    pub high: f64,
+}
+
 /// Allowed values of a number.
 #[derive(Clone, Copy)]
 pub struct Range {
@@ -94,6 +105,18 @@ impl Range {
     /// The value stays on the host, in f64.
     pub const fn on_host(self) -> Self {
         Self { on_node: None, ..self }
+    }
+
+    /// The smallest and the largest number, with what a node takes.
+    #[cfg(feature = "check")]
+    pub(super) fn bounds(&self) -> Bounds {
+        let Some((smallest, largest)) = self.on_node else {
+            return Bounds { low: self.low, low_open: self.low_open, high: self.high };
+        };
+        // Zero is a size that each node takes, where the range has it.
+        let is_above_zero = self.low == 0.0 && self.low_open && smallest > 0.0;
+        let low = if is_above_zero { smallest } else { self.low.max(-largest) };
+        Bounds { low, low_open: self.low_open && !is_above_zero, high: self.high.min(largest) }
     }
 
     /// A node takes values up to this size.

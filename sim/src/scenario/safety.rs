@@ -5,7 +5,7 @@ use super::reader::Section;
 use funnelnet_protocol::config::MAX_NEIGHBOURS;
 
 /// The longest holdover, ns: an hour.
-const LONGEST_HOLDOVER_NS: u64 = 3_600_000_000_000;
+pub(super) const LONGEST_HOLDOVER_NS: u64 = 3_600_000_000_000;
 
 /// Reads the section; `tick_ns` has to fit into the holdover.
 pub(super) fn read(file: &mut Section<'_>, tick_ns: u64) -> SafetySpec {
