@@ -684,10 +684,10 @@ fn event() -> Value {
     ];
     let lasts = key("for", span(), "how long a bounced node is off").or(json!("100ms"));
     let by = key("by", signed_duration(), "how far the clock jumps: a second at most").as_in(json!("-300us"));
-    let drift = key("drift_ppm", number(clock::DRIFT), "how much too fast it is from then on, parts in a million")
-        .as_in(json!(-50.0));
-    let silent =
-        key("for", duration(), "how long no SYNC goes out").as_in(json!("100ms")).required();
+    let drift =
+        key("drift_ppm", number(clock::DRIFT), "how much too fast it is from then on, parts in a million")
+            .as_in(json!(-50.0));
+    let silent = key("for", duration(), "how long no SYNC goes out").as_in(json!("100ms")).required();
     kinds(vec![
         object([at(), kind("kind", &["crash", "leave", "join"])].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["bounce"]), lasts].into_iter().chain(of_nodes()).collect()),
