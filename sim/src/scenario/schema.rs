@@ -1,6 +1,6 @@
 //! The JSON Schema of the scenario file, for editors: every key with its type, range, default and meaning.
 //!
-//! Ranges and names are those of the reader. A test of sim-host walks the schema through the reader, key by key and in both directions.
+//! Ranges and names of kinds are the reader's, as far as it has them as constants; the lists of keys are written here.
 //! What depends on other keys (whole ticks, ids of the graph, a start inside the funnel) only the reader judges.
 
 use super::bus;
