@@ -252,7 +252,7 @@ fn networks_that_cannot_be_are_refused() {
 fn what_this_version_cannot_run_says_so() {
     refused_set(
         "event=[{at='1s',kind='babble',node=1}]",
-        "event[0].kind = 'babble': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair",
+        "event[0].kind = 'babble': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair, clock, sync-loss",
     );
 }
 
@@ -309,7 +309,7 @@ fn manual_pages_are_printed_for_the_program_and_its_commands() {
     }
     refused(
         &["man", "fly"],
-        "man fly: there is no such command; there are run, bench, node, check, diff, replay, completions, man, help",
+        "man fly: there is no such command; there are run, bench, node, check, diff, replay, schema, completions, man, help",
     );
 }
 
