@@ -29,7 +29,7 @@ struct Key {
 
 impl Key {
     /// With a value for those who have not seen one.
-    fn as_in(mut self, example: Value) -> Self {
+    fn like(mut self, example: Value) -> Self {
         self.schema["examples"] = json!([example]);
         self
     }
@@ -73,7 +73,7 @@ fn kind(name: &'static str, names: &[&str]) -> Key {
         [one] => json!({ "type": "string", "const": one }),
         names => json!({ "type": "string", "enum": names }),
     };
-    key(name, schema, format!("the kind: {}", names.join(", "))).as_in(json!(names[0])).required()
+    key(name, schema, format!("the kind: {}", names.join(", "))).like(json!(names[0])).required()
 }
 
 /// Any of several types.
@@ -161,9 +161,9 @@ fn per_component(range: Range) -> Value {
 #[must_use]
 pub fn scenario() -> Value {
     let mut schema = object(vec![
-        key("version", integer((1, 1)), "the version of this format").as_in(json!(1)).required(),
+        key("version", integer((1, 1)), "the version of this format").like(json!(1)).required(),
         key("title", text(), "shown in plots and summaries; default: the name of the file")
-            .as_in(json!("Five agents")),
+            .like(json!("Five agents")),
         key("seed", integer((0, u64::MAX)), "root of every random stream").or(json!(1)),
         key("time", time(), "the network's tick, and how long a run is").required(),
         key("graph", graph(), "who hears whom, and how much it counts").required(),
@@ -190,12 +190,12 @@ fn time() -> Value {
     let shortest = format_duration(params::SHORTEST_TICK_NS.into());
     let longest = format_duration(u32::MAX.into());
     object(vec![
-        key("tick", span(), format!("network tick T, from {shortest} to {longest}")).as_in(json!("1ms")).required(),
+        key("tick", span(), format!("network tick T, from {shortest} to {longest}")).like(json!("1ms")).required(),
         key("round", span(), format!("the law decides once in a round: a whole number of ticks, 1 to {LONGEST_ROUND}; default: a tick"))
-            .as_in(json!("5ms")),
+            .like(json!("5ms")),
         key("slow_start", duration(), format!("so long, in network time, a tick is an eighth of one to fields and funnels: whole ticks, up to {LONGEST_SLOW_START}"))
-            .or(json!("0s")).as_in(json!("10ms")),
-        key("duration", span(), "length of the run, a whole number of ticks").as_in(json!("1s")).required(),
+            .or(json!("0s")).like(json!("10ms")),
+        key("duration", span(), "length of the run, a whole number of ticks").like(json!("1s")).required(),
     ])
 }
 
@@ -204,14 +204,14 @@ fn graph() -> Value {
         let common = vec![
             kind("kind", names),
             key("nodes", integer((1, MAX_NODES)), "number of nodes, ids 1 to this; a run takes 127 at most")
-                .as_in(json!(5))
+                .like(json!(5))
                 .required(),
             key("weight", number(network::EDGE_WEIGHT), "weight of every edge").or(json!(1.0)),
         ];
         object(common.into_iter().chain(own).collect())
     };
     let degree =
-        || key("degree", integer((1, MAX_NODES - 1)), "neighbours per node").as_in(json!(4)).required();
+        || key("degree", integer((1, MAX_NODES - 1)), "neighbours per node").like(json!(4)).required();
     let edges = array(array(number(network::EDGE_WEIGHT), 2, Some(3)), 0, None);
     kinds(vec![
         branch(&["ring", "path", "star", "complete"], vec![]),
@@ -219,7 +219,7 @@ fn graph() -> Value {
             &["grid"],
             vec![
                 key("columns", integer((1, MAX_NODES)), "nodes per row; default: as square as it gets")
-                    .as_in(json!(3)),
+                    .like(json!(3)),
             ],
         ),
         branch(&["ring-lattice"], vec![degree()]),
@@ -228,7 +228,7 @@ fn graph() -> Value {
             &["erdos-renyi"],
             vec![
                 key("probability", number(Range::positive_probability()), "of each edge")
-                    .as_in(json!(1.0))
+                    .like(json!(1.0))
                     .required(),
             ],
         ),
@@ -236,7 +236,7 @@ fn graph() -> Value {
             &["edges"],
             vec![
                 key("edges", edges, "ids of both ends and the weight, which defaults to `weight`; symmetric")
-                    .as_in(json!([[1, 2, 1.0], [2, 3], [3, 4], [4, 5]]))
+                    .like(json!([[1, 2, 1.0], [2, 3], [3, 4], [4, 5]]))
                     .required(),
             ],
         ),
@@ -247,20 +247,20 @@ fn coupling() -> Value {
     let gains = |keeps_funnels: &[bool]| gain(|kind| keeps_funnels.contains(&kind), |key| key);
     let gain_key = |keeps_funnels: &[bool], example: Value| {
         key("gain", gains(keeps_funnels), "mu: what becomes of the share of the funnel that is used")
-            .as_in(example)
+            .like(example)
     };
     let reciprocal = || json!({ "kind": "reciprocal", "scale": 1.0 });
     let linear = || json!({ "kind": "linear", "slope": 10.0 });
     let branch = |names: &[&str], own: Vec<Key>| {
         let common = vec![
             key("funnel", funnel(|key| key), "psi, within which a node's diffusive term is kept")
-                .as_in(json!({ "kind": "constant", "width": 1.0 })).required(),
+                .like(json!({ "kind": "constant", "width": 1.0 })).required(),
             key("on_breach", on_breach(names), "what a node does whose term is outside its funnel").or(json!("ride")),
             key("floor", any(&[number(Range::positive(STATE).on_host()), json!({ "type": "string", "const": "f32" })]),
-                "the narrowest funnel that is asked for (state units), or \"f32\" for what the f32 of a node resolves; default: none").as_in(json!("f32")),
+                "the narrowest funnel that is asked for (state units), or \"f32\" for what the f32 of a node resolves; default: none").like(json!("f32")),
             key("guard", number(Range::between(0.0, WIDEST_GUARD, "a share of the funnel")), "the law runs in (1 - guard) psi, and is judged by psi")
                 .or(json!(0.0)),
-            key("u_max", number(Range::positive(INPUT)), "the largest |u| that a node may ask for (state units per second), fed back into the law").as_in(json!(300.0)),
+            key("u_max", number(Range::positive(INPUT)), "the largest |u| that a node may ask for (state units per second), fed back into the law").like(json!(300.0)),
             damping(),
         ];
         object([kind("kind", names)].into_iter().chain(own).chain(common).collect())
@@ -272,7 +272,7 @@ fn coupling() -> Value {
         number(Range::non_negative(STATE)),
         "errors below this (state units) leave the gain as it is",
     )
-    .as_in(json!(0.1))
+    .like(json!(0.1))
     .required();
     kinds(vec![
         branch(&["node-wise"], vec![gain_key(both, reciprocal()).required()]),
@@ -292,7 +292,7 @@ fn damping() -> Key {
         any(&[range, json!({ "type": "string", "const": "graph" })]),
         "c of the law, or \"graph\": 1.1 times the largest eigenvalue of D^-1 L, at most 2.2; refused below that eigenvalue",
     )
-    .as_in(json!(2.5))
+    .like(json!(2.5))
 }
 
 /// Gains that keep funnels or do not; `of` changes each parameter.
@@ -303,7 +303,7 @@ fn gain(wanted: impl Fn(bool) -> bool, of: impl Fn(Key) -> Key) -> Value {
             let own = key(parameter.name, number(coupling::range(parameter)), parameter.unit);
             of(match parameter.default {
                 Some(default) => own.or(json!(default)),
-                None => own.as_in(json!(0.5)).required(),
+                None => own.like(json!(0.5)).required(),
             })
         });
         object([kind("kind", &[gain.name])].into_iter().chain(parameters).collect())
@@ -315,27 +315,27 @@ fn gain(wanted: impl Fn(bool) -> bool, of: impl Fn(Key) -> Key) -> Value {
 fn exponential() -> Vec<Key> {
     vec![
         key("start", number(Range::positive(STATE)), "width at t = 0 (state units)")
-            .as_in(json!(40.0))
+            .like(json!(40.0))
             .required(),
         key("end", number(Range::non_negative(STATE)), "width in the end (state units)")
-            .as_in(json!(2.0))
+            .like(json!(2.0))
             .required(),
-        key("rate", number(Range::positive("1/s").up_to(LARGEST_RATE)), "1/s").as_in(json!(1.0)).required(),
+        key("rate", number(Range::positive("1/s").up_to(LARGEST_RATE)), "1/s").like(json!(1.0)).required(),
     ]
 }
 
 fn constant() -> Vec<Key> {
-    vec![key("width", number(Range::positive(STATE)), "state units").as_in(json!(1.0)).required()]
+    vec![key("width", number(Range::positive(STATE)), "state units").like(json!(1.0)).required()]
 }
 
 /// `of` changes each key but the kind.
 fn funnel(of: impl Fn(Key) -> Key) -> Value {
     let start = || {
         key("start", number(Range::positive(STATE)), "width at t = 0 (state units)")
-            .as_in(json!(40.0))
+            .like(json!(40.0))
             .required()
     };
-    let at = |what| key("at", span(), what).as_in(json!("5s")).required();
+    let at = |what| key("at", span(), what).like(json!("5s")).required();
     let branch = |name: &'static str, own: Vec<Key>| {
         let factor = key(
             "factor",
@@ -352,7 +352,7 @@ fn funnel(of: impl Fn(Key) -> Key) -> Value {
         number(Range::positive("state units times seconds")),
         "state units times seconds; infinite at t = 0",
     )
-    .as_in(json!(1.0))
+    .like(json!(1.0))
     .required();
     kinds(vec![
         branch("exponential", exponential()),
@@ -377,10 +377,10 @@ fn funnel(of: impl Fn(Key) -> Key) -> Value {
                     number(Range::between(SCHEDULE_EPS.0, SCHEDULE_EPS.1, "1")),
                     "how near the end of the first part comes",
                 )
-                .as_in(json!(0.1))
+                .like(json!(0.1))
                 .required(),
                 key("then", normalised, "the funnel that follows")
-                    .as_in(json!({ "kind": "constant", "width": 1.0 }))
+                    .like(json!({ "kind": "constant", "width": 1.0 }))
                     .required(),
             ],
         ),
@@ -419,18 +419,18 @@ fn on_breach(couplings: &[&str]) -> Value {
 fn of_node() -> Vec<Key> {
     vec![
         key("state", per_component(agents::STATE), "initial state: a number, or an array for a vector state")
-            .as_in(json!(0.5)),
+            .like(json!(0.5)),
         key(
             "noise",
             number(agents::NOISE),
             "standard deviation of Gaussian noise on each state as it is sent",
         )
-        .as_in(json!(0.1)),
-        key("inputs", inputs(), "values over time from CSV files that expressions may name").as_in(json!({})),
+        .like(json!(0.1)),
+        key("inputs", inputs(), "values over time from CSV files that expressions may name").like(json!({})),
         key("limits", limits(), "what an actuator can do: bounds of the input, around zero")
-            .as_in(json!({ "low": -5.0, "high": 5.0 })),
+            .like(json!({ "low": -5.0, "high": 5.0 })),
         key("compute", duration(), "time from a node's tick to its frames, shorter than the tick")
-            .as_in(json!("20us")),
+            .like(json!("20us")),
     ]
 }
 
@@ -438,8 +438,8 @@ fn agent() -> Value {
     let unit = json!({ "type": "string", "minLength": 1, "maxLength": agents::LONGEST_UNIT });
     let own = vec![
         key("dynamics", dynamics(|key| key), "the node's own field: needed here or in each node")
-            .as_in(json!({ "kind": "affine", "slope": -1.0 })),
-        key("unit", unit, "the unit of the states, shown on the axes of pictures").as_in(json!("degC")),
+            .like(json!({ "kind": "affine", "slope": -1.0 })),
+        key("unit", unit, "the unit of the states, shown on the axes of pictures").like(json!("degC")),
     ];
     let with_default = |key: Key| match key.name {
         "state" | "noise" => key.or(json!(0.0)),
@@ -455,32 +455,32 @@ fn node() -> Value {
     // What an override leaves out is the node's default, not the section's.
     let loose = |mut key: Key| {
         if let Some(default) = key.schema.as_object_mut().and_then(|schema| schema.remove("default")) {
-            key = key.as_in(default);
+            key = key.like(default);
         }
         Key { required: false, ..key }
     };
     let own = vec![
-        key("id", id(), "the node that it changes").as_in(json!(1)).required(),
+        key("id", id(), "the node that it changes").like(json!(1)).required(),
         key(
             "dynamics",
             merged(dynamics(loose)),
             "merged over the default of the same kind; another kind starts afresh",
         )
-        .as_in(json!({ "offset": 1.0 })),
+        .like(json!({ "offset": 1.0 })),
         key(
             "gain",
             merged(gain(|_| true, loose)),
             "merged over the default of the same kind; another kind starts afresh",
         )
-        .as_in(json!({ "scale": 2.0 })),
+        .like(json!({ "scale": 2.0 })),
         key(
             "funnel",
             merged(funnel(loose)),
             "merged over the default of the same kind; another kind starts afresh",
         )
-        .as_in(json!({ "factor": 2.0 })),
+        .like(json!({ "factor": 2.0 })),
         damping(),
-        key("clock", own_clock(), "the clock of this node").as_in(json!({ "drift_ppm": -50.0 })),
+        key("clock", own_clock(), "the clock of this node").like(json!({ "drift_ppm": -50.0 })),
     ];
     object(own.into_iter().chain(of_node()).collect())
 }
@@ -516,7 +516,7 @@ fn dynamics(of: impl Fn(Key) -> Key) -> Value {
         any(&[text(), array(text(), 1, Some(MAX_COMPONENTS))]),
         "the field in state units per second; an array for vector states",
     )
-    .as_in(json!("-x + sin(t)"))
+    .like(json!("-x + sin(t)"))
     .required();
     kinds(vec![
         object([kind("kind", &["affine"])].into_iter().chain(affine.into_iter().map(&of)).collect()),
@@ -526,19 +526,17 @@ fn dynamics(of: impl Fn(Key) -> Key) -> Value {
 
 fn sine() -> Value {
     object(vec![
-        key("amplitude", per_component(agents::INPUT), "state units per second")
-            .as_in(json!(10.0))
-            .required(),
-        key("frequency", number(agents::FREQUENCY), "rad/s").as_in(json!(1.0)).required(),
+        key("amplitude", per_component(agents::INPUT), "state units per second").like(json!(10.0)).required(),
+        key("frequency", number(agents::FREQUENCY), "rad/s").like(json!(1.0)).required(),
         key("phase", per_component(agents::PHASE), "rad").or(json!(0.0)),
     ])
 }
 
 fn inputs() -> Value {
     let input = object(vec![
-        key("file", text(), "a CSV file beside the scenario").as_in(json!("load.csv")).required(),
+        key("file", text(), "a CSV file beside the scenario").like(json!("load.csv")).required(),
         key("time", text(), "column of times, s").or(json!("t")),
-        key("column", text(), "column of values").as_in(json!("p_kw")).required(),
+        key("column", text(), "column of values").like(json!("p_kw")).required(),
     ]);
     let most = funnelnet_law::program::MAX_INPUTS;
     json!({ "type": "object", "additionalProperties": input, "maxProperties": most })
@@ -548,9 +546,9 @@ fn limits() -> Value {
     let input = |range| number(range);
     let low = Range::between(-params::LARGEST, 0.0, INPUT);
     object(vec![
-        key("low", input(low), "state units per second, zero at most").as_in(json!(-5.0)).required(),
+        key("low", input(low), "state units per second, zero at most").like(json!(-5.0)).required(),
         key("high", input(Range::non_negative(INPUT)), "state units per second, zero at least")
-            .as_in(json!(5.0))
+            .like(json!(5.0))
             .required(),
     ])
 }
@@ -563,10 +561,10 @@ fn loss() -> Key {
         key("good", probability(), "probability of a loss in the good state").or(json!(0.0)),
         key("bad", probability(), "probability of a loss in the bad state").or(json!(1.0)),
         key("to_bad", changes(), "probability that the bad state follows the good one")
-            .as_in(json!(0.01))
+            .like(json!(0.01))
             .required(),
         key("to_good", changes(), "probability that the good state follows the bad one")
-            .as_in(json!(0.1))
+            .like(json!(0.1))
             .required(),
     ]);
     key("loss", any(&[probability(), bursts]), "probability that a receiver loses a frame; or bursts")
@@ -655,20 +653,20 @@ fn link() -> Value {
                 },
                 "both directions between two neighbours",
             )
-            .as_in(json!([1, 2])),
-            key("from", id(), "the sender, with `to`: one direction").as_in(json!(1)),
-            key("to", id(), "the receiver").as_in(json!(2)),
+            .like(json!([1, 2])),
+            key("from", id(), "the sender, with `to`: one direction").like(json!(1)),
+            key("to", id(), "the receiver").like(json!(2)),
         ],
         of_frames.into_iter().collect(),
     )
 }
 
 fn event() -> Value {
-    let at = || key("at", duration(), "time from the start").as_in(json!("500ms")).required();
+    let at = || key("at", duration(), "time from the start").like(json!("500ms")).required();
     let of_nodes = || {
         [
-            key("node", id(), "the node that it happens to").as_in(json!(2)),
-            key("nodes", ids(1), "the nodes that it happens to").as_in(json!([2, 3])),
+            key("node", id(), "the node that it happens to").like(json!(2)),
+            key("nodes", ids(1), "the nodes that it happens to").like(json!([2, 3])),
         ]
     };
     let pair = || {
@@ -678,16 +676,16 @@ fn event() -> Value {
     };
     let groups = array(ids(1), 2, None);
     let of_links = [
-        key("link", pair(), "ids of two neighbours").as_in(json!([1, 2])),
+        key("link", pair(), "ids of two neighbours").like(json!([1, 2])),
         key("groups", groups, "two or more groups of nodes, between which links are cut or repaired")
-            .as_in(json!([[1, 2], [3, 4, 5]])),
+            .like(json!([[1, 2], [3, 4, 5]])),
     ];
     let lasts = key("for", span(), "how long a bounced node is off").or(json!("100ms"));
-    let by = key("by", signed_duration(), "how far the clock jumps: a second at most").as_in(json!("-300us"));
+    let by = key("by", signed_duration(), "how far the clock jumps: a second at most").like(json!("-300us"));
     let drift =
         key("drift_ppm", number(clock::DRIFT), "how much too fast it is from then on, parts in a million")
-            .as_in(json!(-50.0));
-    let silent = key("for", duration(), "how long no SYNC goes out").as_in(json!("100ms")).required();
+            .like(json!(-50.0));
+    let silent = key("for", duration(), "how long no SYNC goes out").like(json!("100ms")).required();
     kinds(vec![
         object([at(), kind("kind", &["crash", "leave", "join"])].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["bounce"]), lasts].into_iter().chain(of_nodes()).collect()),
@@ -709,17 +707,17 @@ fn clock_section() -> Value {
 
 fn own_clock() -> Value {
     let jump = object(vec![
-        key("at", duration(), "time from the start").as_in(json!("500ms")).required(),
+        key("at", duration(), "time from the start").like(json!("500ms")).required(),
         key("by", signed_duration(), "how far the clock jumps: a second at most")
-            .as_in(json!("-300us"))
+            .like(json!("-300us"))
             .required(),
     ]);
     object(vec![
         key("offset", signed_duration(), "how far it is ahead at the start, less than a tick")
-            .as_in(json!("-100us")),
+            .like(json!("-100us")),
         key("drift_ppm", number(clock::DRIFT), "how much it is too fast, parts in a million")
-            .as_in(json!(-50.0)),
-        key("wander", number(clock::WANDER), "how the drift changes, ppm in a second").as_in(json!(0.1)),
+            .like(json!(-50.0)),
+        key("wander", number(clock::WANDER), "how the drift changes, ppm in a second").like(json!(0.1)),
         key("jumps", array(jump, 0, None), "when the clock jumps").or(json!([])),
     ])
 }
@@ -748,23 +746,23 @@ fn safety() -> Value {
             "so many neighbours lost at once stop a node; 0 never does",
         )
         .or(json!(0)),
-        key("holdover", span(), holdover).as_in(json!("200ms")),
+        key("holdover", span(), holdover).like(json!("200ms")),
     ])
 }
 
 /// Limits of a run or a part of it.
 fn limit(name: &'static str, unit: &'static str, what: &str) -> Key {
-    key(name, number(Range::positive(unit).on_host()), format!("{what} ({unit})")).as_in(json!(10.0))
+    key(name, number(Range::positive(unit).on_host()), format!("{what} ({unit})")).like(json!(10.0))
 }
 
 fn expect() -> Value {
     let final_value = object(vec![
-        key("is", number(Range::any(STATE).on_host()), "state units").as_in(json!(1.0)).required(),
-        key("within", number(Range::positive(STATE).on_host()), "state units").as_in(json!(0.1)).required(),
+        key("is", number(Range::any(STATE).on_host()), "state units").like(json!(1.0)).required(),
+        key("within", number(Range::positive(STATE).on_host()), "state units").like(json!(0.1)).required(),
     ]);
     let window = object(vec![
         key("from", duration(), "where it begins").or(json!("0s")),
-        key("to", span(), "where it ends, included").as_in(json!("500ms")).required(),
+        key("to", span(), "where it ends, included").like(json!("500ms")).required(),
         limit("funnel_ratio", "|nu| / psi", "largest ratio"),
         limit("spread", STATE, "largest max x - min x"),
         limit("emergent_error", STATE, "largest distance of a node to the emergent dynamics"),
@@ -779,14 +777,14 @@ fn expect() -> Value {
         limit("blended_error", STATE, "largest distance of a node to the blended dynamics at the end"),
         limit("reference_error", STATE, "largest distance to the continuous-time reference"),
         key("final_value", final_value, "every component of every node ends nearer than `within` to `is`")
-            .as_in(json!({ "is": 1.0, "within": 0.1 })),
+            .like(json!({ "is": 1.0, "within": 0.1 })),
         limit("max_input", INPUT, "largest |u| over all nodes and ticks"),
         key(
             "recovered_within",
             span(),
             "longest time from the end of an event to the last tick outside a funnel",
         )
-        .as_in(json!("500ms")),
+        .like(json!("500ms")),
         key("stopped", stopped, "ids of nodes that may stop by themselves, or \"any\"").or(json!([])),
         key("window", array(window, 0, None), "limits for a part of the run"),
     ])
