@@ -166,6 +166,11 @@ fn events_of_clocks_that_make_no_sense_are_refused_by_name() {
             .contains("must be over by the end of the run")
     );
     assert!(
+        refused(&[&event("kind = \"sync-loss\", for = \"1s\", node = 3")])
+            .contains("node 3 is none of sync.masters")
+    );
+    assert!(refused(&[&event("kind = \"sync-loss\", for = \"0s\"")]).contains("must be longer than 0s"));
+    assert!(
         refused(&[&event("kind = \"sync-loss\", for = \"1s\""), "sync.off=true"]).contains("needs [sync]")
     );
     assert!(

@@ -313,7 +313,7 @@ impl std::fmt::Display for Left {
 fn with_a_guard_no_network_is_outside_after_its_start_and_with_a_slow_start_none_at_all() {
     const START: u64 = 100;
     let told = |name: &str, default| std::env::var(name).map_or(default, |text| text.parse().unwrap());
-    let (first, count): (u32, u32) = (told("FUNNEL_FIRST", 0), told("FUNNEL_NETWORKS", 2_000));
+    let (first, count): (u32, u32) = (told("FUNNEL_FIRST", 0), told("FUNNEL_NETWORKS", 20_000));
     let mut runner = TestRunner::new_with_rng(cases(1), TestRng::deterministic_rng(RngAlgorithm::ChaCha));
     let (mut at_the_start, mut later, mut slow) = (Left::default(), Left::default(), Left::default());
     for number in 0..count {

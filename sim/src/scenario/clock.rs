@@ -184,17 +184,11 @@ pub(super) fn make_sense(
     (root, log): (&Item, &Log),
 ) {
     let refuse = |item: &Item, allowed: &str| log.report(item.diagnostic(Problem::Value, allowed));
-    let of_clocks = |event: &&EventSpec| event.kind.is_of_clocks();
-    if let (Some(item), Some(event)) = (root.get("event"), events.iter().find(of_clocks)) {
-        match (event.kind, clocks.is_empty(), sync) {
-            (EventKind::Clock, true, _) => {
-                refuse(item, "of kind clock needs [clock] or [sync]: without them all nodes share one clock")
-            }
-            (EventKind::SyncLoss, _, None) => {
-                refuse(item, "of kind sync-loss needs [sync]: without it there is none to lose")
-            }
-            _ => {}
-        }
+    if let Some(item) = root.get("event") {
+        events
+            .iter()
+            .filter_map(|event| useless(event, clocks, sync.as_ref()))
+            .for_each(|allowed| refuse(item, &allowed));
     }
     let Some(item) = root.get("clock").or(root.get("sync")).filter(|_| !clocks.is_empty()) else { return };
     if coupling == Coupling::WeaklyCentralised {
@@ -209,6 +203,24 @@ pub(super) fn make_sense(
     let on_can = bus.model.is_can();
     if let (Some(item), Some(_), false) = (root.get("sync"), sync, on_can) {
         refuse(item, "needs bus.model = \"can\" or \"can-fd\", where all hear a SYNC at the same time");
+    }
+}
+
+/// Why an event of clocks would change nothing, if it would not.
+fn useless(event: &EventSpec, clocks: &[ClockSpec], sync: Option<&SyncSpec>) -> Option<String> {
+    let is_master = |masters: &[u16], node: usize| masters.iter().any(|&id| usize::from(id) == node + 1);
+    match (event.kind, sync) {
+        (EventKind::Clock, _) if clocks.is_empty() => {
+            Some("of kind clock needs [clock] or [sync]: without them all nodes share one clock".to_owned())
+        }
+        (EventKind::SyncLoss, None) => {
+            Some("of kind sync-loss needs [sync]: without it there is none to lose".to_owned())
+        }
+        (EventKind::SyncLoss, Some(SyncSpec { masters, .. })) => {
+            let other = event.targets.nodes().iter().find(|&&node| !is_master(masters, node))?;
+            Some(format!("of kind sync-loss changes nothing: node {} is none of sync.masters", other + 1))
+        }
+        _ => None,
     }
 }
 

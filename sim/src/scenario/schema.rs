@@ -685,7 +685,7 @@ fn event() -> Value {
     let drift =
         key("drift_ppm", number(clock::DRIFT), "how much too fast it is from then on, parts in a million")
             .like(json!(-50.0));
-    let silent = key("for", duration(), "how long no SYNC goes out").like(json!("100ms")).required();
+    let silent = key("for", span(), "how long no SYNC goes out").like(json!("100ms")).required();
     kinds(vec![
         object([at(), kind("kind", &["crash", "leave", "join"])].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["bounce"]), lasts].into_iter().chain(of_nodes()).collect()),

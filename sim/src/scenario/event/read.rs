@@ -63,7 +63,7 @@ fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
         }
         EventKind::SyncLoss => {
             let silent = section.need("for", "must be how long SYNC do not go out, as \"2s\"").is_some();
-            let lasts_ns = if silent { section.duration("for", Some(0)) } else { 0 };
+            let lasts_ns = if silent { section.duration("for", None) } else { 0 };
             (of_masters(&mut section, nodes), lasts_ns)
         }
         EventKind::Crash | EventKind::Leave | EventKind::Join => (of_nodes(&mut section, nodes), 0),
