@@ -127,8 +127,13 @@ image_cargo() { # COMMAND IMAGE CARGO-ARGUMENTS...
         --features "${board//_/-},${features#-}" --bin "$(image_field "$2" 3)" "${@:3}"
 }
 
-# Builds an image, and gives it its name where its binary has another one.
+# What has been built since this script began; nothing changes a source meanwhile.
+declare -A BUILT=()
+
+# Builds an image once, and gives it its name where its binary has another one.
 image_build() { # IMAGE
+    [[ -z ${BUILT[$1]:-} ]] || return 0
+    BUILT[$1]=yes
     local binary
     binary=$(image_field "$1" 3)
     image_cargo build "$1" --release

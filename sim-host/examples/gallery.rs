@@ -6,8 +6,8 @@
 
 use sim_host::interrupt::Interrupt;
 use sim_host::number_format::significant;
+use sim_host::plot::states_svg;
 use sim_host::record::Summary;
-use sim_host::report::states_svg;
 use sim_host::run::{Fidelity, Outcome, RunOptions, Verbosity, simulate, trace};
 use sim_host::scenario::{Scenario, Window};
 use std::num::NonZero;

@@ -1,7 +1,7 @@
 //! Both runs in one picture.
 
 use super::table::Table;
-use crate::report::{Overlay, PlotError};
+use crate::plot::{Overlay, PlotError};
 
 /// The states `x_1..` of both, those of A as broad light lines and those of B as thin dark ones on top, as SVG text: where they agree, each
 /// thin line runs in the middle of a broad one.
