@@ -8,6 +8,7 @@ use sim_host::scenario::{Expect, Override, Scenario};
 use std::path::{Path, PathBuf};
 
 pub mod board;
+pub mod campaign;
 pub mod outage;
 pub mod world;
 

@@ -498,7 +498,7 @@ impl<N: Noise> Bus<N> {
             return;
         };
         let collides = best.next().is_some_and(|&(next, _)| next == priority);
-        if let Some(strike) = self.noise.strike(node) {
+        if let Some(strike) = self.noise.strike(at, node) {
             self.strike(at, node, strike);
         }
         let clean = if late || collides || self.bit_by_bit { None } else { self.clean_frame(at, node) };
@@ -708,8 +708,13 @@ impl<N: Noise> Bus<N> {
             return None;
         }
         let seen_by = hit.seen_by;
-        self.hit = self.behind.take().unwrap_or_else(|| self.noise.next());
-        Some(seen_by)
+        // A strike has been drawn for the frame that it hits.
+        let (next, is_real) = match self.behind.take() {
+            Some(behind) => (behind, true),
+            None => (self.noise.next(), self.noise.is_real(self.now)),
+        };
+        self.hit = next;
+        is_real.then_some(seen_by)
     }
 
     fn report_lost(&mut self, lost: &[usize], sink: &mut impl FnMut(Event)) {

@@ -34,8 +34,14 @@ pub trait Noise {
     /// The next one; none is not asked again.
     fn next(&mut self) -> Option<Hit>;
 
-    /// A bit of the frame that `sender` begins now. A bit before it that [next](Self::next) has said comes first, and this one never.
-    fn strike(&mut self, _sender: usize) -> Option<Strike> {
+    /// Whether the bit that [next](Self::next) has said is disturbed indeed, now that it is on the bus at `at` (ns): asked once for each,
+    /// for noise that comes and goes.
+    fn is_real(&mut self, _at: u64) -> bool {
+        true
+    }
+
+    /// A bit of the frame that `sender` begins at `at` (ns). A bit before it that [next](Self::next) has said comes first, and this one never.
+    fn strike(&mut self, _at: u64, _sender: usize) -> Option<Strike> {
         None
     }
 }

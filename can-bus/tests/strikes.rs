@@ -17,7 +17,7 @@ impl Noise for Striker {
         self.own.pop()
     }
 
-    fn strike(&mut self, sender: usize) -> Option<Strike> {
+    fn strike(&mut self, _: u64, sender: usize) -> Option<Strike> {
         let place = self.places.pop().filter(|_| sender == self.sender)?;
         Some(Strike { seen_by: SeenBy::One(2), place })
     }

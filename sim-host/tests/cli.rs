@@ -252,7 +252,7 @@ fn networks_that_cannot_be_are_refused() {
 fn what_this_version_cannot_run_says_so() {
     refused_set(
         "event=[{at='1s',kind='babble',node=1}]",
-        "event[0].kind = 'babble': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair, clock, sync-loss",
+        "event[0].kind = 'babble': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, liar, replayer, impostor",
     );
 }
 

@@ -174,7 +174,8 @@ fn events_of_clocks_that_make_no_sense_are_refused_by_name() {
         refused(&[&event("kind = \"sync-loss\", for = \"1s\""), "sync.off=true"]).contains("needs [sync]")
     );
     assert!(
-        refused(&[&event("kind = \"crash\", node = 3")]).contains("another kind than clock and sync-loss")
+        refused(&[&event("kind = \"crash\", node = 3")])
+            .contains("beside an [[event]] that takes nodes or links away")
     );
 }
 

@@ -6,11 +6,13 @@ mod clock;
 mod clocks;
 mod field;
 mod heard;
+mod lies;
 mod plants;
 mod world;
 
 pub use clocks::{Clocks, Skew};
 pub use field::{Outside, SimField, SimNode, params, params_as};
+pub use lies::Lies;
 pub use plants::{Driven, Plants};
 pub use world::World;
 
@@ -50,6 +52,8 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     nodes: Vec<Node<f32, V>>,
     bus: M,
     noise: Noise,
+    /// Where nodes say what is not so.
+    lies: Option<Box<Lies>>,
     /// Time from the tick of each node to its frames, ns; none where they go at once.
     compute: Vec<u64>,
     /// What the node that is polled has said and still computes.
@@ -85,6 +89,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             nodes,
             bus,
             noise,
+            lies: None,
             compute: Vec::new(),
             said: Vec::new(),
             later: VecDeque::new(),
@@ -106,6 +111,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// With noise on the states that nodes send.
     pub fn with_noise(self, noise: Noise) -> Self {
         Self { noise, ..self }
+    }
+
+    /// With nodes that say what is not so.
+    pub fn with_lies(self, lies: Option<Box<Lies>>) -> Self {
+        Self { lies, ..self }
     }
 
     /// With nodes that measure and drive these plants.
@@ -351,8 +361,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     fn send_at(&mut self, at: u64, node: usize) {
         let messages = std::mem::take(&mut self.said);
         self.bus.computes(node, at);
-        let place = self.later.partition_point(|later| later.at <= at);
-        self.later.insert(place, Later { at, node, messages });
+        insert(&mut self.later, Later { at, node, messages });
     }
 
     /// Stops a node that its bus has lost, as its app does.
@@ -381,6 +390,10 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 Some(Action::Send(message)) => {
                     let message =
                         if self.noise.is_none() { message } else { self.noise.disturb(index, message) };
+                    let message = match &mut self.lies {
+                        None => message,
+                        Some(lies) => lie(lies, &mut self.later, (index, now), message),
+                    };
                     // A node that stops does not compute any more.
                     if compute == 0 || matches!(message, Message::Fault { .. }) {
                         self.bus.send(now, index, &message);
@@ -416,6 +429,27 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             self.send_at(now.saturating_add(compute), index);
         }
     }
+}
+
+/// What a node that may lie says in place of a message at its time (ns); what it says beside that goes later.
+#[cold]
+fn lie(
+    lies: &mut Lies,
+    later: &mut VecDeque<Later>,
+    (index, now): (usize, u64),
+    message: Message,
+) -> Message {
+    let (said, messages) = lies.tell(index, now, message);
+    if !messages.is_empty() {
+        insert(later, Later { at: now.saturating_add(lies.later_ns()), node: index, messages });
+    }
+    said
+}
+
+/// Keeps the order of time.
+fn insert(later: &mut VecDeque<Later>, new: Later) {
+    let place = later.partition_point(|before| before.at <= new.at);
+    later.insert(place, new);
 }
 
 /// Hands a node what its link has heard, or counts that it could not be read.

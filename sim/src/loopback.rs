@@ -1,12 +1,12 @@
 //! The network of a scenario in this program: its nodes, and the bus between them.
 
 use crate::bus::Medium;
-use crate::bus::can::{CanBus, LinkNoise, OnWire};
+use crate::bus::can::{CanBus, LinkNoise, OnWire, most_errors};
 use crate::bus::ideal::{IdealBus, IdealParams};
 use crate::bus::links::Payload;
 use crate::bus::uart::UartBus;
 use crate::configure::{Drive, Unfit, listeners, node_configs};
-use crate::engine::{self, Clocks, Engine, SimField, SimNode, World};
+use crate::engine::{self, Clocks, Engine, Lies, SimField, SimNode, World};
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::{NodeSpec, Scenario};
@@ -97,6 +97,7 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
 ) -> Result<Engine<M, V>, Refused> {
     let compute = scenario.nodes.iter().map(|node| node.compute_ns).collect();
     let engine = Engine::new(nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario)).with_compute(compute);
+    let engine = engine.with_lies(Lies::of(scenario));
     // Events of clocks are part of those.
     if scenario.stays_whole() {
         return Ok(engine.with_clocks(Clocks::of(scenario)));
@@ -145,7 +146,11 @@ pub fn ideal_bus_between<P: Payload>(
     }
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-    IdealBus::new(params, scenario.seed, listeners).with_links(scenario.seed, &scenario.links)
+    IdealBus::new(params, scenario.seed, listeners).with_links(
+        scenario.seed,
+        &scenario.links,
+        &scenario.spells(),
+    )
 }
 
 /// The scenario's CAN bus, with as many bit errors as it asks for.
@@ -158,15 +163,21 @@ pub fn can_bus<F: OnWire>(
     let (spec, seed) = (&scenario.bus, scenario.seed);
     let timing = spec.timing().ok_or_else(|| Refused::Bus("a bus without bit rates".to_owned()))?;
     let mut stream = random::stream(seed, Purpose::BitErrors, 0);
-    let errors = BitErrors::on_the_bus(spec.bit_errors, move || stream.next_u64())
+    let (spells, noisy) = (scenario.spells(), scenario.noisy_spells());
+    let errors = BitErrors::on_the_bus(most_errors(spec.bit_errors, &noisy), move || stream.next_u64())
         .map_err(|error| Refused::Bus(error.to_string()))?;
     let known = |id: u16| NodeId::new(u8::try_from(id).ok()?);
     let ids: Vec<NodeId> = scenario.nodes.iter().filter_map(|node| known(node.id)).collect();
-    let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links);
+    let noise = LinkNoise::new(errors, ids.len(), seed, &scenario.links).with_spells(
+        seed,
+        &spells,
+        spec.bit_errors,
+        noisy,
+    );
     let masters = scenario.sync.iter().flat_map(|sync| &sync.masters);
     let masters: Vec<NodeId> = masters.filter_map(|&id| known(id)).collect();
     let bus = CanBus::with_masters(timing, noise, (&ids, &listeners(scenario)), &masters);
-    Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links))
+    Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links, &spells))
 }
 
 /// The serial lines of a scenario.

@@ -36,6 +36,12 @@ pub enum Purpose {
     Clock = 22,
     /// How its rate changes.
     ClockWander = 23,
+    /// Frames that an event loses on a link; from here on a link is its number and 2^14 times that of the event.
+    EventLoss = 24,
+    /// Frames that an event has read wrong.
+    EventBits = 25,
+    /// Which of the bits that may be disturbed are, where an event makes a bus noisy.
+    EventNoise = 26,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.

@@ -163,6 +163,12 @@ fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
              run it with --on loopback, without reference_error among its expectations",
         ));
     }
+    if !scenario.is_honest() {
+        return Err(RunError::bad_input(
+            "there is no reference for a scenario with an [[event]] of kind liar, replayer or impostor: the continuous-time solution is that of nodes \
+             that say their own states; run it with --on loopback, without reference_error among its expectations",
+        ));
+    }
     Ok(CoupledProblem {
         coupling: scenario.coupling,
         components: scenario.components(),

@@ -8,7 +8,7 @@ use super::loss::Loser;
 use super::watch::Watch;
 use super::{Medium, Power, Stamp, Traffic};
 use crate::random::{self, Purpose};
-use crate::scenario::{LinkSpec, Loss};
+use crate::scenario::{Does, LinkSpec, Loss, NoisySpell, Spell};
 use funnelnet_can_bus::{
     Bus, Event, Filter, Frame, Hit, Id, Mode, Noise, Order, Queue, SeenBy, Strike, TRANSMIT_BUFFERS, Timing,
     What,
@@ -20,6 +20,7 @@ use funnelnet_protocol::{Message, Refusal, can, can_fd};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng as _;
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// Bits of an identifier that say whose frame it is (protocol/README.md).
 const NODE_BITS: u16 = 0x7F;
@@ -227,15 +228,17 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         self
     }
 
-    /// With links behind it, whose random streams are of `seed`. What they do comes after the receiver's controller; bits that they disturb
+    /// With links behind it and what events do to them; random streams are of `seed`. What they do comes after the receiver's controller; bits that they disturb
     /// make error frames, and are those of [`LinkNoise`].
-    pub fn with_links(self, seed: u64, links: &[LinkSpec]) -> Self {
+    pub fn with_links(self, seed: u64, links: &[LinkSpec], spells: &[Spell]) -> Self {
         let on_wire = |link: &LinkSpec| LinkSpec {
             settings: crate::scenario::LinkSettings { corrupt: 0.0, ..link.settings },
             ..*link
         };
         let links: Vec<LinkSpec> = links.iter().map(on_wire).collect();
-        let links = Links::of(seed, &links);
+        let above: Vec<Spell> =
+            spells.iter().filter(|spell| !matches!(spell.does, Does::Corrupt(_))).cloned().collect();
+        let links = Links::of(seed, &links, &above);
         Self { is_plain: self.is_plain && links.is_none(), links, ..self }
     }
 
@@ -668,21 +671,77 @@ impl<N: Noise, F: OnWire> Medium for CanBus<N, F> {
 /// Disturbed bits of a bus, and those that the receiver of a link reads wrong.
 pub struct LinkNoise<N> {
     bus: N,
-    /// By sender: the receiver, the probability for a frame, and what decides.
-    links: Vec<Vec<(usize, f64, Pcg64)>>,
+    /// By sender.
+    links: Vec<Vec<Misreader>>,
+    /// Where events make the bus noisy.
+    spells: Option<NoisySpells>,
+}
+
+/// A receiver that reads bits wrong.
+struct Misreader {
+    to: usize,
+    /// For a frame.
+    probability: f64,
+    stream: Pcg64,
+    /// When it does so, ns; always, if none is said.
+    during: Option<Range<u64>>,
+}
+
+/// Bit errors that come and go: of those of the noisiest spell, as many are real as there are now.
+struct NoisySpells {
+    /// Bit errors of the bus as a rule, and the most that there are, among a billion.
+    calm: u32,
+    most: u32,
+    spells: Vec<NoisySpell>,
+    stream: Pcg64,
+}
+
+impl NoisySpells {
+    fn rate(&self, at: u64) -> u32 {
+        let now = self.spells.iter().filter(|spell| spell.during.contains(&at));
+        now.map(|spell| spell.per_billion).fold(self.calm, u32::max)
+    }
+
+    fn is_real(&mut self, at: u64) -> bool {
+        let share = f64::from(self.rate(at)) / f64::from(self.most.max(1));
+        random::uniform(&mut self.stream) < share
+    }
+}
+
+/// The most bit errors that a bus has at any time, among a billion.
+pub fn most_errors(calm: u32, spells: &[NoisySpell]) -> u32 {
+    spells.iter().map(|spell| spell.per_billion).fold(calm, u32::max)
 }
 
 impl<N: Noise> LinkNoise<N> {
     /// The noise of a bus with so many nodes, and that of the links, by random streams of `seed`.
     pub fn new(bus: N, nodes: usize, seed: u64, specs: &[LinkSpec]) -> Self {
-        let mut links = vec![Vec::new(); nodes];
+        let mut links: Vec<Vec<Misreader>> = (0..nodes).map(|_| Vec::new()).collect();
         for &LinkSpec { from, to, settings } in specs.iter().filter(|link| link.settings.corrupt > 0.0) {
             let stream = random::stream(seed, Purpose::LinkBits, links::number(from, to));
             if let Some(of) = links.get_mut(from) {
-                of.push((to, settings.corrupt, stream));
+                of.push(Misreader { to, probability: settings.corrupt, stream, during: None });
             }
         }
-        Self { bus, links }
+        Self { bus, links, spells: None }
+    }
+
+    /// With what events do: `calm` bit errors among a billion as a rule, of the [most](most_errors) that `bus` makes.
+    pub fn with_spells(mut self, seed: u64, spells: &[Spell], calm: u32, noisy: Vec<NoisySpell>) -> Self {
+        for spell in spells {
+            let Does::Corrupt(probability) = spell.does else { continue };
+            let number = links::number(spell.from, spell.to) + ((spell.event as u64) << 14);
+            let stream = random::stream(seed, Purpose::EventBits, number);
+            if let Some(of) = self.links.get_mut(spell.from) {
+                of.push(Misreader { to: spell.to, probability, stream, during: Some(spell.during.clone()) });
+            }
+        }
+        if !noisy.is_empty() {
+            let most = most_errors(calm, &noisy);
+            let stream = random::stream(seed, Purpose::EventNoise, 0);
+            self.spells = Some(NoisySpells { calm, most, spells: noisy, stream });
+        }
+        self
     }
 }
 
@@ -691,11 +750,17 @@ impl<N: Noise> Noise for LinkNoise<N> {
         self.bus.next()
     }
 
+    fn is_real(&mut self, at: u64) -> bool {
+        self.spells.as_mut().is_none_or(|spells| spells.is_real(at))
+    }
+
     /// Where several receivers read a bit wrong, the first one breaks the frame for all.
-    fn strike(&mut self, sender: usize) -> Option<Strike> {
+    fn strike(&mut self, at: u64, sender: usize) -> Option<Strike> {
         let mut struck = None;
-        for (to, probability, stream) in self.links.get_mut(sender)? {
-            if random::happens(stream, *probability) {
+        for Misreader { to, probability, stream, during } in self.links.get_mut(sender)? {
+            if during.as_ref().is_none_or(|during| during.contains(&at))
+                && random::happens(stream, *probability)
+            {
                 let place = (stream.next_u64() >> 32) as u32;
                 let strike = Strike { seen_by: SeenBy::One(*to), place };
                 let earlier = |before: &Strike| before.place <= place;

@@ -7,7 +7,7 @@ use super::links::{Links, Payload, flip_bit};
 use super::loss::Loser;
 use super::{Medium, Traffic};
 use crate::random::{self, Purpose};
-use crate::scenario::{LinkSpec, Loss};
+use crate::scenario::{LinkSpec, Loss, Spell};
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::refusal::Refusal;
@@ -79,10 +79,10 @@ impl<P: Payload> IdealBus<P> {
         }
     }
 
-    /// With links behind it, whose random streams are of `seed`.
-    pub fn with_links(self, seed: u64, links: &[LinkSpec]) -> Self {
+    /// With links behind it and what events do to them; random streams are of `seed`.
+    pub fn with_links(self, seed: u64, links: &[LinkSpec], spells: &[Spell]) -> Self {
         let behind = |links| Box::new(Behind { links, ready: VecDeque::new(), at: 0 });
-        Self { links: Links::of(seed, links).map(behind), ..self }
+        Self { links: Links::of(seed, links, spells).map(behind), ..self }
     }
 
     /// Node `sender` puts a frame on the bus at `now` (ns).

@@ -6,9 +6,10 @@
 use super::Traffic;
 use super::loss::Loser;
 use crate::random::{self, Purpose};
-use crate::scenario::{LinkSettings, LinkSpec};
+use crate::scenario::{Does, LinkSettings, LinkSpec, Spell};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// A frame on a link.
 pub trait Payload: Clone {
@@ -42,6 +43,36 @@ struct Link<P> {
     bits: Pcg64,
     /// A frame that comes after the next one.
     held: Option<P>,
+    /// What events do to it.
+    spells: Vec<OnLink>,
+}
+
+/// What an event does to a link for a while.
+#[derive(Clone, Debug)]
+struct OnLink {
+    /// Time, ns.
+    during: Range<u64>,
+    does: Doer,
+}
+
+#[derive(Clone, Debug)]
+enum Doer {
+    Lose(Loser),
+    Corrupt(f64, Pcg64),
+    Hold,
+}
+
+impl OnLink {
+    fn new(seed: u64, Spell { from, to, event, during, does }: &Spell) -> Self {
+        // An event has its own stream on each link.
+        let stream = |purpose| random::stream(seed, purpose, number(*from, *to) + ((*event as u64) << 14));
+        let does = match *does {
+            Does::Lose(loss) => Doer::Lose(Loser::new(loss, stream(Purpose::EventLoss))),
+            Does::Corrupt(probability) => Doer::Corrupt(probability, stream(Purpose::EventBits)),
+            Does::Hold => Doer::Hold,
+        };
+        Self { during: during.clone(), does }
+    }
 }
 
 /// The streams of a link are numbered by both ends; an id has seven bits.
@@ -60,7 +91,34 @@ impl<P: Payload> Link<P> {
             copies: stream(Purpose::LinkCopies),
             bits: stream(Purpose::LinkBits),
             held: None,
+            spells: Vec::new(),
         }
+    }
+
+    /// What events do to a frame at `now` (ns): false where it is lost.
+    fn bear(&mut self, now: u64, frame: &mut P, traffic: &mut Traffic) -> bool {
+        let mut is_lost = false;
+        for spell in self.spells.iter_mut().filter(|spell| spell.during.contains(&now)) {
+            match &mut spell.does {
+                // Each draws for each frame, so that one does not move the others.
+                Doer::Lose(loser) => is_lost |= loser.loses(),
+                Doer::Corrupt(probability, stream) => {
+                    if random::happens(stream, *probability) {
+                        frame.flip(|bits| random::below(stream, bits));
+                        traffic.corrupted += 1;
+                    }
+                }
+                Doer::Hold => {}
+            }
+        }
+        traffic.lost += u64::from(is_lost);
+        !is_lost
+    }
+
+    /// When frames that events hold back at `now` are let go, ns.
+    fn let_go(&self, now: u64) -> u64 {
+        let holds = |spell: &&OnLink| matches!(spell.does, Doer::Hold) && spell.during.contains(&now);
+        self.spells.iter().filter(holds).map(|spell| spell.during.end).max().unwrap_or(now)
     }
 
     /// Delay of a frame, ns.
@@ -97,10 +155,15 @@ impl<P: Payload> Link<P> {
 }
 
 impl<P: Payload> Links<P> {
-    /// The links of a scenario; none where there is none.
-    pub fn of(seed: u64, specs: &[LinkSpec]) -> Option<Self> {
-        let links: BTreeMap<_, _> =
+    /// The links of a scenario, and what its events do to them; none where there is none.
+    pub fn of(seed: u64, specs: &[LinkSpec], spells: &[Spell]) -> Option<Self> {
+        let mut links: BTreeMap<_, _> =
             specs.iter().map(|spec| ((spec.from, spec.to), Link::new(seed, spec))).collect();
+        for spell in spells {
+            let &Spell { from, to, .. } = spell;
+            let plain = || Link::new(seed, &LinkSpec { from, to, settings: LinkSettings::default() });
+            links.entry((from, to)).or_insert_with(plain).spells.push(OnLink::new(seed, spell));
+        }
         (!links.is_empty()).then_some(Self { links, late: BTreeMap::new(), order: 0 })
     }
 
@@ -114,8 +177,13 @@ impl<P: Payload> Links<P> {
         mut receive: impl FnMut(&P),
     ) {
         let Some(link) = self.links.get_mut(&(from, to)) else { return receive(frame) };
-        for frame in link.pass(frame, traffic).into_iter().flatten() {
-            match link.delay() {
+        let mut frame = frame.clone();
+        if !link.spells.is_empty() && !link.bear(now, &mut frame, traffic) {
+            return;
+        }
+        let held = if link.spells.is_empty() { 0 } else { link.let_go(now) - now };
+        for frame in link.pass(&frame, traffic).into_iter().flatten() {
+            match link.delay().max(held) {
                 0 => receive(&frame),
                 delay => {
                     self.late.insert((now.saturating_add(delay), self.order), (from, to, frame));
@@ -149,7 +217,7 @@ mod tests {
 
     /// Frames 0, 1, ... of node 0 to node 1, one each 100 ns: when each arrives, and what it is.
     fn passed(settings: LinkSettings, frames: u32) -> (Vec<(u64, u32)>, Traffic) {
-        let mut links = Links::of(9, &[LinkSpec { from: 0, to: 1, settings }]).unwrap();
+        let mut links = Links::of(9, &[LinkSpec { from: 0, to: 1, settings }], &[]).unwrap();
         let (mut got, mut traffic) = (Vec::new(), Traffic::default());
         for frame in 0..frames {
             let now = 100 * u64::from(frame);
@@ -165,9 +233,9 @@ mod tests {
 
     #[test]
     fn a_link_without_settings_is_none_and_other_pairs_are_not_touched() {
-        assert!(Links::<u32>::of(1, &[]).is_none());
+        assert!(Links::<u32>::of(1, &[], &[]).is_none());
         let settings = LinkSettings { loss: Loss::independent(1.0), ..LinkSettings::default() };
-        let mut links = Links::of(1, &[LinkSpec { from: 0, to: 1, settings }]).unwrap();
+        let mut links = Links::of(1, &[LinkSpec { from: 0, to: 1, settings }], &[]).unwrap();
         let (mut got, mut traffic) = (Vec::new(), Traffic::default());
         for pair in [(0, 1), (1, 0), (0, 2)] {
             links.pass(0, pair, &7, &mut traffic, |_| got.push(pair));

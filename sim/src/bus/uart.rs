@@ -113,7 +113,7 @@ impl UartBus {
             at_hub: vec![Vec::new(); nodes],
             losers: (0..nodes).map(loser).collect(),
             busy_until: vec![0; nodes],
-            links: Links::of(seed, links),
+            links: Links::of(seed, links, &[]),
             events: BTreeSet::new(),
             traffic: Traffic::default(),
             now: 0,

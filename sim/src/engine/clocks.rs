@@ -5,7 +5,7 @@
 use super::clock::Clock;
 use super::{Engine, NEVER, NodeEvent, receive};
 use crate::bus::{Medium, Stamp};
-use crate::scenario::{ClockSpec, EventKind, EventSpec, Scenario, SyncSpec, Targets};
+use crate::scenario::{ClockSpec, Detail, EventKind, EventSpec, Scenario, SyncSpec, Targets};
 use funnelnet_can_bus::table::Latencies;
 use funnelnet_law::field::VectorField;
 use funnelnet_node::time::{Change, Keeper, Masters, Output, Role, Rules};
@@ -145,10 +145,11 @@ fn with_events(spec: &ClockSpec, scenario: &Scenario, index: usize) -> ClockSpec
     let of_it = |event: &&EventSpec| event.kind == EventKind::Clock && event.targets.nodes().contains(&index);
     for event in scenario.events.iter().filter(of_it) {
         let at = scenario.time.on_clock(event.at_ns);
-        if event.clock.by_ns != 0 {
-            spec.jumps.push((at, event.clock.by_ns));
+        let Detail::Clock(change) = event.detail else { continue };
+        if change.by_ns != 0 {
+            spec.jumps.push((at, change.by_ns));
         }
-        spec.drifts.extend(event.clock.drift_ppb.map(|ppb| (at, ppb)));
+        spec.drifts.extend(change.drift_ppb.map(|ppb| (at, ppb)));
     }
     spec
 }

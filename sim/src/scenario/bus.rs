@@ -269,7 +269,7 @@ fn read_sample_point(item: &Item) -> Result<u32, Box<Diagnostic>> {
 }
 
 /// `loss`: a probability, or the four of [`Loss`].
-fn read_loss(section: &mut Section<'_>) -> Loss {
+pub(super) fn read_loss(section: &mut Section<'_>) -> Loss {
     let log = section.log();
     section.value("loss", Loss::NONE, |item| match item.value {
         Value::Table(_) => Ok(read_bursts(item, log).unwrap_or_default()),

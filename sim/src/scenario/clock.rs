@@ -194,11 +194,8 @@ pub(super) fn make_sense(
     if coupling == Coupling::WeaklyCentralised {
         refuse(item, "must not be there with weakly-centralised coupling, which is simulated without nodes");
     }
-    if !events.iter().all(|event| event.kind.is_of_clocks()) {
-        refuse(
-            item,
-            "must not be there beside an [[event]] of another kind than clock and sync-loss, so far",
-        );
+    if events.iter().any(|event| event.kind.is_of_presence()) {
+        refuse(item, "must not be there beside an [[event]] that takes nodes or links away, so far");
     }
     let on_can = bus.model.is_can();
     if let (Some(item), Some(_), false) = (root.get("sync"), sync, on_can) {

@@ -44,7 +44,11 @@ pub use clock::{ClockSpec, SyncSpec};
 pub use diagnostic::{Diagnostic, Diagnostics, Problem};
 pub use duration::{format_duration, parse_duration};
 pub use dynamics::Dynamics;
-pub use event::{Absence, Change, ClockChange, Course, Disturbance, EventKind, EventSpec, Step, Targets};
+pub(crate) use event::on_engine;
+pub use event::{
+    Absence, Change, ClockChange, Course, Detail, Disturbance, Does, EventKind, EventSpec, Lie, NoisySpell,
+    Spell, Step, Targets,
+};
 /// One sinusoid of a field.
 pub type Sine = funnelnet_law::field::Sine<f64>;
 pub use expression::{Expression, ExpressionError};

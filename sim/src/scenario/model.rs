@@ -66,10 +66,16 @@ impl Scenario {
         self.nodes.first().map_or(1, |node| node.state.len())
     }
 
-    /// Whether no event takes a node or a link away: what events there are happen to clocks.
+    /// Whether no event takes a node or a link away: what events there are happen to clocks and frames.
     #[must_use]
     pub fn stays_whole(&self) -> bool {
-        self.events.iter().all(|event| event.kind.is_of_clocks())
+        !self.events.iter().any(|event| event.kind.is_of_presence())
+    }
+
+    /// Whether every node says its own state, as far as it knows it.
+    #[must_use]
+    pub fn is_honest(&self) -> bool {
+        !self.events.iter().any(|event| event.kind.is_of_lies())
     }
 
     /// What its events come to, step by step.

@@ -7,6 +7,7 @@ use super::bus;
 use super::clock;
 use super::coupling;
 use super::duration;
+use super::event;
 use super::network::{self, MAX_NODES};
 use super::reader::Range;
 use super::safety::LONGEST_HOLDOVER_NS;
@@ -674,22 +675,71 @@ fn event() -> Value {
         pair["maxItems"] = json!(2);
         pair
     };
-    let groups = array(ids(1), 2, None);
-    let of_links = [
-        key("link", pair(), "ids of two neighbours").like(json!([1, 2])),
-        key("groups", groups, "two or more groups of nodes, between which links are cut or repaired")
+    let of_links = || {
+        [
+            key("link", pair(), "ids of two neighbours").like(json!([1, 2])),
+            key(
+                "groups",
+                array(ids(1), 2, None),
+                "two or more groups of nodes, between which links are cut or repaired",
+            )
             .like(json!([[1, 2], [3, 4, 5]])),
-    ];
+        ]
+    };
     let lasts = key("for", span(), "how long a bounced node is off").or(json!("100ms"));
     let by = key("by", signed_duration(), "how far the clock jumps: a second at most").like(json!("-300us"));
     let drift =
         key("drift_ppm", number(clock::DRIFT), "how much too fast it is from then on, parts in a million")
             .like(json!(-50.0));
     let silent = key("for", span(), "how long no SYNC goes out").like(json!("100ms")).required();
+    let goes_on = || key("for", span(), "how long that goes on").like(json!("100ms"));
+    let frames = |name: &'static str, keys: Vec<Key>| {
+        object(
+            [at(), kind("kind", &[name])]
+                .into_iter()
+                .chain(keys)
+                .chain(of_nodes())
+                .chain(of_links())
+                .collect(),
+        )
+    };
+    let said = || {
+        [
+            key("constant", number(event::SAID), "what is said for a state").like(json!(3.0)),
+            key("ramp", number(event::SLOPE), "its slope per s, from the state at the begin")
+                .like(json!(1.0)),
+            key("offset", number(event::SAID), "how far it is from the state").like(json!(0.5)),
+        ]
+    };
+    let tale = |name: &'static str, keys: Vec<Key>| {
+        object([at(), kind("kind", &[name]), goes_on()].into_iter().chain(keys).chain(of_nodes()).collect())
+    };
+    let share = key(
+        "probability",
+        number(Range::positive_probability()),
+        "that a receiver reads a bit of a frame wrong",
+    );
+    let noise = Range::between(1e-9, bus::MOST_BIT_ERRORS, "of the bits");
+    let name = key("as", id(), "the node in whose name it speaks").like(json!(3)).required();
+    let age =
+        key("age", span(), "how old the states are that are said once more").like(json!("100ms")).required();
     kinds(vec![
+        frames("burst", vec![goes_on().required(), loss().required()]),
+        frames("corrupt", vec![goes_on().required(), share.like(json!(0.01)).required()]),
+        frames("hold", vec![goes_on()]),
+        frames("release", vec![]),
+        object(vec![
+            at(),
+            kind("kind", &["noise"]),
+            goes_on().required(),
+            key("bit_errors", number(noise), "share of bits that are wrong").like(json!(1e-4)).required(),
+        ]),
+        tale("liar", said().into_iter().collect()),
+        tale("impostor", said().into_iter().chain([name]).collect()),
+        tale("replayer", vec![age]),
         object([at(), kind("kind", &["crash", "leave", "join"])].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["bounce"]), lasts].into_iter().chain(of_nodes()).collect()),
-        object([at(), kind("kind", &["partition", "repair"])].into_iter().chain(of_links).collect()),
+        object([at(), kind("kind", &["partition", "repair"])].into_iter().chain(of_links()).collect()),
         object([at(), kind("kind", &["clock"]), by, drift].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["sync-loss"]), silent].into_iter().chain(of_nodes()).collect()),
     ])

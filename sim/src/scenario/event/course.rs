@@ -62,7 +62,7 @@ pub struct Absence {
 pub struct Disturbance {
     /// Begin, ns of the scenario.
     pub from_ns: u64,
-    /// End: a bounced node is back, the links of a partition are mended; else the begin. None where links stay cut.
+    /// End: a bounced node is back, the links of a partition are mended, what goes on for a while is over; else the begin. None where links stay cut.
     pub end_ns: Option<u64>,
 }
 
@@ -147,10 +147,7 @@ impl Course {
     /// The disturbances of `events`, in their order.
     #[must_use]
     pub fn disturbances(&self, events: &[EventSpec]) -> Vec<Disturbance> {
-        let of = |spec: &EventSpec| Disturbance {
-            from_ns: spec.at_ns,
-            end_ns: Some(spec.at_ns.saturating_add(spec.lasts_ns)),
-        };
+        let of = |spec: &EventSpec| Disturbance { from_ns: spec.at_ns, end_ns: Some(spec.end_ns()) };
         let mut disturbances: Vec<_> = events.iter().map(of).collect();
         // Backwards: when each link is mended next.
         let mut mended = BTreeMap::new();
@@ -171,7 +168,7 @@ impl Course {
 /// The changes that an event makes, each with its time, ns.
 fn changes(spec: &EventSpec, graph: &Graph) -> Vec<(u64, Change)> {
     let mut changes = Vec::new();
-    if spec.kind.is_of_clocks() {
+    if !spec.kind.is_of_presence() {
         return changes;
     }
     for &node in spec.targets.nodes() {

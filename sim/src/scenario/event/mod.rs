@@ -1,19 +1,26 @@
-//! `[[event]]`: nodes that go and come, links that are cut and mended (docs/book/src/faults.md).
+//! `[[event]]`: nodes that go and come, links that are cut and mended, frames that are lost, held or false (docs/book/src/faults.md).
 
 mod course;
+mod detail;
 mod read;
+mod read_frames;
 mod sense;
+mod spell;
 
 pub use course::{Absence, Change, Course, Disturbance, Step};
+pub use detail::{ClockChange, Detail, Lie};
 pub(super) use read::read;
+pub(super) use read_frames::{SAID, SLOPE};
 pub(super) use sense::{Setting, make_sense};
+pub(crate) use spell::on_engine;
+pub use spell::{Does, NoisySpell, Spell};
 
 use super::duration::format_duration;
 use super::graph::Graph;
 use std::fmt;
 
 /// One event.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct EventSpec {
     /// Time of the scenario at which it happens, ns.
     pub at_ns: u64,
@@ -21,19 +28,18 @@ pub struct EventSpec {
     pub kind: EventKind,
     /// The nodes or links that it happens to.
     pub targets: Targets,
-    /// Time for which a bounced node is off, or SYNC do not go out, ns; 0 for other kinds.
+    /// For how long a node is off, or what happens goes on, ns; 0 for what happens at once.
     pub lasts_ns: u64,
-    /// What becomes of a clock; nothing for other kinds.
-    pub clock: ClockChange,
+    /// What it says beside that.
+    pub detail: Detail,
 }
 
-/// What becomes of a clock at an event.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ClockChange {
-    /// How far it jumps, ns.
-    pub by_ns: i64,
-    /// How much too fast it is from then on, parts in a billion; none where that stays.
-    pub drift_ppb: Option<i64>,
+impl EventSpec {
+    /// When it is over, ns of the scenario.
+    #[must_use]
+    pub fn end_ns(&self) -> u64 {
+        self.at_ns.saturating_add(self.lasts_ns)
+    }
 }
 
 /// Kind of an event.
@@ -55,6 +61,22 @@ pub enum EventKind {
     Clock,
     /// SYNC do not go out for a while.
     SyncLoss,
+    /// Frames get lost on links for a while.
+    Burst,
+    /// Bits of frames are read wrong on links for a while.
+    Corrupt,
+    /// Frames are held back on links, and let go all at once.
+    Hold,
+    /// Frames that are held back are let go.
+    Release,
+    /// Bits of a CAN bus are disturbed for a while.
+    Noise,
+    /// A node says another state than it has.
+    Liar,
+    /// A node says old states once more.
+    Replayer,
+    /// A node says states in another one's name.
+    Impostor,
 }
 
 impl EventKind {
@@ -70,13 +92,33 @@ impl EventKind {
             Self::Repair => "repair",
             Self::Clock => "clock",
             Self::SyncLoss => "sync-loss",
+            Self::Burst => "burst",
+            Self::Corrupt => "corrupt",
+            Self::Hold => "hold",
+            Self::Release => "release",
+            Self::Noise => "noise",
+            Self::Liar => "liar",
+            Self::Replayer => "replayer",
+            Self::Impostor => "impostor",
         }
     }
 
-    /// Whether it happens to clocks alone: all nodes and links stay.
+    /// Whether it takes nodes or links away, or brings them back.
     #[must_use]
-    pub fn is_of_clocks(self) -> bool {
-        matches!(self, Self::Clock | Self::SyncLoss)
+    pub fn is_of_presence(self) -> bool {
+        matches!(self, Self::Crash | Self::Bounce | Self::Leave | Self::Join | Self::Partition | Self::Repair)
+    }
+
+    /// Whether it happens to frames on links, which stay.
+    #[must_use]
+    pub fn is_of_frames(self) -> bool {
+        matches!(self, Self::Burst | Self::Corrupt | Self::Hold | Self::Release)
+    }
+
+    /// Whether a node says what is not so.
+    #[must_use]
+    pub fn is_of_lies(self) -> bool {
+        matches!(self, Self::Liar | Self::Replayer | Self::Impostor)
     }
 }
 
@@ -93,6 +135,8 @@ pub enum Targets {
     AllLinks,
     /// Every node that may be time master.
     Masters,
+    /// The bus as a whole.
+    Bus,
 }
 
 impl Targets {
@@ -101,7 +145,7 @@ impl Targets {
     pub fn nodes(&self) -> &[usize] {
         match self {
             Self::Nodes(nodes) => nodes,
-            Self::Link(..) | Self::Groups(_) | Self::AllLinks | Self::Masters => &[],
+            Self::Link(..) | Self::Groups(_) | Self::AllLinks | Self::Masters | Self::Bus => &[],
         }
     }
 
@@ -110,7 +154,7 @@ impl Targets {
     pub fn links(&self, graph: &Graph) -> Vec<(usize, usize)> {
         let edges = graph.edges.iter().map(|edge| (edge.a, edge.b));
         match self {
-            Self::Nodes(_) | Self::Masters => Vec::new(),
+            Self::Nodes(_) | Self::Masters | Self::Bus => Vec::new(),
             Self::Link(a, b) => edges.filter(|&edge| edge == (*a.min(b), *a.max(b))).collect(),
             Self::Groups(groups) => {
                 let group = groups_of(groups, graph.nodes);
@@ -119,6 +163,14 @@ impl Targets {
             }
             Self::AllLinks => edges.collect(),
         }
+    }
+
+    /// The same with all links of a node, where nodes are named.
+    #[must_use]
+    pub fn frames(&self, graph: &Graph) -> Vec<(usize, usize)> {
+        let Self::Nodes(nodes) = self else { return self.links(graph) };
+        let of_one = |&(a, b): &(usize, usize)| nodes.contains(&a) || nodes.contains(&b);
+        graph.edges.iter().map(|edge| (edge.a, edge.b)).filter(of_one).collect()
     }
 }
 
@@ -134,12 +186,7 @@ fn groups_of(groups: &[Vec<usize>], nodes: usize) -> Vec<Option<usize>> {
 impl fmt::Display for EventSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.kind.name(), self.targets)?;
-        if self.clock.by_ns != 0 {
-            write!(f, " by {}", format_signed(self.clock.by_ns))?;
-        }
-        if let Some(ppb) = self.clock.drift_ppb {
-            write!(f, " drifts by {} ppm", ppb as f64 / 1000.0)?;
-        }
+        self.detail.fmt(f)?;
         match self.lasts_ns {
             0 => Ok(()),
             ns => write!(f, " for {}", format_duration(ns)),
@@ -159,6 +206,39 @@ impl fmt::Display for Targets {
             }
             Self::AllLinks => f.write_str("all links"),
             Self::Masters => f.write_str("all time masters"),
+            Self::Bus => f.write_str("on the bus"),
+        }
+    }
+}
+
+impl fmt::Display for Detail {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::None => Ok(()),
+            Self::Clock(ClockChange { by_ns, drift_ppb }) => {
+                if by_ns != 0 {
+                    write!(f, " by {}", format_signed(by_ns))?;
+                }
+                drift_ppb.map_or(Ok(()), |ppb| write!(f, " drifts by {} ppm", ppb as f64 / 1000.0))
+            }
+            Self::Loss(loss) => write!(f, " loses {}", loss.mean()),
+            Self::Corrupt(probability) => write!(f, " disturbs {probability}"),
+            Self::BitErrors(per_billion) => {
+                write!(f, " disturbs {} of the bits", f64::from(per_billion) / 1e9)
+            }
+            Self::Lie(lie) => write!(f, " says {lie}"),
+            Self::Impostor { name, lie } => write!(f, " says {lie} as node {}", name + 1),
+            Self::Age(ns) => write!(f, " says what is {} old", format_duration(ns)),
+        }
+    }
+}
+
+impl fmt::Display for Lie {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Constant(value) => write!(f, "{value}"),
+            Self::Ramp(slope) => write!(f, "a ramp of {slope} per s"),
+            Self::Offset(offset) => write!(f, "its state and {offset}"),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The keys of `[[event]]`, each by itself.
 
-use super::{ClockChange, EventKind, EventSpec, Targets};
+use super::read_frames::{bit_errors, corrupt, impostor, liar, lies_for, loss, of_frames, old};
+use super::{ClockChange, Detail, EventKind, EventSpec, Targets};
 use crate::scenario::Diagnostic;
 use crate::scenario::clock::{DRIFT, ppb, read_by};
 use crate::scenario::diagnostic::Problem;
@@ -19,19 +20,19 @@ const KINDS: [Choice<EventKind>; 22] = [
     ready("repair", EventKind::Repair),
     ready("clock", EventKind::Clock),
     ready("sync-loss", EventKind::SyncLoss),
-    unbuilt("hold"),
-    unbuilt("release"),
+    ready("burst", EventKind::Burst),
+    ready("corrupt", EventKind::Corrupt),
+    ready("hold", EventKind::Hold),
+    ready("release", EventKind::Release),
+    ready("noise", EventKind::Noise),
+    ready("liar", EventKind::Liar),
+    ready("replayer", EventKind::Replayer),
+    ready("impostor", EventKind::Impostor),
     unbuilt("cut"),
     unbuilt("short"),
     unbuilt("babble"),
-    unbuilt("noise"),
-    unbuilt("corrupt"),
-    unbuilt("burst"),
     unbuilt("sensor"),
     unbuilt("actuator"),
-    unbuilt("liar"),
-    unbuilt("replayer"),
-    unbuilt("impostor"),
     unbuilt("set"),
 ];
 
@@ -54,23 +55,51 @@ fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
     };
     // Without a kind nobody knows which keys there may be.
     let kind = section.choice("kind", &KINDS, None)?;
-    let mut clock = ClockChange::default();
+    let mut detail = Detail::None;
     let (targets, lasts_ns) = match kind {
         EventKind::Bounce => (of_nodes(&mut section, nodes), lasts(&mut section)),
         EventKind::Clock => {
-            clock = change_of_clock(&mut section);
+            detail = Detail::Clock(change_of_clock(&mut section));
             (of_nodes(&mut section, nodes), 0)
         }
         EventKind::SyncLoss => {
-            let silent = section.need("for", "must be how long SYNC do not go out, as \"2s\"").is_some();
-            let lasts_ns = if silent { section.duration("for", None) } else { 0 };
+            let lasts_ns = lasts_as(&mut section, "must be how long SYNC do not go out, as \"2s\"");
             (of_masters(&mut section, nodes), lasts_ns)
         }
         EventKind::Crash | EventKind::Leave | EventKind::Join => (of_nodes(&mut section, nodes), 0),
         EventKind::Partition | EventKind::Repair => (of_links(&mut section, nodes, kind), 0),
+        EventKind::Burst | EventKind::Corrupt => {
+            let lasts_ns = lasts_as(&mut section, "must be how long that goes on, as \"200ms\"");
+            detail = if kind == EventKind::Burst { loss(&mut section) } else { corrupt(&mut section) };
+            (of_frames(&mut section, nodes), lasts_ns)
+        }
+        EventKind::Hold => {
+            let lasts_ns = lies_for(&mut section);
+            (of_frames(&mut section, nodes), lasts_ns)
+        }
+        EventKind::Release => (of_frames(&mut section, nodes), 0),
+        EventKind::Noise => {
+            let lasts_ns = lasts_as(&mut section, "must be how long that goes on, as \"200ms\"");
+            detail = bit_errors(&mut section);
+            (Some(Targets::Bus), lasts_ns)
+        }
+        EventKind::Liar | EventKind::Replayer | EventKind::Impostor => {
+            let lasts_ns = lies_for(&mut section);
+            detail = match kind {
+                EventKind::Liar => liar(&mut section),
+                EventKind::Impostor => impostor(&mut section, nodes),
+                _ => old(&mut section),
+            };
+            (of_nodes(&mut section, nodes), lasts_ns)
+        }
     };
     section.finish();
-    Some(EventSpec { at_ns, kind, targets: targets?, lasts_ns, clock })
+    Some(EventSpec { at_ns, kind, targets: targets?, lasts_ns, detail })
+}
+
+/// `for`, which has to be there.
+fn lasts_as(section: &mut Section<'_>, allowed: &str) -> u64 {
+    if section.need("for", allowed).is_some() { section.duration("for", None) } else { 0 }
 }
 
 /// `by`, `drift_ppm`, or both.
@@ -101,7 +130,7 @@ fn lasts(section: &mut Section<'_>) -> u64 {
 }
 
 /// `node` or `nodes`.
-fn of_nodes(section: &mut Section<'_>, nodes: u64) -> Option<Targets> {
+pub(super) fn of_nodes(section: &mut Section<'_>, nodes: u64) -> Option<Targets> {
     let ids = match one_of(section, "node", "nodes")? {
         Some(("node", item)) => index(item, nodes).map(|index| vec![index]),
         Some((_, item)) => indices(item, nodes),
@@ -134,7 +163,7 @@ fn of_links(section: &mut Section<'_>, nodes: u64, kind: EventKind) -> Option<Ta
 }
 
 /// The one of two keys that is there; `None`, reported, where both are.
-fn one_of<'a>(
+pub(super) fn one_of<'a>(
     section: &mut Section<'a>,
     first: &'static str,
     second: &'static str,
@@ -152,16 +181,16 @@ fn one_of<'a>(
 }
 
 /// What was read, or `None`, reported.
-fn kept<T>(section: &Section<'_>, read: Result<T, Box<Diagnostic>>) -> Option<T> {
+pub(super) fn kept<T>(section: &Section<'_>, read: Result<T, Box<Diagnostic>>) -> Option<T> {
     read.map_err(|diagnostic| section.log().report(diagnostic)).ok()
 }
 
-fn index(item: &Item, nodes: u64) -> Result<usize, Box<Diagnostic>> {
+pub(super) fn index(item: &Item, nodes: u64) -> Result<usize, Box<Diagnostic>> {
     integer(item, (1, nodes), "the id of a node of the graph").map(|id| id as usize - 1)
 }
 
 /// One or more ids, each once.
-fn indices(item: &Item, nodes: u64) -> Result<Vec<usize>, Box<Diagnostic>> {
+pub(super) fn indices(item: &Item, nodes: u64) -> Result<Vec<usize>, Box<Diagnostic>> {
     let refuse = |allowed: String| Err(item.diagnostic(Problem::Value, allowed));
     let Value::Array(items) = &item.value else {
         return refuse(format!("must be an array of node ids from 1 to {nodes}"));
@@ -177,14 +206,14 @@ fn indices(item: &Item, nodes: u64) -> Result<Vec<usize>, Box<Diagnostic>> {
     if found.is_empty() { refuse("must name a node".to_owned()) } else { Ok(found) }
 }
 
-fn link(item: &Item, nodes: u64) -> Result<Targets, Box<Diagnostic>> {
+pub(super) fn link(item: &Item, nodes: u64) -> Result<Targets, Box<Diagnostic>> {
     match indices(item, nodes)?.as_slice() {
         &[a, b] => Ok(Targets::Link(a, b)),
         _ => Err(item.diagnostic(Problem::Value, "must be the ids of two neighbours, as [1, 2]")),
     }
 }
 
-fn groups(item: &Item, nodes: u64) -> Result<Targets, Box<Diagnostic>> {
+pub(super) fn groups(item: &Item, nodes: u64) -> Result<Targets, Box<Diagnostic>> {
     let refuse = |allowed: String| Err(item.diagnostic(Problem::Value, allowed));
     let Value::Array(items) = &item.value else {
         return refuse("must be two or more arrays of node ids, as [[1, 2], [3]]".to_owned());

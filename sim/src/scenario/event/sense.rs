@@ -1,7 +1,8 @@
 //! What only the whole scenario shows of its events: an event that lies outside the run, or that changes nothing, is refused.
 
 use super::course::{Change, Course};
-use super::{EventKind, EventSpec, Targets};
+use super::spell::let_go;
+use super::{Detail, EventKind, EventSpec, Lie, Targets};
 use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::Log;
 use crate::scenario::tree::{Item, Value};
@@ -15,6 +16,9 @@ const LAST_JOIN: u64 = (1 << 23) - 1;
 /// Most events, and most nodes and links that they change in all: more would take longer than the run.
 const MOST_EVENTS: usize = 1_000;
 const MOST_CHANGES: usize = 1_000_000;
+
+/// Most ticks after which a state may be said once more: each of them is kept until then.
+pub(in crate::scenario) const OLDEST: u64 = 100_000;
 
 /// What events are looked at with.
 pub(in crate::scenario) struct Setting<'a> {
@@ -39,7 +43,7 @@ pub(in crate::scenario) fn make_sense(
     let mut placed: Vec<(EventSpec, &Item)> = events.into_iter().zip(items).collect();
     // Stable: what happens at the same time happens in the order of the file.
     placed.sort_by_key(|(event, _)| event.at_ns);
-    let (events, items): (Vec<EventSpec>, Vec<&Item>) = placed.into_iter().unzip();
+    let (mut events, items): (Vec<EventSpec>, Vec<&Item>) = placed.into_iter().unzip();
     if let Some(event) = items.first().filter(|_| setting.coupling == Coupling::WeaklyCentralised) {
         let allowed =
             "must not be there with weakly-centralised coupling, which is simulated without nodes and links";
@@ -59,7 +63,6 @@ pub(in crate::scenario) fn make_sense(
     }
     let mut changes = 0;
     for (event, item) in events.iter().zip(&items) {
-        setting.in_the_run(event, item);
         changes += setting.of_the_graph(event, item);
         if changes > MOST_CHANGES {
             let allowed =
@@ -68,6 +71,9 @@ pub(in crate::scenario) fn make_sense(
             return events;
         }
     }
+    setting.end(&mut events, &items);
+    events.iter().zip(&items).for_each(|(event, item)| setting.in_the_run(event, item));
+    setting.frames(&events, &items);
     let course = Course::of(&events, setting.graph);
     setting.walk(&events, &items, &course);
     setting.recovery(&events, expect, &course);
@@ -93,8 +99,10 @@ impl Setting<'_> {
             self.report(item, "at", format!("must not be later than the end of the run, {end}"));
         } else if back_ns > self.end_ns() {
             let allowed = match event.kind {
-                EventKind::SyncLoss => format!("must be over by the end of the run, {end}"),
-                _ => format!("must bring the node back by the end of the run, {end}; a crash does not"),
+                EventKind::Bounce => {
+                    format!("must bring the node back by the end of the run, {end}; a crash does not")
+                }
+                _ => format!("must be over by the end of the run, {end}"),
             };
             self.report(item, if item.get("for").is_some() { "for" } else { "at" }, allowed);
         } else if comes && self.time.first_tick(back_ns) > LAST_JOIN {
@@ -106,8 +114,14 @@ impl Setting<'_> {
 
     /// The links of an event are edges. Gives how many nodes or links it has.
     fn of_the_graph(&self, event: &EventSpec, item: &Item) -> usize {
-        let count = event.targets.nodes().len() + event.targets.links(self.graph).len();
-        if count > 0 || event.kind.is_of_clocks() {
+        let links = if event.kind.is_of_frames() {
+            event.targets.frames(self.graph)
+        } else {
+            event.targets.links(self.graph)
+        };
+        let count = event.targets.nodes().len() + links.len();
+        let needs_links = event.kind.is_of_presence() || event.kind.is_of_frames();
+        if !links.is_empty() || count > 0 && !event.kind.is_of_frames() || !needs_links {
             return count;
         }
         match &event.targets {
@@ -118,13 +132,76 @@ impl Setting<'_> {
                     format!("must be an edge of the graph; node {} has edges to {}", a + 1, near.join(", "));
                 self.report(item, "link", allowed);
             }
-            _ => self.report(
+            Targets::Groups(_) => self.report(
                 item,
                 "groups",
                 "must have an edge of the graph from one group to another".to_owned(),
             ),
+            _ => self.report(item, "kind", "needs a link, and the graph has none there".to_owned()),
         }
         0
+    }
+
+    /// What goes on to the end of the run ends there; frames that nobody lets go would be a partition.
+    fn end(&self, events: &mut [EventSpec], items: &[&Item]) {
+        let let_go = let_go(events, self.graph);
+        let mut last = vec![0; events.len()];
+        for (&(event, _), &end) in &let_go {
+            last[event] = end.max(last[event]);
+        }
+        let held: BTreeSet<_> = let_go.into_iter().map(|((_, link), end)| (link, end)).collect();
+        for (index, (event, item)) in events.iter_mut().zip(items).enumerate() {
+            let left = self.end_ns().saturating_sub(event.at_ns);
+            match event.kind {
+                EventKind::Hold if last[index] == u64::MAX => {
+                    self.report(item, "kind", "needs for, or a release of all its links later".to_owned());
+                    event.lasts_ns = left;
+                }
+                EventKind::Hold => event.lasts_ns = last[index].saturating_sub(event.at_ns),
+                EventKind::Release => {
+                    let mut links = event.targets.frames(self.graph).into_iter();
+                    if !links.any(|link| held.contains(&(link, event.at_ns))) {
+                        let allowed = "changes nothing: no frame is held on its links then".to_owned();
+                        self.report(item, "kind", allowed);
+                    }
+                }
+                _ if event.lasts_ns == u64::MAX => event.lasts_ns = left,
+                _ => {}
+            }
+        }
+    }
+
+    /// Events of frames change something, on a bus that can do that.
+    fn frames(&self, events: &[EventSpec], items: &[&Item]) {
+        for (event, item) in events.iter().zip(items) {
+            match (event.kind, event.detail) {
+                (EventKind::Noise, _) if !self.bus.is_can() => {
+                    let allowed = "needs bus.model = \"can\" or \"can-fd\", which have bits";
+                    self.report(item, "kind", allowed.to_owned());
+                }
+                (EventKind::Burst, Detail::Loss(loss)) if loss.is_none() => {
+                    self.report(item, "loss", "must lose something".to_owned());
+                }
+                (EventKind::Liar | EventKind::Impostor, Detail::Lie(lie) | Detail::Impostor { lie, .. })
+                    if lie == Lie::Offset(0.0) && event.kind == EventKind::Liar =>
+                {
+                    self.report(item, "offset", "must not be zero: that is no lie".to_owned());
+                }
+                (EventKind::Impostor, Detail::Impostor { name, .. })
+                    if event.targets.nodes().contains(&name) =>
+                {
+                    let allowed = format!("must be another node: node {} speaks for itself", name + 1);
+                    self.report(item, "as", allowed);
+                }
+                (EventKind::Replayer, Detail::Age(age))
+                    if age < self.time.tick_ns || age / self.time.tick_ns > OLDEST =>
+                {
+                    let [low, high] = [1, OLDEST].map(|ticks| format_duration(ticks * self.time.tick_ns));
+                    self.report(item, "age", format!("must be from {low} to {high}: 1 to {OLDEST} ticks"));
+                }
+                _ => {}
+            }
+        }
     }
 
     /// Goes through the run, and reports events that change nothing.
@@ -169,7 +246,7 @@ impl Setting<'_> {
             }
         }
         for ((event, item), _) in events.iter().zip(items).zip(&idle).filter(|(_, idle)| **idle) {
-            if event.targets.links(self.graph).is_empty() {
+            if !event.kind.is_of_presence() || event.targets.links(self.graph).is_empty() {
                 continue;
             }
             let state = if event.kind == EventKind::Repair { "not cut" } else { "cut" };

@@ -1,0 +1,62 @@
+//! What an event says beside its kind, its targets and its time.
+
+use crate::scenario::Loss;
+
+/// What an event says beside its kind, its targets and its time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Detail {
+    /// Its kind says all.
+    #[default]
+    None,
+    /// What becomes of a clock.
+    Clock(ClockChange),
+    /// How frames get lost, beside what the bus and its links lose.
+    Loss(Loss),
+    /// Probability that a receiver reads a bit of a frame wrong.
+    Corrupt(f64),
+    /// Disturbed bits among a billion.
+    BitErrors(u32),
+    /// What a node says in place of its state.
+    Lie(Lie),
+    /// What it says in the name of another node.
+    Impostor {
+        /// Index of the other node.
+        name: usize,
+        /// What is said.
+        lie: Lie,
+    },
+    /// How old the states are that a node says once more, ns.
+    Age(u64),
+}
+
+/// What becomes of a clock at an event.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClockChange {
+    /// How far it jumps, ns.
+    pub by_ns: i64,
+    /// How much too fast it is from then on, parts in a billion; none where that stays.
+    pub drift_ppb: Option<i64>,
+}
+
+/// A state that is not the one that a node has; of each component alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lie {
+    /// Always the same (state units).
+    Constant(f64),
+    /// From its state when the event begins, that much more each second (state units / s).
+    Ramp(f64),
+    /// Its state, and so much more (state units).
+    Offset(f64),
+}
+
+impl Lie {
+    /// What is said after the time `t` (s) by a node whose state was `first` at the begin and is `x` now (state units).
+    #[must_use]
+    pub fn of(self, first: f32, x: f32, t: f64) -> f32 {
+        match self {
+            Self::Constant(value) => value as f32,
+            Self::Ramp(slope) => (f64::from(first) + slope * t) as f32,
+            Self::Offset(offset) => (f64::from(x) + offset) as f32,
+        }
+    }
+}

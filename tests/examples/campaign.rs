@@ -1,0 +1,94 @@
+//! Worlds by chance for a night: `campaign [--runs N] [--from NUMBER]`, on all cores. What is broken is made small and written to
+//! `campaign-NUMBER.toml`, which `sim-host run` takes.
+#![allow(clippy::expect_used, reason = "a tool for those who work on this repository")]
+
+use std::num::NonZero;
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use system_tests::campaign::{Seen, draw, look, smaller};
+
+/// A run that takes longer hangs.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+#[derive(Default)]
+struct Tally {
+    seen: Vec<Seen>,
+    broken: u64,
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().collect();
+    let value = |name: &str, default: u64| {
+        let at = arguments.iter().position(|argument| argument == name);
+        at.and_then(|at| arguments.get(at + 1)?.parse().ok()).unwrap_or(default)
+    };
+    let (runs, from) = (value("--runs", 200), value("--from", 1));
+    let (next, done) = (AtomicU64::new(from), AtomicBool::new(false));
+    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    // What each thread is at, and since when.
+    let at: Vec<Mutex<Option<(u64, Instant)>>> = (0..threads).map(|_| Mutex::new(None)).collect();
+    let tally = Mutex::new(Tally::default());
+    std::thread::scope(|scope| {
+        let workers: Vec<_> =
+            at.iter().map(|at| scope.spawn(|| work(at, &next, from + runs, &tally))).collect();
+        scope.spawn(|| watch(&at, &done));
+        workers.into_iter().for_each(|worker| worker.join().expect("a worker"));
+        done.store(true, Ordering::Relaxed);
+    });
+    let tally = tally.into_inner().expect("a tally");
+    let count = |of: fn(&Seen) -> bool| tally.seen.iter().filter(|seen| of(seen)).count();
+    println!(
+        "{} worlds: {} with a promise of check, {} judged after their events, {} with counted frames; {} broken",
+        runs,
+        count(|seen| seen.promised),
+        count(|seen| seen.recovers),
+        count(|seen| seen.counted),
+        tally.broken
+    );
+    if tally.broken == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn work(at: &Mutex<Option<(u64, Instant)>>, next: &AtomicU64, end: u64, tally: &Mutex<Tally>) {
+    loop {
+        let number = next.fetch_add(1, Ordering::Relaxed);
+        if number >= end {
+            *at.lock().expect("a place") = None;
+            return;
+        }
+        *at.lock().expect("a place") = Some((number, Instant::now()));
+        let world = draw(number);
+        match std::panic::catch_unwind(|| look(&world)) {
+            Ok(Ok(seen)) => tally.lock().expect("a tally").seen.push(seen),
+            Ok(Err(broken)) => {
+                let (world, broken) = smaller(&world, &broken);
+                found(number, &broken.to_string(), &world.text());
+                tally.lock().expect("a tally").broken += 1;
+            }
+            Err(_) => {
+                found(number, "a panic", &world.text());
+                tally.lock().expect("a tally").broken += 1;
+            }
+        }
+    }
+}
+
+fn found(number: u64, what: &str, text: &str) {
+    let file = format!("campaign-{number}.toml");
+    std::fs::write(&file, format!("# world {number}: {what}\n{text}")).expect("a file");
+    println!("world {number}: {what} ({file})");
+}
+
+fn watch(at: &[Mutex<Option<(u64, Instant)>>], done: &AtomicBool) {
+    while !done.load(Ordering::Relaxed) {
+        for at in at {
+            let slow = at.lock().expect("a place").filter(|(_, since)| since.elapsed() > PATIENCE);
+            if let Some((number, _)) = slow {
+                found(number, "it hangs", &draw(number).text());
+                std::process::exit(1);
+            }
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    }
+}

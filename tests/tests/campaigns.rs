@@ -1,0 +1,65 @@
+//! Networks, laws, buses and faults by chance, and what must be so of every run (`--example campaign` runs more of them).
+#![allow(clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
+use system_tests::campaign::{Broken, World, draw, look, smaller, smaller_by};
+
+/// Worlds of a campaign in a test.
+const WORLDS: u64 = 200;
+
+#[test]
+fn two_hundred_worlds_by_chance_are_as_they_must_be() {
+    let (mut promised, mut recovers, mut counted, mut events) = (0, 0, 0, 0);
+    for number in 1..=WORLDS {
+        let world = draw(number);
+        let seen = look(&world).unwrap_or_else(|broken| {
+            let (world, broken) = smaller(&world, &broken);
+            panic!("world {number}: {broken}\n{}", world.text())
+        });
+        promised += u64::from(seen.promised);
+        recovers += u64::from(seen.recovers);
+        counted += u64::from(seen.counted);
+        events += world.optional.iter().filter(|line| line.starts_with("[[event]]")).count();
+    }
+    println!(
+        "{promised} promised, {recovers} judged after events, {counted} with counted frames, {events} events"
+    );
+    // A campaign that judges nothing finds nothing.
+    assert!(promised > 5 && recovers > 10 && counted > 50 && events > 200);
+}
+
+/// A world that leaves its funnel though nobody says so, with much that has nothing to do with it.
+#[test]
+fn what_is_broken_is_made_as_small_as_it_can_be() {
+    let mut world = draw(1);
+    world.needed = [
+        "seed = 1",
+        "graph = { kind = \"path\", nodes = 3 }",
+        "coupling.kind = \"node-wise\"",
+        "coupling.gain = { kind = \"reciprocal\", scale = 1.0 }",
+        "coupling.funnel = { kind = \"constant\", width = 0.5 }",
+        "agent.dynamics = { kind = \"affine\", slope = -1.0 }",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let lie = "[[event]]\nat = \"500ms\"\nkind = \"liar\"\nnode = 2\nconstant = 9.0";
+    world.optional = [
+        "coupling.guard = 0.1",
+        "[[node]]\nid = 1\ndynamics = { offset = 0.3 }",
+        lie,
+        "[[event]]\nat = \"100ms\"\nkind = \"bounce\"\nnode = 3",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    // Who lies to the end is judged nowhere: a promise that was never given stands for what a campaign finds.
+    let outside = |world: &World| {
+        let scenario = world.scenario().unwrap_or_else(|errors| panic!("{errors}"));
+        let verdict = sim_host::Simulation::new(&scenario).map(sim_host::Simulation::run);
+        verdict.is_ok_and(|verdict| verdict.findings.max_ratio >= 1.0)
+    };
+    assert!(outside(&world));
+    let (found, broken) = smaller_by(&world, &Broken::Promise(2.0), |world| {
+        if outside(world) { Err(Broken::Promise(2.0)) } else { Ok(()) }
+    });
+    assert_eq!(found.optional, [lie]);
+    assert!(found.lasts_ms < 1_000 && broken.is_like(&Broken::Promise(1.0)), "{}", found.lasts_ms);
+}
