@@ -296,6 +296,6 @@ pub fn conductor(scenario: &Scenario, drive: Drive, patience: Patience) -> Condu
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
     let bus =
-        IdealBus::new(params, scenario.seed, listeners(scenario)).with_links(scenario.seed, &scenario.links);
+        IdealBus::new(params, scenario.seed, listeners(scenario)).with_links(scenario.seed, &scenario.links, &[]);
     Conductor::new(seats, &configs, bus, patience).with_noise(Noise::of(scenario))
 }

@@ -87,7 +87,7 @@ pub fn draw(number: u64) -> World {
     }
     world.optional.extend(settings(&mut dice));
     world.optional.extend(bus(&mut dice, nodes));
-    for _ in 0..dice.below(5) {
+    for _ in 0..dice.below(7).saturating_sub(2) {
         world.optional.push(event(&mut dice, nodes));
     }
     without_what_is_refused(world)

@@ -117,10 +117,17 @@ fn on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Seen, Broken> {
     engine.start();
     let mut judge = Judge::new(scenario);
     let judged_from = judged_from(scenario);
-    let (mut hash, mut outside) = (FNV, None);
+    let (mut hash, mut outside, mut stopped) = (FNV, None, false);
     let (mut x, mut u) = (Vec::new(), Vec::new());
     for k in 0..=scenario.time.ticks {
-        let Some(seen) = engine.advance().map(<[_]>::to_vec) else { return Err(Broken::Short(k)) };
+        let Some(seen) = engine.advance().map(<[_]>::to_vec) else {
+            // Where all have stopped there is nothing left to do.
+            if engine.presence(k).iter().all(|presence| *presence == Presence::Stopped) {
+                stopped = true;
+                break;
+            }
+            return Err(Broken::Short(k));
+        };
         let presence = engine.presence(k);
         for (node, seen) in seen.iter().enumerate() {
             let is_on = presence.get(node / scenario.components()) != Some(&Presence::Off);
@@ -135,18 +142,20 @@ fn on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Seen, Broken> {
         x.extend(seen.iter().map(|seen| f64::from(seen.x)));
         u.clear();
         u.extend(seen.iter().map(|seen| f64::from(seen.u)));
+        // A node that has stopped for a good reason holds its state, and others cannot follow it.
+        stopped |= presence.contains(&Presence::Stopped);
         judge.tick(&Moment { k, part: 0, x: &x, u: &u, presence: &presence }, None);
         if judged_from.is_some_and(|from| k >= from) && outside.is_none() {
             let is_outside = |(&nu, &psi): (&f64, &f64)| nu.abs() >= psi;
             outside = judge.terms().iter().zip(judge.psi()).position(is_outside).map(|node| (k, node));
         }
     }
-    if let Some((tick, node)) = outside {
+    if let Some((tick, node)) = outside.filter(|_| !stopped) {
         return Err(Broken::Outside(tick, node));
     }
     let counted = frames(scenario, &mut engine)?;
     let ratio = judge.finish().max_ratio;
-    Ok(Seen { promised: false, recovers: judged_from.is_some(), counted, ratio, hash })
+    Ok(Seen { promised: false, recovers: judged_from.is_some() && !stopped, counted, ratio, hash })
 }
 
 const FNV: u64 = 0xcbf2_9ce4_8422_2325;
@@ -173,7 +182,8 @@ fn judged_from(scenario: &Scenario) -> Option<u64> {
 
 /// On the ideal bus without a node that goes, each frame is heard, refused, lost, or still under way; on others each that came is heard or refused.
 fn frames<M: Medium>(scenario: &Scenario, engine: &mut Engine<Counting<M>>) -> Result<bool, Broken> {
-    if !scenario.stays_whole() {
+    // SYNC of nodes with clocks are for their clocks, and in no counter.
+    if !scenario.stays_whole() || !scenario.clocks.is_empty() {
         return Ok(false);
     }
     let counted = |report: &Option<_>| report.as_ref().map_or(0, told);
