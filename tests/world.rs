@@ -295,7 +295,10 @@ pub fn conductor(scenario: &Scenario, drive: Drive, patience: Patience) -> Condu
     let seats = configs.iter().map(|config| seat(config.id)).collect();
     let spec = &scenario.bus;
     let params = IdealParams { loss: spec.loss, latency_ns: spec.latency_ns, jitter_ns: spec.jitter_ns };
-    let bus =
-        IdealBus::new(params, scenario.seed, listeners(scenario)).with_links(scenario.seed, &scenario.links, &[]);
+    let bus = IdealBus::new(params, scenario.seed, listeners(scenario)).with_links(
+        scenario.seed,
+        &scenario.links,
+        &[],
+    );
     Conductor::new(seats, &configs, bus, patience).with_noise(Noise::of(scenario))
 }

@@ -42,6 +42,8 @@ pub enum Purpose {
     EventBits = 25,
     /// Which of the bits that may be disturbed are, where an event makes a bus noisy.
     EventNoise = 26,
+    /// Events by chance.
+    Faults = 27,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.

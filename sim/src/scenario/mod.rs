@@ -16,6 +16,7 @@ mod dynamics;
 mod event;
 mod expect;
 mod expression;
+mod faults;
 mod graph;
 mod initial;
 mod inputs;
@@ -179,6 +180,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
     let nodes_asked = network.as_ref().map_or(0, |network| network.nodes);
     let links = bus::read_links(&mut file, nodes_asked);
     let events = event::read(&mut file, nodes_asked);
+    let faults = faults::read(&mut file, root);
     let round_ns = time.as_ref().map_or(1, Time::round_ns);
     let clocks = clock::read(&mut file, nodes_asked, seed, round_ns);
     let safety = safety::read(&mut file, time.as_ref().map_or(1, Time::round_ns));
@@ -210,7 +212,10 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         root,
         log: &log,
     };
-    let events = event::make_sense(events, &expect, &setting);
+    let events = event::make_sense(events, &expect, &setting, |named| match &faults {
+        Some(faults) => faults::draw(faults, named, &expect, seed, &setting),
+        None => Vec::new(),
+    });
     clock::make_sense(&clocks, &bus, (coupling.kind, &events), (root, &log));
     log.checkpoint()?;
     let path = path.to_owned();

@@ -8,6 +8,7 @@ use super::clock;
 use super::coupling;
 use super::duration;
 use super::event;
+use super::faults;
 use super::network::{self, MAX_NODES};
 use super::reader::Range;
 use super::safety::LONGEST_HOLDOVER_NS;
@@ -174,6 +175,7 @@ pub fn scenario() -> Value {
         key("bus", bus_section(), "what carries the states"),
         key("link", array(link(), 0, None), "what happens between two neighbours, after what the bus does"),
         key("event", array(event(), 0, None), "something that happens to nodes or links"),
+        key("faults", faults_section(), "events by chance, from the seed"),
         key("clock", clock_section(), "how far the clocks of nodes may be off; each is drawn within it"),
         key("sync", sync(), "what keeps the clocks together, on CAN"),
         key("safety", safety(), "what stops a node, beside its own state and funnel"),
@@ -742,6 +744,29 @@ fn event() -> Value {
         object([at(), kind("kind", &["partition", "repair"])].into_iter().chain(of_links()).collect()),
         object([at(), kind("kind", &["clock"]), by, drift].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["sync-loss"]), silent].into_iter().chain(of_nodes()).collect()),
+    ])
+}
+
+fn faults_section() -> Value {
+    let names = faults::KINDS.map(|kind| kind.name());
+    let one = json!({ "type": "string", "enum": names });
+    let chance = || number(Range::positive_probability());
+    object(vec![
+        key("rate", number(faults::RATE), "events per second, on average").like(json!(0.5)).required(),
+        key("kinds", array(one, 1, None), "what may happen, each as likely")
+            .like(json!(["burst"]))
+            .required(),
+        key("from", duration(), "the earliest begin").or(json!("0s")),
+        key("to", span(), "the latest end: the end of the run, or expect.recovered_within before it"),
+        key("shortest", span(), "how long an event lasts at least").or(json!("10ms")),
+        key("longest", span(), "how long it lasts at most").or(json!("200ms")),
+        key("loss", chance(), "of a burst: probability that a frame is lost").or(json!(1.0)),
+        key("probability", chance(), "of corrupt: that a receiver reads a bit of a frame wrong")
+            .or(json!(0.1)),
+        key("bit_errors", number(faults::BIT_ERRORS), "of noise: share of bits that are wrong")
+            .or(json!(1e-3)),
+        key("offset", number(faults::OFFSET), "of a liar: how far it is from its state").or(json!(1.0)),
+        key("age", span(), "of a replayer: how old its states are").or(json!("100ms")),
     ])
 }
 

@@ -11,7 +11,7 @@ pub use course::{Absence, Change, Course, Disturbance, Step};
 pub use detail::{ClockChange, Detail, Lie};
 pub(super) use read::read;
 pub(super) use read_frames::{SAID, SLOPE};
-pub(super) use sense::{Setting, make_sense};
+pub(super) use sense::{LAST_JOIN, MOST_EVENTS, OLDEST, Setting, make_sense};
 pub(crate) use spell::on_engine;
 pub use spell::{Does, NoisySpell, Spell};
 

@@ -11,10 +11,10 @@ use std::collections::BTreeSet;
 
 /// The last tick at which a node may come. It learns the tick from a SYNC, which carries 24 bits of it, and takes one that is
 /// less than half of their range ahead.
-const LAST_JOIN: u64 = (1 << 23) - 1;
+pub(in crate::scenario) const LAST_JOIN: u64 = (1 << 23) - 1;
 
 /// Most events, and most nodes and links that they change in all: more would take longer than the run.
-const MOST_EVENTS: usize = 1_000;
+pub(in crate::scenario) const MOST_EVENTS: usize = 1_000;
 const MOST_CHANGES: usize = 1_000_000;
 
 /// Most ticks after which a state may be said once more: each of them is kept until then.
@@ -30,11 +30,12 @@ pub(in crate::scenario) struct Setting<'a> {
     pub log: &'a Log,
 }
 
-/// Puts `events` in the order of time, and reports what is wrong with them and with `expect.recovered_within`.
+/// Puts `events`, and those that `draw` adds to them, in the order of time, and reports what is wrong with them and with `expect.recovered_within`.
 pub(in crate::scenario) fn make_sense(
     events: Vec<EventSpec>,
     expect: &Expect,
     setting: &Setting<'_>,
+    draw: impl FnOnce(&[EventSpec]) -> Vec<EventSpec>,
 ) -> Vec<EventSpec> {
     let items: &[Item] = match setting.root.get("event").map(|item| &item.value) {
         Some(Value::Array(items)) => items,
@@ -76,7 +77,9 @@ pub(in crate::scenario) fn make_sense(
     setting.frames(&events, &items);
     let course = Course::of(&events, setting.graph);
     setting.walk(&events, &items, &course);
-    setting.recovery(&events, expect, &course);
+    events.extend(draw(&events));
+    events.sort_by_key(|event| event.at_ns);
+    setting.recovery(&events, expect, &Course::of(&events, setting.graph));
     events
 }
 

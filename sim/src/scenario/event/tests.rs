@@ -1,6 +1,7 @@
 use super::*;
 use crate::scenario::{Scenario, TimeSpec};
 use funnelnet_law::start::SlowStart;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 const MS: u64 = 1_000_000;
@@ -448,4 +449,66 @@ fn with_a_slow_start_time_passes_in_eighths_of_a_tick_at_first() {
         assert_eq!(time.from_clock(time.on_clock(at)), at);
     }
     assert_eq!((time.on_clock(5 * MS), time.on_clock(15 * MS)), (40 * MS, 85 * MS));
+}
+
+/// The ring with faults by chance.
+fn chance(keys: &str, rest: &str) -> String {
+    format!("{rest}\n[faults]\n{keys}")
+}
+
+#[test]
+fn faults_by_chance_are_as_many_and_as_long_as_said_and_of_the_seed() {
+    let kinds = "kinds = ['bounce', 'partition', 'burst', 'corrupt', 'hold', 'liar', 'replayer']";
+    let keys = format!("rate = 50\n{kinds}\nfrom = '500ms'\nto = '1.5s'\nshortest = '5ms'\nlongest = '20ms'");
+    let scenario = read(&chance(&keys, ""));
+    assert_eq!(scenario.events, read(&chance(&keys, "")).events);
+    assert_ne!(scenario.events, read(&chance(&keys, "seed = 2")).events);
+    let begun = scenario.events.iter().filter(|event| event.kind != EventKind::Repair).count();
+    assert!((30..=60).contains(&begun), "{begun} of 50, less what is away already");
+    for event in &scenario.events {
+        assert!(event.at_ns >= 500 * MS && event.end_ns() <= 1500 * MS, "{event}");
+        let lasts = (5 * MS..=20 * MS).contains(&event.lasts_ns);
+        assert!(lasts || matches!(event.kind, EventKind::Partition | EventKind::Repair), "{event}");
+    }
+    // Each kind has its turn, and what is drawn is what could have been written.
+    assert_eq!(scenario.events.iter().map(|event| event.kind.name()).collect::<BTreeSet<_>>().len(), 8);
+    let disturbances = scenario.course().disturbances(&scenario.events);
+    assert!(disturbances.iter().all(|disturbance| disturbance.end_ns.is_some_and(|end| end <= 1500 * MS)));
+}
+
+#[test]
+fn faults_leave_what_named_events_take_away_to_those_and_time_to_recover() {
+    let keys = "rate = 200\nkinds = ['bounce']\nlongest = '20ms'";
+    let named = "event = [{ at = '1s', kind = 'crash', nodes = [1, 2, 3, 4] }]\nexpect = { recovered_within = '300ms' }";
+    let scenario = read(&chance(keys, named));
+    let drawn: Vec<_> = scenario.events.iter().filter(|event| event.kind == EventKind::Bounce).collect();
+    assert!(drawn.len() > 20 && drawn.iter().all(|event| event.targets == Targets::Nodes(vec![4])));
+    assert!(drawn.iter().all(|event| event.end_ns() <= 1700 * MS));
+    // A node is on before it goes.
+    assert!(drawn.windows(2).all(|pair| pair[0].end_ns() < pair[1].at_ns));
+}
+
+#[test]
+fn faults_that_cannot_be_drawn_are_refused() {
+    for (keys, words) in [
+        ("kinds = ['burst']", "missing key 'rate' in [faults]"),
+        ("rate = 0\nkinds = ['burst']", "faults.rate = 0: "),
+        ("rate = 1", "missing key 'kinds' in [faults]: must be an array of kinds of events"),
+        ("rate = 1\nkinds = []", "faults.kinds = []: "),
+        ("rate = 1\nkinds = ['burst', 'burst']", "each once"),
+        ("rate = 1\nkinds = ['crash']", "of bounce, partition, burst, corrupt, hold, noise, liar, replayer"),
+        ("rate = 1\nkinds = ['noise']", "must be without noise"),
+        ("rate = 1\nkinds = ['burst']\nto = '3s'", "faults.to = '3s': must leave time for"),
+        (
+            "rate = 1\nkinds = ['burst']\nfrom = '2s'",
+            "faults.from = '2s': must be before the last event may end, 2s",
+        ),
+        ("rate = 1\nkinds = ['burst']\nlongest = '1ms'", "must not be longer than longest, 1ms"),
+        ("rate = 1\nkinds = ['liar']\noffset = 0", "faults.offset = 0: must not be zero"),
+        ("rate = 1\nkinds = ['replayer']\nage = '1us'", "faults.age = '1us': must be from 1ms to 100s"),
+        ("rate = 1\nkinds = ['burst']\nlos = 1", "unknown key 'los' in [faults]"),
+    ] {
+        let found = refused(&chance(keys, ""));
+        assert!(found.contains(words), "{keys}\n{found}");
+    }
 }
