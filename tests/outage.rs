@@ -1,4 +1,4 @@
-//! Edges that fall silent and come back (LAW.md 9): the shipped nodes behind the engine, on a bus of which single links fail, judged by true states.
+//! Edges that fall silent and come back (law.md 9): the shipped nodes behind the engine, on a bus of which single links fail, judged by true states.
 //!
 //! "Today" is the law before the second edition, on the same nodes: law (*), no bounded input, a silent neighbour extrapolated for ten ticks,
 //! no input once all edges are gone. Rounding, first tick, floor and how a node joins are those of the shipped node in both, but that a

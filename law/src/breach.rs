@@ -1,8 +1,8 @@
-//! What a node does when its diffusive term leaves the funnel (LAW.md 5).
+//! What a node does when its diffusive term leaves the funnel (law.md 5).
 
 use core::fmt;
 
-/// Policy of a node whose diffusive term leaves its funnel (LAW.md 5).
+/// Policy of a node whose diffusive term leaves its funnel (law.md 5).
 ///
 /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
 /// Exhaustive on purpose: node and scenario match it, and a new variant shall not compile until both know it.

@@ -183,7 +183,7 @@ impl<F: Real> VectorField<F> for AffineSines<F> {
     }
 }
 
-/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (LAW.md 4); compensated, since `T xdot` is small
+/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (law.md 4); compensated, since `T xdot` is small
 /// beside `x`. `carry` is what rounding has left behind so far.
 #[inline]
 pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, x: &mut F, carry: &mut F, u: F) {

@@ -1,4 +1,4 @@
-//! Slow start (LAW.md 7): what throws a node out at a start is the inputs of its neighbours, which all begin at once. In ticks that are short for the
+//! Slow start (law.md 7): what throws a node out at a start is the inputs of its neighbours, which all begin at once. In ticks that are short for the
 //! fields, and as long as ever for the nodes, none is thrown far before the others answer.
 
 /// Parts of a tick that pass for the fields and the funnels in each of the first ticks.

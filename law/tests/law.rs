@@ -1,4 +1,4 @@
-//! The implicit law (*) of LAW.md 3: residual, bounds, and no overflow at the corners of what a configuration allows.
+//! The implicit law (*) of law.md 3: residual, bounds, and no overflow at the corners of what a configuration allows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use funnelnet_law::gain::{

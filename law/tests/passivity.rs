@@ -1,4 +1,4 @@
-//! Theorem 1 of LAW.md and what it becomes for (**), checked on the law as it runs: random graphs, gains over 12 decades, and funnels that are
+//! Theorem 1 of law.md and what it becomes for (**), checked on the law as it runs: random graphs, gains over 12 decades, and funnels that are
 //! drawn anew for every node at every tick.
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,4 @@
-//! Stability of the sampled law in the worst place: linear gains of any slope, on any weighted graph (LAW.md 3).
+//! Stability of the sampled law in the worst place: linear gains of any slope, on any weighted graph (law.md 3).
 //!
 //! [`Linear`] is what every gain looks like near its working point. Without own dynamics, consensus must never diverge, for gains over 12 decades, different per node, and for weights over
 //! 4 decades.

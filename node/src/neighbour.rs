@@ -2,7 +2,7 @@
 //! lost and expires by itself.
 //!
 //! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of ticks, and then
-//! its edge is dropped until it is heard again (LAW.md 4: holding instead costs up to thirty times the error).
+//! its edge is dropped until it is heard again (law.md 4: holding instead costs up to thirty times the error).
 
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::Widths;
@@ -483,7 +483,7 @@ impl<F: Real> Neighbours<F> {
         }
     }
 
-    /// Takes note that something in one component does not follow from what was before (LAW.md 3).
+    /// Takes note that something in one component does not follow from what was before (law.md 3).
     pub fn disturb(&mut self, component: u8) {
         let edges = self.edges.iter_mut().filter(|edge| edge.component == component);
         edges.for_each(|edge| edge.memory.disturb());

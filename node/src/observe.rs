@@ -40,14 +40,14 @@ pub enum Event {
         /// Tick number.
         tick: u32,
     },
-    /// The funnel is narrower than the resolution of `nu`, and is floored there from now on (LAW.md 4).
+    /// The funnel is narrower than the resolution of `nu`, and is floored there from now on (law.md 4).
     FunnelFloored {
         /// Tick number.
         tick: u32,
         /// The floor, state units.
         width: f32,
     },
-    /// The node has widened its own funnel after a breach (LAW.md 5, `reopen`).
+    /// The node has widened its own funnel after a breach (law.md 5, `reopen`).
     FunnelReopened {
         /// Tick number.
         tick: u32,

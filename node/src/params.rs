@@ -72,7 +72,7 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub on_breach: OnBreach<F>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
     pub extrapolate_ticks: u32,
-    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no neighbour's term by much (LAW.md 9).
+    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no neighbour's term by much (law.md 9).
     pub newcomer_patience: u16,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
@@ -233,7 +233,7 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
         // A plant has its own time.
         check(ConfigField::SlowStart, 0, self.start.ticks().into(), 0.0, 0.0)?;
         self.plant = Some(plant);
-        // What is measured does not follow from the inputs to the last digit (LAW.md 3).
+        // What is measured does not follow from the inputs to the last digit (law.md 3).
         self.law.stop_looking_back();
         if let Law::EdgeWise(law) = &mut self.coupling {
             law.stop_looking_back();

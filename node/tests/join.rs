@@ -1,4 +1,4 @@
-//! Nodes that come to a network that runs, and nodes whose neighbours all fall silent (LAW.md 9).
+//! Nodes that come to a network that runs, and nodes whose neighbours all fall silent (law.md 9).
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_node::{Action, Event, InputRange, Node, Params, PlantSetup};

@@ -1,4 +1,4 @@
-//! Slow start (LAW.md 7): network time passes in eighths of a tick at first, and tick numbers count on.
+//! Slow start (law.md 7): network time passes in eighths of a tick at first, and tick numbers count on.
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_node::params::LONGEST_SLOW_START;

@@ -14,7 +14,7 @@ pub struct Counters {
     pub accepted: u32,
     /// Ticks with `|nu| >= psi`: the guarantee did not hold.
     pub breaches: u32,
-    /// Ticks at which the funnel was floored at the resolution of `nu` (LAW.md 4).
+    /// Ticks at which the funnel was floored at the resolution of `nu` (law.md 4).
     pub floored: u32,
     /// Neighbour values that were extrapolated because no fresh one had come.
     pub extrapolated: u32,

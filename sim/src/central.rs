@@ -2,7 +2,7 @@
 //!
 //! Every node would have to know the gains of all others within the same tick, which no bus carries. So this is a simulation and
 //! nothing more: one loop over all nodes in f32, with the field, the funnel, its floor and the step of the node. In sampled form each
-//! node solves its own (*) (LAW.md 3) for a gain `gamma_j = |u_j| / |s_j|`, and with the largest of them
+//! node solves its own (*) (law.md 3) for a gain `gamma_j = |u_j| / |s_j|`, and with the largest of them
 //!
 //! ```text
 //! psi_i u_i / G + b_i u_i = r_i

@@ -1,6 +1,6 @@
 //! `sim-host check`: what can be said about a scenario without running it.
 //!
-//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (LAW.md section 4), what the emergent
+//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (law.md section 4), what the emergent
 //! dynamics predict, what the sampled law itself does in f64, and whether that is what the scenario expects.
 
 mod actuators;

@@ -1,4 +1,4 @@
-//! LAW.md 9: a node comes to a network that runs, far from where the others are, with a plant that it cannot set, or without one. Every state
+//! law.md 9: a node comes to a network that runs, far from where the others are, with a plant that it cannot set, or without one. Every state
 //! through the bytes of a frame; the plant is the node's own field in f64.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 

@@ -1,4 +1,4 @@
-//! LAW.md 9: what edges that go and come back do to a network, against the law before the second edition.
+//! law.md 9: what edges that go and come back do to a network, against the law before the second edition.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::params::NEWCOMER_PATIENCE;

@@ -1,4 +1,4 @@
-//! What a row is of: with rounds, and with a slow start, in which network time is not the count of ticks (LAW.md 5 and 7).
+//! What a row is of: with rounds, and with a slow start, in which network time is not the count of ticks (law.md 5 and 7).
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use sim_host::check::check;

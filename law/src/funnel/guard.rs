@@ -1,4 +1,4 @@
-//! The part of a funnel that a law leaves alone at its edge (LAW.md 7).
+//! The part of a funnel that a law leaves alone at its edge (law.md 7).
 
 use super::Widths;
 use crate::math::Real;

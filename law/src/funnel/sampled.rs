@@ -208,7 +208,7 @@ impl<F: Real> SampledFunnel<F> {
 }
 
 impl<F: Real> SampledFunnel<F> {
-    /// Widths at the time of `k` ticks that are `parts` times as short, and one of those later (`theta` = 1): at a start (LAW.md 7).
+    /// Widths at the time of `k` ticks that are `parts` times as short, and one of those later (`theta` = 1): at a start (law.md 7).
     #[cold]
     #[must_use]
     pub fn widths_of_start(&self, k: u32, parts: u32) -> Widths<F> {

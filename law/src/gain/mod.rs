@@ -106,7 +106,7 @@ pub trait GainFunction<F: Real> {
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 
-    /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (**)), for `psi > 0` and `b >= 0` (s).
+    /// The one solution of `psi mu^-1(u) + b u = r` (law.md 3, (**)), for `psi > 0` and `b >= 0` (s).
     ///
     /// The default is a bracketed Newton iteration; a gain with a closed form overrides it.
     #[inline]
@@ -118,7 +118,7 @@ pub trait GainFunction<F: Real> {
 /// Bracketed Newton for `psi mu^-1(u) + b u = r`, solved for `|u|`, since every gain is odd.
 ///
 /// Below the solution the left side is concave where `mu` is convex, so that Newton from below converges monotonically;
-/// where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (LAW.md 3).
+/// where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (law.md 3).
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, Reciprocal, newton};

@@ -50,7 +50,7 @@ impl<F: Real> GainFunction<F> for Reciprocal<F> {
         self.scale * s / (F::ONE - s.abs())
     }
 
-    /// Closed form in `g = 1 - |s|`, without cancellation (LAW.md 3): one square root, two divisions.
+    /// Closed form in the gap `1 - |s|`, without cancellation (law.md 3): one square root, two divisions.
     #[inline]
     fn solve(&self, psi: F, b: F, r: F) -> Solution<F> {
         let rho = r.abs();

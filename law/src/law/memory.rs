@@ -46,7 +46,7 @@ impl<F: Real> Memory<F> {
         Self { last, before, dnu, depth: Depth::All }
     }
 
-    /// Replaces the last input by what an actuator really did (LAW.md 6).
+    /// Replaces the last input by what an actuator really did (law.md 6).
     pub fn feed_back(&mut self, u: F) {
         (self.last, self.depth) = (u, Depth::Input);
     }
@@ -59,7 +59,7 @@ impl<F: Real> Memory<F> {
     }
 
     /// Takes note that the diffusive term of this tick does not follow from those before it: an edge was extrapolated, came or went, the
-    /// node was configured anew. Then `g` is 0 at this tick and at the next one (LAW.md 3).
+    /// node was configured anew. Then `g` is 0 at this tick and at the next one (law.md 3).
     #[inline]
     pub fn disturb(&mut self) {
         self.depth = self.depth.min(Depth::Input);

@@ -1,4 +1,4 @@
-//! Node-wise funnel coupling (paper, (3), funnel_coup) in the implicit sampled form of LAW.md 3:
+//! Node-wise funnel coupling (paper, (3), funnel_coup) in the implicit sampled form of law.md 3:
 //!
 //! ```text
 //! b = c T d / 2
@@ -8,7 +8,7 @@
 //!
 //! The left side is strictly increasing in `u`: there is exactly one solution for every `r`, inside the funnel or far
 //! outside it. Explicit evaluation is unstable as soon as `T mu'(s) lambda_max / psi > 2`, which a shrinking funnel always
-//! reaches (LAW.md 2). With `g` = 0 it is law (*) of the first edition, whose excess over the funnel is `1 / (1 - 2 g)` times
+//! reaches (law.md 2). With `g` = 0 it is law (*) of the first edition, whose excess over the funnel is `1 / (1 - 2 g)` times
 //! as large.
 
 use crate::funnel::Widths;
@@ -91,7 +91,7 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
     }
 
     /// Stand-in for the last input where there is none: the law without memory, `psi mu^-1(u) + b u = nu`. The paper's law as it
-    /// stands would be an explicit step, which throws the states apart where the gain is steep (LAW.md 2).
+    /// stands would be an explicit step, which throws the states apart where the gain is steep (law.md 2).
     #[inline]
     pub(super) fn first_input(&self, nu: F, psi: Widths<F>) -> F {
         self.gain.solve(psi.ahead, self.b, nu).u

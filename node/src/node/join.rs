@@ -1,5 +1,5 @@
 //! A newcomer: a node that is told at its start that it joins a network that runs. It hears everybody and sends no states until it is where
-//! its neighbours are (LAW.md 9): nothing that it was before throws them out.
+//! its neighbours are (law.md 9): nothing that it was before throws them out.
 
 use super::Node;
 use super::part::Part;

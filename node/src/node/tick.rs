@@ -83,7 +83,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     }
 
     /// Goes on at the pace of tick `k`. Where a tick gets longer, what has changed in the last one would have changed eight times as much; the last
-    /// input stays (LAW.md 7).
+    /// input stays (law.md 7).
     #[cold]
     fn keep_pace(&mut self, k: u32) {
         let pace = self.params.start.pace(k);
@@ -191,7 +191,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Keeps the inputs of a node whose edges are all gone, and lets them decay: the others go on with theirs (LAW.md 9).
+    /// Keeps the inputs of a node whose edges are all gone, and lets them decay: the others go on with theirs (law.md 9).
     #[cold]
     fn hold_inputs(&mut self) {
         let decay = F::from_f32(HELD);
@@ -201,7 +201,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Bounds the inputs, and has the law go on from the bounded ones: the best way back that was found from far away (LAW.md 9).
+    /// Bounds the inputs, and has the law go on from the bounded ones: the best way back that was found from far away (law.md 9).
     #[cold]
     fn limit_inputs(&mut self) {
         let limit = self.params.input_limit;
@@ -216,7 +216,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         count(&mut self.counters.limited);
     }
 
-    /// Takes note of a tick that does not follow from those before it: `g` is 0 at this tick and the next one (LAW.md 3).
+    /// Takes note of a tick that does not follow from those before it: `g` is 0 at this tick and the next one (law.md 3).
     #[cold]
     pub(super) fn disturb(&mut self) {
         for (component, part) in self.parts.iter_mut().enumerate() {

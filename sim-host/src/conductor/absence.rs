@@ -1,6 +1,6 @@
 //! A node that is lost while the others go on, and its way back.
 //!
-//! A board that was unplugged has restarted, and its state is gone. It joins as LAW.md 5 says a node does that integrates its own state: it
+//! A board that was unplugged has restarted, and its state is gone. It joins as law.md 5 says a node does that integrates its own state: it
 //! adopts the weighted mean of its neighbours' states, where its own diffusive term is zero; theirs jump by what the mean is from them.
 //! Its first SYNC tells it the tick.
 

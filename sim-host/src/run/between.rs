@@ -1,4 +1,4 @@
-//! What happens between two ticks of the network, where the law decides once in a round of several ticks (LAW.md 5).
+//! What happens between two ticks of the network, where the law decides once in a round of several ticks (law.md 5).
 //!
 //! Inputs are held there and nobody hears anybody, so the states follow from those at the round and the nodes' own fields. The law does not see them; rows and
 //! verdicts do.

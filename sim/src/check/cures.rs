@@ -16,7 +16,7 @@ const PARTS: [u64; 10] = [2, 4, 5, 8, 10, 20, 25, 40, 50, 100];
 const WIDER: [f64; 12] = [1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0];
 /// Dampings that are tried where frames get lost.
 const DAMPINGS: [f64; 4] = [3.0, 4.0, 6.0, 8.0];
-/// A slow start, and the guard beside it, by which no random network left its funnel at the start (LAW.md 7).
+/// A slow start, and the guard beside it, by which no random network left its funnel at the start (law.md 7).
 const SLOW_START_NS: u64 = 10_000_000;
 const SLOW_GUARD: f64 = 0.1;
 /// A ratio that is so much lower than before counts as better.
@@ -107,7 +107,7 @@ fn unclipped(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     needed.map(|set| vec![set]).into_iter().collect()
 }
 
-/// A slow start, where the start alone throws a node out: it costs some real time once, and nothing later (LAW.md 7).
+/// A slow start, where the start alone throws a node out: it costs some real time once, and nothing later (law.md 7).
 fn slowly_started(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     let time = subject.scenario.time;
     let is_the_start = |followed: &Followed| match followed.left {

@@ -1,4 +1,4 @@
-//! The first tick: the fields move the states before any input can answer (LAW.md 6).
+//! The first tick: the fields move the states before any input can answer (law.md 6).
 
 use funnelnet_law::Real;
 use serde_json::json;

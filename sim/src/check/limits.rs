@@ -1,4 +1,4 @@
-//! What the sampled law in f32 cannot do (LAW.md 4).
+//! What the sampled law in f32 cannot do (law.md 4).
 
 use serde_json::{Value, json};
 
@@ -35,7 +35,7 @@ fn tightest(forecast: &Forecast) -> usize {
     largest(forecast.nodes.iter().map(|node| node.taken)).0
 }
 
-/// One exchange per tick adds `theta c T^2 d |d/dt (f_em - f_i)| / psi` to the steady ratio (LAW.md 2, theorem 2). The sum of the sizes is
+/// One exchange per tick adds `theta c T^2 d |d/dt (f_em - f_i)| / psi` to the steady ratio (law.md 2, theorem 2). The sum of the sizes is
 /// predicted, and what holds follows from it.
 fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let index = tightest(forecast);

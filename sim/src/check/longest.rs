@@ -1,6 +1,6 @@
 //! The longest tick that keeps a scenario inside its funnels, found by following the law at one tick after the other.
 //!
-//! The formula for the excess (LAW.md 2, theorem 2) is first order in a narrow funnel. In a wide one it names ticks that are far too long.
+//! The formula for the excess (law.md 2, theorem 2) is first order in a narrow funnel. In a wide one it names ticks that are far too long.
 
 use super::subject::Subject;
 use crate::extremes::{larger, smaller};

@@ -1,4 +1,4 @@
-//! Noise on the states that nodes send, against the room that the steady ratio leaves in the funnel (LAW.md 6).
+//! Noise on the states that nodes send, against the room that the steady ratio leaves in the funnel (law.md 6).
 
 use serde_json::json;
 

@@ -11,7 +11,7 @@ use crate::scenario::Gain;
 use funnelnet_node::params;
 
 /// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
-/// (LAW.md 4).
+/// (law.md 4).
 const TIGHT_MARGIN: f64 = 1e-3;
 /// The margin that advice aims at.
 const GOOD_MARGIN: f64 = 0.02;

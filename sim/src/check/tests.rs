@@ -68,7 +68,7 @@ fn the_paper_example_holds() {
 
 #[test]
 fn a_funnel_below_what_the_tick_can_hold_is_warned_about() {
-    // LAW.md 4: the prototype kept 0.02 at 2 ms, and left it at 10 ms.
+    // law.md 4: the prototype kept 0.02 at 2 ms, and left it at 10 ms.
     assert_eq!(find(&load("narrow-ring.toml", &["time.tick=2ms"]), "narrowest-funnel").status, Status::Ok);
     let report = load("narrow-ring.toml", &["time.tick=10ms"]);
     let found = find(&report, "narrowest-funnel");

@@ -1,4 +1,4 @@
-//! What a node is told to stay within while the network is disturbed: found from the run that is not (LAW.md 9).
+//! What a node is told to stay within while the network is disturbed: found from the run that is not (law.md 9).
 
 use super::{Followed, WORK, follow_for, promises};
 use crate::extremes::smaller;

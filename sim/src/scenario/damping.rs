@@ -1,4 +1,4 @@
-//! `coupling.damping`, the `c` of (**): what is written of it, once the graph is known (LAW.md 4).
+//! `coupling.damping`, the `c` of (**): what is written of it, once the graph is known (law.md 4).
 
 use super::graph::Graph;
 use super::model::NodeSpec;

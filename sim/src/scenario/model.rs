@@ -105,9 +105,9 @@ impl Scenario {
 }
 
 /// The network tick and how many of them are run. Where the law decides once in a round of several ticks, all that counts ticks, here and
-/// on the wire, counts rounds (LAW.md 5): a tick of the network is a round.
+/// on the wire, counts rounds (law.md 5): a tick of the network is a round.
 ///
-/// Time is that of the network. With a slow start (LAW.md 7) it passes more slowly than the nodes' clocks at first: `on_clock` and `from_clock` are about theirs.
+/// Time is that of the network. With a slow start (law.md 7) it passes more slowly than the nodes' clocks at first: `on_clock` and `from_clock` are about theirs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimeSpec {
     /// Network tick T in nanoseconds, above zero: a whole round.

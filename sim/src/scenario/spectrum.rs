@@ -43,7 +43,7 @@ impl Graph {
         self.spectrum().last().copied().unwrap_or(0.0)
     }
 
-    /// The largest eigenvalue of `D^-1 L`, from 1 to 2, which is what the damping of the law has to be above (LAW.md 2); 2, which is
+    /// The largest eigenvalue of `D^-1 L`, from 1 to 2, which is what the damping of the law has to be above (law.md 2); 2, which is
     /// above all, for a graph of more than 300 nodes, where it takes long.
     #[must_use]
     pub fn normalised_lambda_max(&self) -> f64 {

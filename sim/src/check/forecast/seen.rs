@@ -191,7 +191,7 @@ fn apart(a: f64, b: f64) -> f64 {
     if distance <= ROUNDED * larger(a.abs(), b.abs()) { 0.0 } else { distance }
 }
 
-/// The excess over the steady ratio that one exchange per tick leaves (LAW.md 2, theorem 2).
+/// The excess over the steady ratio that one exchange per tick leaves (law.md 2, theorem 2).
 struct Excess<'s> {
     scenario: &'s Scenario,
     /// `(1 - 2 g) theta c T^2 d_i` (s^2).
@@ -203,7 +203,7 @@ struct Excess<'s> {
 impl<'s> Excess<'s> {
     fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
         let tick = scenario.time.tick_s();
-        // The look back takes its part of the excess (LAW.md 3).
+        // The look back takes its part of the excess (law.md 3).
         let share = THETA * (1.0 - 2.0 * G) * tick * tick;
         let per_drift = |(degree, node): (&f64, &NodeSpec)| share * node.damping * degree;
         let shapes = scenario.nodes.windows(2).all(|pair| pair[0].funnel.shape == pair[1].funnel.shape);
