@@ -1,4 +1,4 @@
-//! `bench.toml`: which node is where (docs/bench.md).
+//! `bench.toml`: which node is where (docs/book/src/bench.md).
 
 use super::clock::{self, CLOCKS, Clock};
 use super::wires::{self, Wire};

@@ -32,7 +32,7 @@ Examples:
 
 const BENCH_HELP: &str = "\
 Relays states between the nodes and makes them tick together, so that a run has the bits of `run`; records when \
-the host sent and read each of them (bench.csv). docs/bench.md lists the keys of a bench file.
+the host sent and read each of them (bench.csv). docs/book/src/bench.md lists the keys of a bench file.
 
 Nodes that run are stopped by --commission and --erase, and stay stopped: also where they fail.
 
