@@ -1,11 +1,11 @@
-//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean
+//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, (18), emer), in f64, from the mean
 //! of the initial states that the coupling conserves, and the blended dynamics beside it.
 //!
 //! What the inputs of a coupling add up to gives its emergent field `h`, component by component:
 //!
 //! | coupling | adds up to zero | `h` |
 //! |---|---|---|
-//! | node-wise, element-wise, and maximum gain for scalar states | `nu_i = psi_i mu_i^-1(u_i)` | paper, eq. (alg) |
+//! | node-wise, element-wise, and maximum gain for scalar states | `nu_i = psi_i mu_i^-1(u_i)` | paper, (19), alg |
 //! | linear | `nu_i = u_i / k_i` | the average with weights `1 / k_i` |
 //! | edge-wise | `u_i` | the average |
 //! | weakly centralised | `nu_i = psi_i u_i / G` | the average with weights `psi_i` |

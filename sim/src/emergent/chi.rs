@@ -1,4 +1,4 @@
-//! The emergent dynamics without a root finder (paper, eq. (chi)): `chi = h` is integrated along with `xi`.
+//! The emergent dynamics without a root finder (paper, (23), chi): `chi = h` is integrated along with `xi`.
 //!
 //! An independent check of [`EmergentTrajectory`](super::EmergentTrajectory). The equation says `dH/dt = 0`, so that an error of
 //! `chi` stays: with `xi' = chi` and `e = chi - f_em(t, xi)`, `e' = -e d/dt ln(sum_j psi_j (mu_j^-1)')` to first order. The paper
@@ -84,7 +84,7 @@ impl<'a> ChiTrajectory<'a> {
         [0, 1].map(|k| y[k] + step / 6.0 * (k1[k] + 2.0 * (k2[k] + k3[k]) + k4[k]))
     }
 
-    /// The right side of eq. (chi), for funnels scaled by their widest.
+    /// The right side of (23), chi, for funnels scaled by their widest.
     fn field(&mut self, t: f64, [xi, chi]: Pair) -> Pair {
         self.agents.place(t, xi);
         let agents = &self.agents.placed;

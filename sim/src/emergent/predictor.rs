@@ -10,7 +10,7 @@ use serde::Serialize;
 /// integration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Contraction {
-    /// The largest, 1/s: negative where they contract throughout (paper, eq. (contractive_emer)).
+    /// The largest, 1/s: negative where they contract throughout (paper, (22), contractive_emer).
     pub slowest: f64,
     /// The average, 1/s.
     pub mean: f64,

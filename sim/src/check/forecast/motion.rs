@@ -22,7 +22,7 @@ pub(super) struct Motion {
     pub velocity: Vec<f64>,
     /// The blended dynamics at the end (state units).
     pub blended: f64,
-    /// The largest of the paper's `|chi|`, eq. (uplowdyn) (state units).
+    /// The largest of the paper's `|chi|`, (5), uplowdyn (state units).
     pub reach: f64,
     /// See `Forecast::largest_state`.
     pub largest_state: f64,
