@@ -57,7 +57,7 @@ fn bracket(fields: &[f64], value: impl Fn(usize, Double) -> Double) -> Option<us
     })
 }
 
-/// The left side of the paper's eq. (ex:1) for bracket `j`, at `h`.
+/// The left side of the paper's (21), ex:1 for bracket `j`, at `h`.
 fn rational(fields: &[f64], j: usize, h: Double) -> Double {
     let term = |(k, &f): (usize, &f64)| {
         let u = h - Double::from(f);
@@ -93,7 +93,7 @@ fn example_1_by_eigenvalues(fields: &[f64]) -> Option<f64> {
     None
 }
 
-/// The coefficients, lowest first, of `sum_k (h - f_k) prod_{l != k} d_l(h)` with the denominators `d_l` of eq. (ex:1).
+/// The coefficients, lowest first, of `sum_k (h - f_k) prod_{l != k} d_l(h)` with the denominators `d_l` of (21), ex:1.
 fn polynomial(fields: &[f64], j: usize) -> Vec<f64> {
     let times = |p: &[f64], (constant, slope): (f64, f64)| {
         let mut product = vec![0.0; p.len() + 1];
