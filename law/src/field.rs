@@ -41,13 +41,13 @@ pub fn scalar<F>(x: F) -> State<F> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sine<F> {
-    /// The component that it drives, from 0.
+    /// Component of the state that the sinusoid drives, from 0.
     pub component: u8,
-    /// State units / s.
+    /// Amplitude, state units / s.
     pub amplitude: F,
-    /// rad/s. f64, since its error grows with the length of the run.
+    /// Frequency, rad/s. f64, since its error grows with the length of the run.
     pub frequency: f64,
-    /// rad.
+    /// Phase, rad.
     pub phase: f64,
 }
 
@@ -62,16 +62,16 @@ pub struct Sine<F> {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Field<F> {
-    /// 1/s: one number for all components, or n times n, row by row.
+    /// Slope, 1/s: one number for all components, or n times n, row by row.
     pub slope: Vec<F, MAX_MATRIX>,
-    /// State units / s, n numbers.
+    /// Offset, state units / s, n numbers.
     pub offset: State<F>,
     /// Sinusoids.
     pub sines: Vec<Sine<F>, MAX_SINES>,
 }
 
 impl<F> Field<F> {
-    /// The field of a state with one component: 1/s, state units / s.
+    /// Field of a state with one component, from slope (1/s) and offset (state units / s).
     pub fn scalar(slope: F, offset: F, sines: impl IntoIterator<Item = Sine<F>>) -> Self {
         let slope = [slope].into_iter().collect();
         Self { slope, offset: scalar(offset), sines: sines.into_iter().take(MAX_SINES).collect() }
@@ -190,12 +190,12 @@ pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, x: 
     Stride { tick, half: 1 }.midpoint_step(field, k << 1, x, carry, u);
 }
 
-/// How far a step goes: `T` is what a field was prepared for, and a step may be longer.
+/// Length of a step, which may be longer than the `T` that a field was prepared for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stride<F> {
-    /// Its length, s.
+    /// Length, s.
     pub tick: F,
-    /// The half of it in half ticks of the field.
+    /// Half of the length, in half ticks of the field.
     pub half: u64,
 }
 

@@ -11,7 +11,7 @@
 
 use crate::math::Real;
 
-/// Ulp of `x` that every node floors its funnel at.
+/// Floor of every funnel, in ulp of `x`.
 ///
 /// Measured on the medians, asymptotic-path-11 and finite-time, with what each expects (docs/notes/2026-11-28-floor.md): without this term
 /// all of them but the last end farther from `xi` than they may; 512 leaves median-51 too wide; at 256 rounding takes 2 % of the floor of a
@@ -20,7 +20,7 @@ pub const SHARED: f64 = 256.0;
 /// Ulp of `x` and of `T u` for each unit of the degree: 1.6 times [`ROUNDING`]. At 32 the floors of median-51 (degrees 12 and 16) are no longer
 /// the same, and it ends 6e-3 from `xi` instead of 1e-4.
 pub const STEEP: f64 = 16.0;
-/// How far rounding moves `nu` at most, in `d (ulp(x) + T ulp(u))`: 9.2 was the largest in 100 random networks, on two nodes; 3 and less is
+/// Largest change of `nu` by rounding, in `d (ulp(x) + T ulp(u))`: 9.2 was the largest in 100 random networks, on two nodes; 3 and less is
 /// common (node/tests/floor.rs, `rounding_moves_nu_by_no_more_than_the_floor_allows_for`).
 pub const ROUNDING: f64 = 10.0;
 
@@ -43,13 +43,13 @@ pub struct Floor<F> {
 }
 
 impl<F: Real> Floor<F> {
-    /// Of a node that computes in `F`, with weighted degree `degree`, at tick period `tick_s` (s).
+    /// Floor of a node that computes in `F`, with weighted degree `degree`, at tick period `tick_s` (s).
     #[must_use]
     pub fn new(degree: f64, tick_s: f64) -> Self {
         Self::rounded_by(F::EPSILON.to_f64(), degree, tick_s)
     }
 
-    /// Of a node that computes in f32, for those who look at it in `F`.
+    /// Floor of a node that computes in f32, for a caller that computes in `F`.
     #[must_use]
     pub fn of_f32(degree: f64, tick_s: f64) -> Self {
         Self::rounded_by(f32::EPSILON.into(), degree, tick_s)
@@ -63,7 +63,7 @@ impl<F: Real> Floor<F> {
         }
     }
 
-    /// The same for something else, `degree` times as steep: an edge, where this is the floor of degree 1.
+    /// Floor for `degree` times the degree, such as that of an edge where this is the floor of degree 1.
     #[inline]
     #[must_use]
     pub fn times(self, degree: F) -> Self {

@@ -84,7 +84,7 @@ pub trait Real:
     fn tanh(self) -> Self;
 }
 
-/// The larger of two; NaN where one of them is, so that what is compared with it does not hold ([`Real::max`] drops it).
+/// Larger of two numbers; NaN if one of them is NaN, so that every comparison with it fails ([`Real::max`] drops NaN).
 ///
 /// ```
 /// use funnelnet_law::math::larger;

@@ -2,7 +2,7 @@
 
 use crate::math::Real;
 
-/// Most evaluations. Bisection alone would need 24 for an f32 and 53 for an f64 inside one binade, and every second step
+/// Largest number of evaluations. Bisection alone would need 24 for an f32 and 53 for an f64 inside one binade, and every second step
 /// at least halves the bracket or the Newton step.
 pub const EVALUATION_LIMIT: u32 = 128;
 

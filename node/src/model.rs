@@ -14,10 +14,10 @@ pub trait Model {
     /// The field for tick period `tick` (s). With a plant it is the model that predicts the plant's next state without input.
     ///
     /// # Errors
-    /// What is wrong with `config.field`; a model that takes nothing from it need not look.
+    /// Checks `config.field`; a model that takes nothing from it need not look.
     fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError>;
 
-    /// What there is to know of the plant; a *virtual* node has none and integrates its field.
+    /// Facts of the plant; a *virtual* node has none and integrates its field.
     fn plant(&self) -> Option<PlantSetup> {
         None
     }

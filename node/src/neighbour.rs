@@ -58,13 +58,13 @@ pub enum Presence {
 enum Hearing {
     /// Nothing: there was no tick yet.
     New,
-    /// Nothing since the first tick.
+    /// Never heard since the first tick.
     Waiting,
     /// Its value means something.
     Known,
-    /// Nothing for too long.
+    /// Heard once, and silent for too long.
     Lost,
-    /// Nothing ever, and for too long.
+    /// Never heard, for too long.
     Missed,
 }
 
@@ -153,9 +153,9 @@ pub struct EdgeInputs<F> {
 /// else: both ends know these, and their inputs have to cancel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFunnel<F> {
-    /// Before flooring.
+    /// Widths before flooring.
     pub widths: Widths<F>,
-    /// That of an edge of stiffness 1.
+    /// Floor of an edge of stiffness 1.
     pub floor: Floor<F>,
 }
 
@@ -167,7 +167,7 @@ impl<F: Real> EdgeFunnel<F> {
     }
 }
 
-/// Part of the node itself in the sums.
+/// The node itself, as it enters the sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Own<F> {
     /// State as it was sent, state units. The node knows it better than an f32 does, but must not use that here: neighbours do not,
@@ -182,7 +182,7 @@ pub struct Own<F> {
 pub struct Sums<F> {
     /// `nu = sum_j alpha_j (x_j - x)`, state units.
     pub nu: F,
-    /// Its change over the last tick, from the increments, state units.
+    /// Change of `nu` over the last tick, from the increments, state units.
     pub dnu: F,
     /// Largest `|x|` among the neighbours and the node itself, state units.
     pub largest: F,
@@ -190,11 +190,11 @@ pub struct Sums<F> {
     pub extrapolated: u32,
     /// A neighbour that was lost at this tick (the last one, where there were several).
     pub lost: Option<NodeId>,
-    /// How many edges were dropped at this tick.
+    /// Number of edges dropped at this tick.
     pub lost_count: u32,
 }
 
-/// Kind of a received state.
+/// Outcome of a received state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Heard {
     /// A newer value of a known neighbour.
@@ -261,7 +261,7 @@ impl<F: Real> Neighbours<F> {
         changed
     }
 
-    /// Whether all its edges are gone, though it had some.
+    /// Whether the node had edges, and all of them are gone.
     #[inline]
     pub fn is_alone(&self) -> bool {
         self.alone
@@ -475,7 +475,7 @@ impl<F: Real> Neighbours<F> {
         })
     }
 
-    /// Takes note that a tick lasts so many times as long from tick `k` on: so do the increments that came before it.
+    /// Takes note that from tick `k` on a tick lasts `times` times as long, and scales the increments that came before it.
     #[cold]
     pub fn stretch(&mut self, k: u32, times: F) {
         for edge in self.edges.iter_mut().filter(|edge| edge.age(k) >= 0) {

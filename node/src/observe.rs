@@ -65,7 +65,7 @@ pub enum Event {
     },
     /// A SYNC skipped ticks.
     SyncGap {
-        /// How many.
+        /// Number of neighbours.
         missed: u32,
     },
     /// Ticks of the timer come a whole period late or more, from this one on.
@@ -155,7 +155,7 @@ impl defmt::Format for Event {
     }
 }
 
-/// Doings of the law at the last tick, in one component of the state.
+/// Values of the law at the last tick, in one component of the state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observation<F> {
     /// Tick number `k`.

@@ -28,13 +28,13 @@ pub use funnelnet_law::range::{
 /// Ticks for which a newcomer waits at most: neighbours that are apart come together in a second or never.
 pub const NEWCOMER_PATIENCE: u16 = 500;
 
-/// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
+/// Parameters of a node for a run, apart from its edges, with which they are validated. `F` is the node's number type, `V` its vector field, `G` its gain.
 ///
 /// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
 /// stack.
 #[derive(Clone, Debug)]
 pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
-    /// Own id.
+    /// Id of the node.
     pub id: NodeId,
     /// Period of the law, ns: a round of one tick or more.
     pub tick_ns: u64,
@@ -52,13 +52,13 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub state_limit: F,
     /// Own vector field.
     pub field: V,
-    /// Which law makes inputs.
+    /// Law that makes the inputs.
     pub coupling: Law<F>,
     /// Gain and step (**) of the node.
     pub law: NodeWise<F, G>,
     /// Funnel.
     pub funnel: SampledFunnel<F>,
-    /// What the law leaves of the funnel at its edge.
+    /// Part of the funnel at its edge that the law leaves alone.
     pub guard: Guard<F>,
     /// The largest `|u|`, state units / s.
     pub input_limit: F,
@@ -76,9 +76,9 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub newcomer_patience: u16,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
-    /// So many neighbours lost at the same time stop the node; 0 never does.
+    /// Number of neighbours that stop the node when they are lost at the same time; 0: none does.
     pub lost_neighbours: u8,
-    /// How long a running node goes on without a SYNC that it waits for, ns; `None`: for ever.
+    /// Time for which a running node goes on without the SYNC that it waits for, ns; `None`: for ever.
     pub holdover_ns: Option<u64>,
 }
 
@@ -101,7 +101,7 @@ pub enum OnBreach<F> {
 }
 
 impl<F: Real> Params<F> {
-    /// Validates `config`.
+    /// Validates `config` and prepares it.
     ///
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
@@ -118,7 +118,7 @@ pub fn prepared_field<F: Real>(config: &NodeConfig, tick: f64) -> Result<Prepare
     field_with_inputs(config, tick, 0, NoInputs)
 }
 
-/// The same for a simulation, where a program may name the first `count` of these inputs from outside.
+/// Prepares the field for a simulation, where a program may name the first `count` of these inputs from outside.
 ///
 /// # Errors
 /// As for [`prepared_field`].
@@ -138,7 +138,7 @@ pub fn field_with_inputs<F: Real, I: Inputs<F>>(
     Ok(prepared)
 }
 
-/// The same where it is affine with sinusoids, whatever program there may be.
+/// Prepares the affine part of the field with its sinusoids, and leaves a program aside.
 ///
 /// # Errors
 /// The first value outside its range, by name, with what is allowed.

@@ -16,7 +16,7 @@ pub struct InputRange {
     high: f32,
 }
 
-/// Reason why there is no such range.
+/// Reason why a range is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadRange {
     /// Lower limit that was asked for, state units / s.
@@ -66,10 +66,10 @@ impl InputRange {
     }
 }
 
-/// Setup of a plant, as its node has to know it.
+/// Facts of a plant that its node has to know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSetup {
-    /// One per component of the state.
+    /// Ranges of the inputs, one per component of the state.
     pub inputs: Vec<InputRange, MAX_COMPONENTS>,
     /// Samples in a row that may fail; at the next one the node stops.
     pub coast_ticks: u32,
@@ -117,7 +117,7 @@ impl<F: Real> Plant<F> {
         u
     }
 
-    /// What the weakest of its actuators can do, state units / s.
+    /// Largest input that even the weakest actuator can do, state units / s.
     pub fn largest_input(&self) -> F {
         let sizes = self.setup.inputs.iter().map(|range| F::from_f32(range.high.max(-range.low)));
         sizes.fold(F::WIDEST, |least, size| if size < least { size } else { least })

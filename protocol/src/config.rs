@@ -14,7 +14,7 @@ pub use funnelnet_law::{Breach, Coupling, Gain};
 /// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector states it is the
 /// most for neighbours times components.
 pub const MAX_NEIGHBOURS: usize = 126;
-/// What makes a node tick.
+/// Source of a node's ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TickSource {
     /// The node's own timer.
@@ -30,7 +30,7 @@ pub struct EdgeConfig {
     pub id: u8,
     /// `alpha_ij`.
     pub weight: f32,
-    /// How many edges the neighbour has; only edge-wise coupling uses it.
+    /// Number of edges that the neighbour has; only edge-wise coupling uses it.
     pub edges: u8,
 }
 
@@ -60,7 +60,7 @@ impl Tuning {
     }
 }
 
-/// What the actuator of a node can do, both zero where that is not said.
+/// Limits of a node's actuator, both zero where they are not given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// The lowest input, state units / s, zero or less.
@@ -84,7 +84,7 @@ pub struct NodeConfig {
     pub id: u8,
     /// Tick period `T`, nanoseconds.
     pub tick_ns: u32,
-    /// What makes the node tick.
+    /// Source of the node's ticks.
     pub tick_source: TickSource,
     /// Initial state, state units; its length is the number of components.
     pub initial_state: State<f32>,
@@ -98,7 +98,7 @@ pub struct NodeConfig {
     pub gain: Gain<f32>,
     /// Funnel.
     pub funnel: Funnel<f32>,
-    /// What to do outside the funnel.
+    /// Policy outside the funnel.
     pub on_breach: Breach<f32>,
     /// Edges.
     pub neighbours: Vec<EdgeConfig, MAX_NEIGHBOURS>,
@@ -129,7 +129,7 @@ impl NodeConfig {
 
 macro_rules! fields {
     ($($name:ident = $text:literal,)*) => {
-        /// Which value of a configuration an error is about.
+        /// Value of a configuration that an error is about.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         #[allow(missing_docs)] // the text beside each name is its documentation
         pub enum ConfigField { $($name,)* }

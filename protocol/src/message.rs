@@ -90,7 +90,7 @@ const fn mask(bits: u8) -> u32 {
     if bits >= 32 { u32::MAX } else { (1 << bits) - 1 }
 }
 
-/// Whom a command is for.
+/// Target of a command: all nodes or one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Target {
@@ -117,7 +117,7 @@ pub const JOIN: u16 = u16::MAX;
 /// `phase_us` of a SYNC whose sender does not know when the one before was on the wire.
 pub const UNKNOWN_PHASE: u16 = u16::MAX;
 
-/// What a CTRL frame asks for.
+/// Command of a CTRL frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
@@ -130,7 +130,7 @@ pub enum Command {
     Commit,
 }
 
-/// How bad a fault is.
+/// Severity of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Severity {
@@ -142,7 +142,7 @@ pub enum Severity {
     Stopped,
 }
 
-/// What went wrong. Unknown codes are passed on, so that a newer node can be heard by an older host.
+/// Code of a fault. Unknown codes are passed on, so that a newer node can be heard by an older host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultCode(pub u8);
 

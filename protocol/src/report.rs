@@ -42,11 +42,11 @@ pub struct Counters {
     pub limited: u32,
     /// Ticks after which the node's own field was not a finite number: it stopped (fault code 11).
     pub field_not_finite: u32,
-    /// What its link has lost.
+    /// Losses of the node's link.
     pub link: Losses,
 }
 
-/// What a node's link has lost or found broken since the node's configuration. A link that has no such thing says 0. All saturate.
+/// Losses and errors of a node's link since the node's configuration. A link that has no such thing says 0. All saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Losses {
@@ -64,7 +64,7 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// What was lost since `before`.
+    /// Losses since `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let Self { frames, bus_errors, bus_offs, line_errors, unsaid } = self;
@@ -86,7 +86,7 @@ impl Counters {
         }
     }
 
-    /// How often `reason` was given.
+    /// Number of times that `reason` was given.
     pub fn refused(&self, reason: Refusal) -> u32 {
         self.refused.get(reason as usize).copied().unwrap_or(0)
     }
@@ -97,7 +97,7 @@ pub fn count(counter: &mut u32) {
     *counter = counter.saturating_add(1);
 }
 
-/// What the law did at one tick to one component, sent when the configuration asks for it.
+/// Values of the law at one tick in one component, sent when the configuration asks for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
     /// Tick number `k`.

@@ -39,7 +39,7 @@ use funnelnet_law::range::{LARGEST, SHORTEST_TICK_NS};
 pub use nodes::NodeRow;
 use subject::Subject;
 
-/// How a finding stands.
+/// Status of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
@@ -55,15 +55,15 @@ pub enum Status {
     Fail,
 }
 
-/// What to change.
+/// Advice: what to change.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Advice {
-    /// For people.
+    /// Text for people.
     pub text: String,
-    /// For programs, where one setting would do.
+    /// Setting for programs, where one would do.
     #[serde(flatten)]
     pub setting: Option<Setting>,
-    /// What has to be set beside it.
+    /// Settings that have to be made with it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub also: Vec<Setting>,
 }
@@ -93,13 +93,13 @@ pub struct Setting {
 pub struct Finding {
     /// A stable name for machines.
     pub name: &'static str,
-    /// What was looked at, for people.
+    /// Name of what was checked, for people.
     pub title: &'static str,
-    /// How it stands.
+    /// Status.
     pub status: Status,
-    /// What was found, for people.
+    /// Finding in words, for people.
     pub text: String,
-    /// What to change, where something is to be changed.
+    /// Advice, where something is to be changed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<Advice>,
     /// The figures, in SI units.
@@ -149,7 +149,7 @@ pub struct Report {
     pub findings: Vec<Finding>,
     /// The figures of every node, by index.
     pub per_node: Vec<NodeRow>,
-    /// No finding failed; warnings do not count.
+    /// Whether no finding failed; warnings do not count.
     pub pass: bool,
     /// The bus as it is computed, for the text; the finding `bus` has it, too.
     #[serde(skip)]
@@ -157,7 +157,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// How many findings stand so.
+    /// Number of findings with this status.
     #[must_use]
     pub fn count(&self, status: Status) -> usize {
         self.findings.iter().filter(|finding| finding.status == status).count()

@@ -54,7 +54,7 @@ pub struct Simulation<'s> {
 }
 
 impl<'s> Simulation<'s> {
-    /// The network of a scenario, whose nodes are as it says, on its bus.
+    /// Network of a scenario, with its nodes, fields and bus.
     ///
     /// # Errors
     /// See [`Refused`].
@@ -62,7 +62,7 @@ impl<'s> Simulation<'s> {
         Self::setup(scenario).start()
     }
 
-    /// The same, where nodes get fields or plants first.
+    /// Network of a scenario whose nodes first get fields or plants of your own.
     #[must_use]
     pub fn setup(scenario: &'s Scenario) -> Setup<'s> {
         let nodes = scenario.nodes.len();
@@ -100,7 +100,7 @@ impl<'s> Simulation<'s> {
         self.verdict()
     }
 
-    /// Judges the ticks so far; a run that is not whole holds nothing.
+    /// Judges the ticks so far; a run that is not complete does not hold.
     #[must_use]
     pub fn verdict(self) -> Verdict {
         let scenario = self.scenario;
@@ -132,7 +132,7 @@ impl<'s> Simulation<'s> {
         Verdict { findings, checks, stops }
     }
 
-    /// What the node with this id saw at the last tick, component by component; empty for an id that is not there.
+    /// Observations of the node with this id at the last tick, component by component; empty for an id that is not there.
     #[must_use]
     pub fn node(&self, id: u16) -> &[Observation<f32>] {
         let components = self.scenario.components();
@@ -141,7 +141,7 @@ impl<'s> Simulation<'s> {
         seen.get(first..first.saturating_add(components)).unwrap_or_default()
     }
 
-    /// What nodes reported so far.
+    /// Events that nodes reported so far.
     #[must_use]
     pub fn events(&self) -> &[NodeEvent] {
         &self.events

@@ -6,13 +6,13 @@ use crate::math::Real;
 use crate::program::{MAX_CONSTANTS, MAX_OPERATIONS, Operation, Program, Surroundings, run};
 use heapless::Vec;
 
-/// Inputs from outside that a program may name: those of a simulation. Of a node there are none.
+/// Inputs from outside that a program may name. Simulations have them, nodes do not.
 pub trait Inputs<F> {
     /// The input with this index at `t = half_ticks T / 2`.
     fn value(&self, index: usize, half_ticks: u64) -> F;
 }
 
-/// No inputs.
+/// Absence of inputs, as on a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NoInputs;
 
@@ -52,7 +52,7 @@ impl<F: Real> PreparedField<F> {
 }
 
 impl<F: Real, I> PreparedField<F, I> {
-    /// The same with inputs from outside.
+    /// Prepares a field as [`Self::new`] does, with inputs from outside.
     #[must_use]
     pub fn with_inputs(field: &Field<f32>, program: &Program<f32>, tick: f64, inputs: I) -> Self {
         if program.is_empty() {

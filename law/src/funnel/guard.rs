@@ -29,14 +29,14 @@ impl<F: Real> Guard<F> {
         Self::grown_over(delta, GROWN_AFTER)
     }
 
-    /// One that grows over so many ticks, 1 or more.
+    /// Guard `delta` that grows over `ticks` ticks, 1 or more.
     #[must_use]
     pub fn grown_over(delta: f64, ticks: u32) -> Self {
         let per_tick = F::from_f64(delta / f64::from(ticks));
         Self { delta: F::from_f64(delta), per_tick, grown_after: ticks }
     }
 
-    /// The funnel at tick `k` as the law sees it: what it is judged by stays.
+    /// Funnel at tick `k` as the law sees it; the width by which the node is judged stays.
     #[inline]
     #[must_use]
     pub fn of(&self, k: u32, psi: Widths<F>) -> Widths<F> {

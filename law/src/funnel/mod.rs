@@ -9,7 +9,7 @@ pub use sampled::{SampledFunnel, Transient, Widths};
 use crate::math::{self, Real, larger};
 use core::fmt;
 
-/// A normalised funnel `psibar(t)`, state units: what a schedule goes on with.
+/// Normalised funnel `psibar(t)`, state units, with which a schedule goes on.
 ///
 /// ```
 /// use funnelnet_law::funnel::Normalised;
@@ -105,7 +105,7 @@ pub enum Shape<F> {
 pub struct Funnel<F> {
     /// The paper's `r_i`, above zero: multiplies the whole funnel.
     pub factor: F,
-    /// Shape.
+    /// Shape of the funnel, before it is multiplied.
     pub shape: Shape<F>,
 }
 
@@ -153,11 +153,11 @@ impl<F: Copy> Funnel<F> {
 }
 
 impl<F> Shape<F> {
-    /// The names of all kinds, in the order of the wire.
+    /// Names of all shapes, in the order of the wire.
     pub const KINDS: [&'static str; 5] =
         ["exponential", "constant", "reciprocal-time", "finite-time", "schedule"];
 
-    /// The name of its kind, as in a scenario.
+    /// Name of the shape, as in a scenario.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         let index = match self {

@@ -119,7 +119,7 @@ pub struct Widths<F> {
 }
 
 impl<F: Real> Widths<F> {
-    /// The same, nowhere narrower than `floor`. Not a number where the floor is none.
+    /// Widths that are nowhere narrower than `floor`. Not a number where the floor is none.
     #[inline]
     #[must_use]
     pub fn floored(self, floor: F) -> Self {

@@ -17,7 +17,7 @@ use crate::range::{INPUT, Parameter};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Algebraic<F> {
-    /// State units / s.
+    /// Scale, state units / s.
     pub scale: F,
 }
 

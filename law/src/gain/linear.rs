@@ -17,7 +17,7 @@ use crate::range::Parameter;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear<F> {
-    /// 1/s.
+    /// Slope, 1/s.
     pub slope: F,
 }
 

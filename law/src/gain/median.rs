@@ -18,14 +18,14 @@ use crate::range::{Allowed, INPUT, Parameter, SMALLEST};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Median<F> {
-    /// State units / s, above zero.
+    /// The paper's `eta`, state units / s, above zero.
     pub eta: F,
-    /// From 0 to 1, both excluded.
+    /// The paper's `eps`, from 0 to 1, both excluded.
     pub eps: F,
 }
 
 impl<F: Real> Median<F> {
-    /// The reciprocal gain that it is.
+    /// Reciprocal gain with the same values.
     #[inline]
     #[must_use]
     pub fn reciprocal(self) -> Reciprocal<F> {

@@ -17,7 +17,7 @@ pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
     const KIND: &'static str;
     /// Its parameters, in the order of its fields.
     const PARAMETERS: &'static [Parameter];
-    /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
+    /// Whether the gain grows without bound at the funnel's edge, as Assumption 3 asks.
     const KEEPS_FUNNELS: bool = true;
 
     /// The gain with these values of [`Self::PARAMETERS`]; what is missing is zero.
@@ -130,7 +130,7 @@ pub struct Kind<F> {
     pub name: &'static str,
     /// Parameters of a gain of this kind.
     pub parameters: &'static [Parameter],
-    /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
+    /// Whether the gain grows without bound at the funnel's edge, as Assumption 3 asks.
     pub keeps_funnels: bool,
     /// Makes a gain of the values of `parameters`, in their order.
     pub build: fn([F; MAX_PARAMETERS]) -> Gain<F>,
@@ -151,7 +151,7 @@ impl<F: Real> Gain<F> {
         with!(self, gain => kind(&gain))
     }
 
-    /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
+    /// Whether the gain grows without bound at the funnel's edge, as Assumption 3 asks.
     #[must_use]
     pub fn keeps_funnels(&self) -> bool {
         with!(self, gain => keeps_funnels(&gain))

@@ -16,7 +16,7 @@ use crate::range::{INPUT, Parameter};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reciprocal<F> {
-    /// State units / s.
+    /// Scale, state units / s.
     pub scale: F,
 }
 

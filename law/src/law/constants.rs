@@ -8,7 +8,7 @@ pub const C: f64 = 2.2;
 /// `g` = 0.1: positive real on every graph up to 1/6, where the slow modes of large graphs are hardly damped (law.md 3).
 pub const G: f64 = 0.1;
 
-/// Constants of a law, for those who know more than a node does.
+/// Constants of a law, for callers who know more of the network than a node does.
 ///
 /// ```
 /// use funnelnet_law::law::node_wise::Constants;
@@ -27,10 +27,10 @@ pub struct Constants {
 }
 
 impl Constants {
-    /// Those of law (*): no look back.
+    /// Constants of law (*), which has no look back.
     pub const WITHOUT_LOOK_BACK: Self = Self { theta: THETA, damping: C, g: 0.0 };
 
-    /// The default ones with another `c`.
+    /// Default constants with another `c`.
     #[must_use]
     pub fn damped_by(damping: f64) -> Self {
         Self { damping, ..Self::default() }

@@ -50,9 +50,9 @@ pub struct EdgeWise<F> {
 pub struct EdgeTerm<F> {
     /// `alpha_ij (x_j - x_i)`, state units.
     pub nu: F,
-    /// Its change over the last tick, state units.
+    /// Change of `nu` over the last tick, state units.
     pub dnu: F,
-    /// `alpha_ij (n_i + n_j)`.
+    /// Stiffness `alpha_ij (n_i + n_j)` of the edge.
     pub stiffness: F,
 }
 
@@ -67,7 +67,7 @@ impl<F: Real> EdgeWise<F> {
         Self { share, look_back, usual: (share, look_back), floor }
     }
 
-    /// Takes the constants that it has at a pace.
+    /// Takes the constants of a pace (slow start).
     #[cold]
     pub fn keep_pace(&mut self, pace: Pace) {
         let (share, look_back) = self.usual;

@@ -25,7 +25,7 @@ use crate::math::{Real, larger};
 pub struct Term<F> {
     /// Diffusive term, state units.
     pub nu: F,
-    /// Its change over the last tick, state units.
+    /// Change of `nu` over the last tick, state units.
     pub dnu: F,
     /// Input of this tick, state units / s, once it is found.
     pub u: F,

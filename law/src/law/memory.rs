@@ -102,7 +102,7 @@ impl<F: Real> LookBack<F> {
         Self { g: F::ZERO, ..self }
     }
 
-    /// That of a pace.
+    /// Constants of a pace.
     pub fn at(self, pace: Pace) -> Self {
         match pace {
             Pace::Usual => self,

@@ -10,7 +10,7 @@ pub mod node_wise;
 pub use edge_wise::EdgeWise;
 pub use lambda_tracker::LambdaTracker;
 
-/// Which law turns diffusive terms into inputs, fixed for a run.
+/// Law that turns diffusive terms into inputs, fixed for a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Law<F> {
     /// [`node_wise`], component by component.

@@ -58,20 +58,20 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         Self { gain, b, look_back, usual: (b, look_back) }
     }
 
-    /// Takes the constants that it has at a pace.
+    /// Takes the constants of a pace (slow start).
     #[cold]
     pub fn keep_pace(&mut self, pace: Pace) {
         let (b, look_back) = self.usual;
         (self.b, self.look_back) = (b * share_of_b(pace), look_back.at(pace));
     }
 
-    /// Sets `g` = 0: for a node whose state is measured, and does not follow from its inputs to the last digit.
+    /// Sets `g` = 0, for a node whose state is measured and does not follow from its inputs to the last digit.
     pub fn stop_looking_back(&mut self) {
         self.look_back = self.look_back.off();
         self.usual.1 = self.look_back;
     }
 
-    /// `b` of (**), s.
+    /// Weight `b` of the own input in (**), s.
     #[must_use]
     pub fn b(&self) -> F {
         self.b

@@ -3,7 +3,7 @@
 use super::{Operation, STACK};
 use crate::math::Real;
 
-/// What a program sees beside the state.
+/// Values that a program sees beside the state.
 pub trait Surroundings<F> {
     /// Time, s.
     fn time(&self) -> F;

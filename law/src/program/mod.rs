@@ -37,18 +37,18 @@ pub const STACK: usize = 16;
 pub struct Program<F> {
     /// Operations as they travel, [`Operation::to_byte`].
     pub code: Vec<u8, MAX_OPERATIONS>,
-    /// What [`Operation::Constant`] names.
+    /// Constants that [`Operation::Constant`] names.
     pub constants: Vec<F, MAX_CONSTANTS>,
 }
 
 impl<F> Program<F> {
-    /// No program.
+    /// Empty program.
     #[must_use]
     pub const fn none() -> Self {
         Self { code: Vec::new(), constants: Vec::new() }
     }
 
-    /// A program of these operations and constants; what there is no room for is left out.
+    /// Program of these operations and constants; those beyond its capacity are left out.
     #[must_use]
     pub fn new(
         operations: impl IntoIterator<Item = Operation>,
@@ -58,13 +58,13 @@ impl<F> Program<F> {
         Self { code: collect(code), constants: collect(constants) }
     }
 
-    /// Whether there is none.
+    /// Whether the program is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.code.is_empty()
     }
 
-    /// Its operations; bytes that are none are left out.
+    /// Operations of the program; bytes that stand for none are left out.
     pub fn operations(&self) -> impl Iterator<Item = Operation> {
         self.code.iter().filter_map(|&byte| Operation::of_byte(byte))
     }

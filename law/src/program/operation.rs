@@ -96,7 +96,7 @@ const CONSTANT: u8 = 0x40;
 const END: u8 = 0x60;
 
 impl Operation {
-    /// Largest byte that is one.
+    /// Largest byte that stands for an operation.
     pub const LARGEST_BYTE: u8 = END - 1;
 
     /// The byte that travels; an index too large for it is cut off.
@@ -112,7 +112,7 @@ impl Operation {
         }
     }
 
-    /// The operation of a byte; `None` for a byte that is none.
+    /// Operation of a byte; `None` for a byte that stands for none.
     #[must_use]
     pub fn of_byte(byte: u8) -> Option<Self> {
         Some(match byte {
@@ -124,7 +124,7 @@ impl Operation {
         })
     }
 
-    /// Values that it takes from the stack, and those that it leaves there.
+    /// Numbers of values that it takes from the stack and leaves there.
     #[must_use]
     pub fn arity(self) -> (usize, usize) {
         match self {

@@ -21,13 +21,13 @@ const NS_PER_MS: u64 = 1_000_000;
 pub struct Masters(u128);
 
 impl Masters {
-    /// These and that one too.
+    /// Masters with one node more.
     #[must_use]
     pub const fn and(self, id: NodeId) -> Self {
         Self(self.0 | 1 << id.get())
     }
 
-    /// Whether `id` is one of them.
+    /// Whether `id` may be time master.
     #[must_use]
     pub const fn contains(self, id: NodeId) -> bool {
         self.0 >> id.get() & 1 == 1
@@ -39,18 +39,18 @@ impl Masters {
     }
 }
 
-/// What a keeper is told before it starts.
+/// Rules that a keeper is told before it starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// Own id.
+    /// Id of the node.
     pub id: NodeId,
-    /// Who may be time master.
+    /// Nodes that may be time master.
     pub masters: Masters,
     /// Time from one SYNC to the next, ns, at least a tick.
     pub period_ns: u64,
     /// Period of a tick of the network, ns, above zero.
     pub tick_ns: u64,
-    /// How long the node goes on without a SYNC that it can use, ns; `None`: for ever.
+    /// Time for which the node goes on without a SYNC that it can use, ns; `None`: for ever.
     pub holdover_ns: Option<u64>,
 }
 
@@ -76,7 +76,7 @@ impl Rules {
     }
 }
 
-/// Part that a node has in keeping time.
+/// Role of a node in keeping time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// It has heard no time master.
@@ -87,7 +87,7 @@ pub enum Role {
     Leads,
 }
 
-/// Something that others may want to know.
+/// Change of role or time that others may want to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Change {
@@ -109,7 +109,7 @@ impl From<Change> for Event {
     }
 }
 
-/// Next thing to be done for a keeper.
+/// Action to be taken next for a keeper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
     /// Put this on the link; [`Keeper::on_sent`] has to follow when it is on the wire.
@@ -199,19 +199,19 @@ impl Keeper {
         self.servo.map().own(network)
     }
 
-    /// Part that the node has.
+    /// Role of the node.
     #[must_use]
     pub const fn role(&self) -> Role {
         self.role
     }
 
-    /// Whether it has followed a time master, or is one.
+    /// Whether the node has followed a time master, or is one.
     #[must_use]
     pub fn is_in_time(&self) -> bool {
         self.role == Role::Leads || self.servo.has_joined()
     }
 
-    /// How much faster the network's clock runs than the own one, in parts of 2^32.
+    /// Rate by which the network's clock runs faster than the own one, in parts of 2^32.
     #[must_use]
     pub const fn rate(&self) -> i64 {
         self.servo.map().rate()

@@ -9,7 +9,7 @@ pub const LARGEST_RATE: i64 = ONE / 5000;
 /// Steps that find a time of the own clock: each leaves 1/2500 of the error of the one before.
 const STEPS: usize = 8;
 
-/// A map. `network` runs by `1 + rate` while the own clock runs by one, and by `slew` more for the first `slew_for` ns.
+/// Map from the own clock to that of the network. `network` runs by `1 + rate` while the own clock runs by one, and by `slew` more for the first `slew_for` ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Map {
     own: u64,
@@ -26,7 +26,7 @@ impl Map {
         Self { own, network, rate: 0, slew: 0, slew_for: 0 }
     }
 
-    /// How much faster the network's clock is taken to run, in parts of 2^32.
+    /// Rate by which the network's clock is taken to run faster, in parts of 2^32.
     #[must_use]
     pub const fn rate(&self) -> i64 {
         self.rate
@@ -73,14 +73,14 @@ impl Map {
         *self = Self { own, network, rate, slew, slew_for };
     }
 
-    /// Has the network's clock jump by `by` ns at `own` (ns), forwards or backwards.
+    /// Moves the network's clock by `by` ns at `own` (ns), forwards or backwards.
     pub fn step(&mut self, own: u64, by: i64) {
         let network = self.network(own).saturating_add_signed(by);
         *self = Self { own, network, rate: self.rate, slew: 0, slew_for: 0 };
     }
 }
 
-/// What is left of a rate within 200 ppm.
+/// A rate, clipped to 200 ppm.
 #[must_use]
 pub fn bounded(rate: i64) -> i64 {
     rate.clamp(-LARGEST_RATE, LARGEST_RATE)

@@ -29,7 +29,7 @@ struct Instant {
     network: u64,
 }
 
-/// What became of an observation.
+/// Outcome of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Taken {
     /// It is the first of two that make a join.
@@ -42,7 +42,7 @@ pub enum Taken {
     LeftOut,
 }
 
-/// A map with what bends it.
+/// Servo that bends a map by observations.
 #[derive(Clone, Debug)]
 pub struct Servo {
     map: Map,
@@ -74,18 +74,18 @@ impl Servo {
         self.joined
     }
 
-    /// Whether its gains are those that stay.
+    /// Whether its gains have reached their final values.
     #[must_use]
     pub const fn is_settled(&self) -> bool {
         self.joined && self.count >= SETTLED
     }
 
-    /// Forgets what another master has said; its rate stays, since the own clock has not changed.
+    /// Forgets the observations of another master; the rate stays, since the own clock has not changed.
     pub fn turn_to_another(&mut self) {
         self.seen = [None; 3];
     }
 
-    /// What the network's clock is ahead of the map at `now`, by an observation and the rate so far, ns.
+    /// Time by which the network's clock is ahead of the map at `now`, by an observation and the rate so far, ns.
     #[must_use]
     pub fn offset(&self, own: u64, network: u64, now: u64) -> i64 {
         self.offset_of(Instant { own, network }, now)

@@ -42,7 +42,7 @@ pub struct Moment<'a> {
     pub presence: &'a [Presence],
 }
 
-/// What the judge found over a whole run.
+/// Figures of the judge over a whole run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Findings {
     /// The largest `|nu| / psi`; NaN where one was not a number.
@@ -69,7 +69,7 @@ pub struct Findings {
     pub recovered_s: Option<f64>,
     /// States at the end, by index and then by component; NaN where one is not known.
     pub last: Vec<f64>,
-    /// Which of them an event keeps off.
+    /// Nodes that an event keeps off, by index.
     pub off: Vec<bool>,
     /// By window of the scenario, in its order.
     pub windows: Vec<WindowFigures>,
@@ -77,7 +77,7 @@ pub struct Findings {
     pub worst: Vec<Worst>,
 }
 
-/// What came of one component of one node.
+/// Figures of one component of one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Worst {
     /// Its largest `|nu| / psi`; NaN where one was not a number.
@@ -124,7 +124,7 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// Of a run of `scenario`.
+    /// Judge of a run of `scenario`.
     #[must_use]
     pub fn new(scenario: &'a Scenario) -> Self {
         let entries = scenario.nodes.len() * scenario.components();
@@ -189,7 +189,7 @@ impl<'a> Judge<'a> {
         &self.psi
     }
 
-    /// What was found.
+    /// Figures of all ticks that were judged.
     #[must_use]
     pub fn finish(self) -> Findings {
         let recovered_s = self.recovery.and_then(Recovery::finish);
