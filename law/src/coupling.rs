@@ -35,7 +35,8 @@ pub enum Coupling<F> {
     /// The same as [`Self::NodeWise`] with a linear gain: `u_i = k nu_i`.
     #[cfg_attr(feature = "serde", serde(skip))]
     Linear,
-    /// The largest gain of all nodes (paper, Section 1.3, "Related approaches"). No node can run it: each would have to know the gains of all.
+    /// The largest gain of all nodes (paper, Section 1.3, "Related approaches"). No node can run it: each
+    /// would have to know the gains of all.
     #[cfg_attr(feature = "serde", serde(skip))]
     WeaklyCentralised,
 }
@@ -62,7 +63,8 @@ impl<F> Coupling<F> {
         !matches!(self, Self::Linear | Self::LambdaTracker { .. } | Self::None)
     }
 
-    /// Coupling that a node is told to run, with numbers changed by `convert`; `None` for the one that no node can run.
+    /// Coupling that a node is told to run, with numbers changed by `convert`; `None` for the one that no
+    /// node can run.
     #[must_use]
     pub fn on_node<G>(self, convert: impl Fn(F) -> G) -> Option<Coupling<G>> {
         match self {

@@ -94,11 +94,12 @@ impl<F> Field<F> {
 /// assert!((x - 1.0).abs() < 1e-6);
 /// ```
 pub trait VectorField<F: Real> {
-    /// `f(t, x)` of a state with one component, state units / s, at `t = half_ticks * T / 2`: integer time does not lose bits
-    /// in long runs.
+    /// `f(t, x)` of a state with one component, state units / s, at `t = half_ticks * T / 2`: integer time
+    /// does not lose bits in long runs.
     fn at(&self, half_ticks: u64, x: F) -> F;
 
-    /// Component `index` of `f(t, x)` for a vector state. Unless it is overridden, every component has [`Self::at`] to itself.
+    /// Component `index` of `f(t, x)` for a vector state. Unless it is overridden, every component has
+    /// [`Self::at`] to itself.
     #[inline]
     fn component(&self, half_ticks: u64, x: &[F], index: usize) -> F {
         x.get(index).map_or(F::ZERO, |&x| self.at(half_ticks, x))
@@ -144,7 +145,8 @@ pub struct AffineSines<F> {
 }
 
 impl<F: Real> AffineSines<F> {
-    /// Prepares a validated field for tick period `tick` (s). Its numbers are f32, as they travel, whatever `F` is.
+    /// Prepares a validated field for tick period `tick` (s). Its numbers are f32, as they travel, whatever
+    /// `F` is.
     #[must_use]
     pub fn new(field: &Field<f32>, tick: f64) -> Self {
         let phasors = field.sines.iter().map(|sine| Phasor::new(sine, tick));
@@ -183,8 +185,8 @@ impl<F: Real> VectorField<F> for AffineSines<F> {
     }
 }
 
-/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (law.md 4); compensated, since `T xdot` is small
-/// beside `x`. `carry` is what rounding has left behind so far.
+/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (law.md 4); compensated, since `T xdot`
+/// is small beside `x`. `carry` is what rounding has left behind so far.
 #[inline]
 pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, x: &mut F, carry: &mut F, u: F) {
     Stride { tick, half: 1 }.midpoint_step(field, k << 1, x, carry, u);

@@ -1,7 +1,7 @@
 //! Ranges of the numbers that a law is made of: the one place for node, scenario and `check`.
 //!
-//! They are wide enough for any bench and narrow enough that no product in the law can overflow an f32 (law/tests/law.rs sweeps
-//! their corners).
+//! They are wide enough for any bench and narrow enough that no product in the law can overflow an f32
+//! (law/tests/law.rs sweeps their corners).
 
 /// Largest state, input and funnel scale, state units.
 pub const LARGEST: f64 = 1e9;

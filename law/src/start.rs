@@ -1,5 +1,6 @@
-//! Slow start (law.md 7): what throws a node out at a start is the inputs of its neighbours, which all begin at once. In ticks that are short for the
-//! fields, and as long as ever for the nodes, none is thrown far before the others answer.
+//! Slow start (law.md 7): what throws a node out at a start is the inputs of its neighbours, which all begin
+//! at once. In ticks that are short for the fields, and as long as ever for the nodes, none is thrown far
+//! before the others answer.
 
 /// Parts of a tick that pass for the fields and the funnels in each of the first ticks.
 pub const PARTS: u32 = 8;
@@ -18,7 +19,8 @@ pub enum Pace {
     Usual,
 }
 
-/// A slow start. Ticks are counted as ever, `k` from 0; network time is `k T / 8` until `n T`, and then goes on by `T` per tick.
+/// A slow start. Ticks are counted as ever, `k` from 0; network time is `k T / 8` until `n T`, and then goes
+/// on by `T` per tick.
 ///
 /// ```
 /// use funnelnet_law::start::{Pace, SlowStart};

@@ -28,10 +28,11 @@ pub use funnelnet_law::range::{
 /// Ticks for which a newcomer waits at most: neighbours that are apart come together in a second or never.
 pub const NEWCOMER_PATIENCE: u16 = 500;
 
-/// Parameters of a node for a run, apart from its edges, with which they are validated. `F` is the node's number type, `V` its vector field, `G` its gain.
+/// Parameters of a node for a run, apart from its edges, with which they are validated. `F` is the node's
+/// number type, `V` its vector field, `G` its gain.
 ///
-/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
-/// stack.
+/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of
+/// them are 4.5 KiB, and each copy is stack.
 #[derive(Clone, Debug)]
 pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     /// Id of the node.
@@ -72,7 +73,8 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub on_breach: OnBreach<F>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
     pub extrapolate_ticks: u32,
-    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no neighbour's term by much (law.md 9).
+    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no
+    /// neighbour's term by much (law.md 9).
     pub newcomer_patience: u16,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
@@ -118,7 +120,8 @@ pub fn prepared_field<F: Real>(config: &NodeConfig, tick: f64) -> Result<Prepare
     field_with_inputs(config, tick, 0, NoInputs)
 }
 
-/// Prepares the field for a simulation, where a program may name the first `count` of these inputs from outside.
+/// Prepares the field for a simulation, where a program may name the first `count` of these inputs from
+/// outside.
 ///
 /// # Errors
 /// As for [`prepared_field`].
@@ -163,8 +166,9 @@ impl<F: Real, V> Params<F, V> {
 }
 
 impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
-    /// Validates `config`, with a vector field (built from the time in s of two of its half ticks: `T`, or an eighth of it with a slow start) and a gain of the user's own in place of its. The node is
-    /// virtual until it is given a plant.
+    /// Validates `config`, with a vector field (built from the time in s of two of its half ticks: `T`, or an
+    /// eighth of it with a slow start) and a gain of the user's own in place of its. The node is virtual
+    /// until it is given a plant.
     ///
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
@@ -290,7 +294,8 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
 }
 
 fn check(field: ConfigField, index: usize, found: f64, low: f64, high: f64) -> Result<(), ConfigError> {
-    // Most values travel as f32, where 1e-9 is a little less, and 0.999 a little more. Written so that NaN is outside.
+    // Most values travel as f32, where 1e-9 is a little less, and 0.999 a little more. Written so that NaN is
+    // outside.
     if found >= f64::from(low as f32) && (found <= high || found <= f64::from(high as f32)) {
         Ok(())
     } else {
@@ -463,7 +468,8 @@ fn gain_field(parameter: &str) -> ConfigField {
     }
 }
 
-/// A tracker starts from a linear gain, and funnels that are not node-wise need a gain that grows without bound.
+/// A tracker starts from a linear gain, and funnels that are not node-wise need a gain that grows without
+/// bound.
 fn check_gain_of_coupling(gain: &Gain<f32>, coupling: &Coupling<f32>) -> Result<(), ConfigError> {
     let linear = !gain.keeps_funnels();
     let fits = match coupling {

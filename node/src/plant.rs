@@ -1,5 +1,5 @@
-//! The plant of a node, as the sans-IO core sees it: when to ask the app for a sample or an input, what the actuator can do,
-//! and how long the node goes on without a sensor (docs/notes/2026-11-24-real-nodes.md).
+//! The plant of a node, as the sans-IO core sees it: when to ask the app for a sample or an input, what the
+//! actuator can do, and how long the node goes on without a sensor (docs/notes/2026-11-24-real-nodes.md).
 
 use core::fmt;
 use funnelnet_law::collect::collect;
@@ -32,7 +32,8 @@ impl fmt::Display for BadRange {
 }
 
 impl InputRange {
-    /// The range from `low` to `high` (state units / s). No input at all must be possible: that is what the law gives where all agree.
+    /// The range from `low` to `high` (state units / s). No input at all must be possible: that is what the
+    /// law gives where all agree.
     ///
     /// # Errors
     /// The limits, unless they are finite with `low <= 0 <= high` and `low < high`.
@@ -51,7 +52,8 @@ impl InputRange {
         self.high
     }
 
-    /// The input nearest to `u` (state units / s) that the actuator can do; none at all for what is not a number.
+    /// The input nearest to `u` (state units / s) that the actuator can do; none at all for what is not a
+    /// number.
     pub fn clamp<F: Real>(&self, u: F) -> F {
         let (low, high) = (F::from_f32(self.low), F::from_f32(self.high));
         if u >= high {

@@ -130,12 +130,14 @@ impl<M: Model> Session<M> {
         self.config.as_ref()
     }
 
-    /// Count of changes of the configuration, wrapping. An app that hands parts of it to a driver does so when this changes.
+    /// Count of changes of the configuration, wrapping. An app that hands parts of it to a driver does so
+    /// when this changes.
     pub fn changes(&self) -> u8 {
         self.changes
     }
 
-    /// Takes note of what the link has lost since the start: REPORT says what of it was since the configuration.
+    /// Takes note of what the link has lost since the start: REPORT says what of it was since the
+    /// configuration.
     pub fn note_losses(&mut self, losses: Losses) {
         self.losses = losses;
     }

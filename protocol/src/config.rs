@@ -11,8 +11,8 @@ pub use funnelnet_law::funnel::{Funnel, Normalised, Shape};
 pub use funnelnet_law::program::{MAX_CONSTANTS, MAX_OPERATIONS, Program};
 pub use funnelnet_law::{Breach, Coupling, Gain};
 
-/// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector states it is the
-/// most for neighbours times components.
+/// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector
+/// states it is the most for neighbours times components.
 pub const MAX_NEIGHBOURS: usize = 126;
 /// Source of a node's ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,15 +34,16 @@ pub struct EdgeConfig {
     pub edges: u8,
 }
 
-/// What whoever knows the whole network tells a node about the law. A zero is what was not said, with the default beside it; so a stored
-/// configuration of wire version 1 reads as one in which nothing was said.
+/// What whoever knows the whole network tells a node about the law. A zero is what was not said, with the
+/// default beside it; so a stored configuration of wire version 1 reads as one in which nothing was said.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tuning {
     /// `c` of (**), 1 to 8; 2.2.
     pub damping: f32,
     /// The law runs in `(1 - guard) psi`, 0 to 0.9, grown from zero at tick 0; 0.
     pub guard: f32,
-    /// Ticks in a round, 1 to 100: the law decides once in so many, the node's own field is integrated tick by tick; 1.
+    /// Ticks in a round, 1 to 100: the law decides once in so many, the node's own field is integrated tick
+    /// by tick; 1.
     pub round: u8,
     /// The largest `|u|`, state units / s, fed back; without bound.
     pub input_limit: f32,
@@ -112,8 +113,8 @@ pub struct NodeConfig {
     pub holdover_ns: u64,
     /// The law's own numbers.
     pub tuning: Tuning,
-    /// Own vector field where it is an expression: the whole of it, which reads the sinusoids of `field` by their index. Slope and offset are
-    /// zero then.
+    /// Own vector field where it is an expression: the whole of it, which reads the sinusoids of `field` by
+    /// their index. Slope and offset are zero then.
     pub program: Program<f32>,
     /// Limits of the input.
     pub limits: Limits,

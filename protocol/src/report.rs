@@ -36,7 +36,8 @@ pub struct Counters {
     pub saturated: u32,
     /// States that were accepted after the tick that they are for had run.
     pub late: u32,
-    /// Ticks that the node was moved on over without running them: SYNC skipped them, or they came too late to be made up for.
+    /// Ticks that the node was moved on over without running them: SYNC skipped them, or they came too late
+    /// to be made up for.
     pub skipped: u32,
     /// Ticks at which the law asked for more than the largest input that it may.
     pub limited: u32,
@@ -46,12 +47,13 @@ pub struct Counters {
     pub link: Losses,
 }
 
-/// Losses and errors of a node's link since the node's configuration. A link that has no such thing says 0. All saturate.
+/// Losses and errors of a node's link since the node's configuration. A link that has no such thing says 0.
+/// All saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Losses {
-    /// Received CAN frames for which the node's queue had no room, and times that the controller's own places had none: then one
-    /// frame was lost, or more.
+    /// Received CAN frames for which the node's queue had no room, and times that the controller's own places
+    /// had none: then one frame was lost, or more.
     pub frames: u32,
     /// Errors that the CAN controller has found on the bus.
     pub bus_errors: u32,
@@ -59,7 +61,8 @@ pub struct Losses {
     pub bus_offs: u32,
     /// Serial lines: overruns, noise, wrong stop bits, and reads and writes that failed.
     pub line_errors: u32,
-    /// Replies and telemetry that a service line had no time for: they were not said, so that no tick had to wait for it.
+    /// Replies and telemetry that a service line had no time for: they were not said, so that no tick had to
+    /// wait for it.
     pub unsaid: u32,
 }
 

@@ -227,7 +227,8 @@ pub enum Reply {
 }
 
 impl Reply {
-    /// The refusal of a request of this kind because another one is not answered yet; none for those that only ask, which are asked again.
+    /// The refusal of a request of this kind because another one is not answered yet; none for those that
+    /// only ask, which are asked again.
     pub fn busy(kind: u8) -> Option<Self> {
         match kind {
             kind::CONFIGURE => Some(Self::Configured(Err(ConfigError::Busy))),
@@ -251,8 +252,8 @@ pub trait Body: Sized {
     /// Reads a body of `kind`.
     ///
     /// # Errors
-    /// `Kind` for a kind that is not of this direction, `Length` for trailing bytes, `Value` for anything else that is
-    /// not such a body.
+    /// `Kind` for a kind that is not of this direction, `Length` for trailing bytes, `Value` for anything
+    /// else that is not such a body.
     fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal>;
 }
 

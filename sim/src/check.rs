@@ -1,7 +1,8 @@
 //! `sim-host check`: what can be said about a scenario without running it.
 //!
-//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (law.md section 4), what the emergent
-//! dynamics predict, what the sampled law itself does in f64, and whether that is what the scenario expects.
+//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (law.md
+//! section 4), what the emergent dynamics predict, what the sampled law itself does in f64, and whether that
+//! is what the scenario expects.
 
 mod actuators;
 mod assumptions;
@@ -211,8 +212,9 @@ pub fn check(scenario: &Scenario) -> Report {
     }
 }
 
-/// Part of the narrowest funnel that one exchange per tick takes, by the formula: `narrowest` over `psi_min` of the finding `narrowest-funnel`. `None` where
-/// the motion is not predicted. For who asks of thousands of scenarios: the law itself is not followed.
+/// Part of the narrowest funnel that one exchange per tick takes, by the formula: `narrowest` over `psi_min`
+/// of the finding `narrowest-funnel`. `None` where the motion is not predicted. For who asks of thousands of
+/// scenarios: the law itself is not followed.
 #[must_use]
 pub fn taken_of_narrowest(scenario: &Scenario) -> Option<f64> {
     let subject = Subject::by_formula(scenario);
@@ -269,7 +271,8 @@ fn range(low: f64, high: f64) -> String {
     if low == high { low } else { format!("{low} to {high}") }
 }
 
-/// The tick of so many seconds as a scenario has it, with two digits and not longer; none where no node takes one that short.
+/// The tick of so many seconds as a scenario has it, with two digits and not longer; none where no node takes
+/// one that short.
 fn tick_of(seconds: f64) -> Option<String> {
     let ns = tick_ns_of(seconds);
     (seconds.is_finite() && ns >= u64::from(SHORTEST_TICK_NS)).then(|| format_duration(ns))

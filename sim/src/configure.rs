@@ -69,8 +69,8 @@ impl std::error::Error for Unfit {}
 /// One configuration per node, by index.
 ///
 /// # Errors
-/// A node has more sinusoids or neighbours, or a longer tick, than a configuration has room for, or the coupling is not for
-/// nodes.
+/// A node has more sinusoids or neighbours, or a longer tick, than a configuration has room for, or the
+/// coupling is not for nodes.
 pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
     let too_long = Unfit::TooMuch { node: 1, what: "nanoseconds in a tick", limit: u32::MAX as usize };
     let time @ TimeSpec { tick_ns, round, .. } = scenario.time;
@@ -197,7 +197,8 @@ fn program(dynamics: &Dynamics) -> Program<f32> {
     }
 }
 
-/// The vector field as it travels; `None` where there is no room for it. Beside a program it is its sinusoids and nothing more.
+/// The vector field as it travels; `None` where there is no room for it. Beside a program it is its sinusoids
+/// and nothing more.
 fn field(dynamics: &Dynamics) -> Option<Field<f32>> {
     match dynamics {
         Dynamics::Affine(affine) => affine_field(affine, &affine.sines),

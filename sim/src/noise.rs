@@ -5,7 +5,8 @@ use crate::scenario::Scenario;
 use funnelnet_protocol::message::Message;
 use rand_pcg::Pcg64;
 
-/// Gaussian noise on the states that nodes send: one stream per node, one draw per frame, in the order of the frames.
+/// Gaussian noise on the states that nodes send: one stream per node, one draw per frame, in the order of the
+/// frames.
 #[derive(Clone, Debug, Default)]
 pub struct Noise {
     /// Standard deviation (state units) and stream, by index; empty where there is no noise at all.

@@ -1,4 +1,5 @@
-//! What is known of a node at a tick. A last value that stands in for a measurement must not be judged as one.
+//! What is known of a node at a tick. A last value that stands in for a measurement must not be judged as
+//! one.
 
 /// What is known of a node at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,4 +1,5 @@
-//! A scenario's network in a test of your own: the node of the firmware, on a simulated bus, with fields and plants that you write.
+//! A scenario's network in a test of your own: the node of the firmware, on a simulated bus, with fields and
+//! plants that you write.
 
 mod field;
 mod network;
@@ -74,7 +75,8 @@ impl<'s> Simulation<'s> {
         }
     }
 
-    /// Runs the next tick of all nodes and gives its number, from 0 on; `None` after the last one of the scenario.
+    /// Runs the next tick of all nodes and gives its number, from 0 on; `None` after the last one of the
+    /// scenario.
     pub fn step(&mut self) -> Option<u64> {
         let k = self.next;
         if k > self.scenario.time.ticks {
@@ -132,7 +134,8 @@ impl<'s> Simulation<'s> {
         Verdict { findings, checks, stops }
     }
 
-    /// Observations of the node with this id at the last tick, component by component; empty for an id that is not there.
+    /// Observations of the node with this id at the last tick, component by component; empty for an id that
+    /// is not there.
     #[must_use]
     pub fn node(&self, id: u16) -> &[Observation<f32>] {
         let components = self.scenario.components();
@@ -149,7 +152,8 @@ impl<'s> Simulation<'s> {
 }
 
 impl<'s> Setup<'s> {
-    /// Gives the node with this id a vector field in place of the scenario's, as `funnelnet_node::Fixed` does on a board.
+    /// Gives the node with this id a vector field in place of the scenario's, as `funnelnet_node::Fixed` does
+    /// on a board.
     ///
     /// An id that is not in the scenario is refused by [`Self::start`].
     #[must_use]
@@ -157,7 +161,8 @@ impl<'s> Setup<'s> {
         self.with(id, move |config| made(config, &Fixed(field.clone())), None)
     }
 
-    /// Gives the node with this id a plant, the same that a board has: the node samples and drives it, and its model is the node's field.
+    /// Gives the node with this id a plant, the same that a board has: the node samples and drives it, and
+    /// its model is the node's field.
     #[must_use]
     pub fn plant<P: Plant + 'static>(self, id: u16, plant: P) -> Self
     where

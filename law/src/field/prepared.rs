@@ -43,8 +43,9 @@ pub enum PreparedField<F, I = NoInputs> {
 }
 
 impl<F: Real> PreparedField<F> {
-    /// Prepares a validated field and program for tick period `tick` (s). A program, where there is one, is the whole field, and reads the
-    /// sinusoids by their index. The numbers are f32, as they travel, whatever `F` is.
+    /// Prepares a validated field and program for tick period `tick` (s). A program, where there is one, is
+    /// the whole field, and reads the sinusoids by their index. The numbers are f32, as they travel, whatever
+    /// `F` is.
     #[must_use]
     pub fn new(field: &Field<f32>, program: &Program<f32>, tick: f64) -> Self {
         Self::with_inputs(field, program, tick, NoInputs)
@@ -89,7 +90,8 @@ pub struct Expression<F, I = NoInputs> {
     ends: Vec<u8, MAX_COMPONENTS>,
     constants: Vec<F, MAX_CONSTANTS>,
     phasors: Vec<Phasor<F>, MAX_SINES>,
-    /// `T / 2` in s as a fraction in its lowest terms: as many ticks as possible have the number nearest to their time.
+    /// `T / 2` in s as a fraction in its lowest terms: as many ticks as possible have the number nearest to
+    /// their time.
     half_tick: (u64, F),
     inputs: I,
 }

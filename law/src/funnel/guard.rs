@@ -3,11 +3,12 @@
 use super::Widths;
 use crate::math::Real;
 
-/// Ticks over which a guard grows from nothing: a start near the edge gets worse by a guard that is there at once.
+/// Ticks over which a guard grows from nothing: a start near the edge gets worse by a guard that is there at
+/// once.
 pub const GROWN_AFTER: u32 = 100;
 
-/// A law with guard `delta` runs in `(1 - delta) psi`, and is judged by `psi`. At all nodes alike it leaves the emergent dynamics as they are,
-/// which depend on the ratios of the funnels only.
+/// A law with guard `delta` runs in `(1 - delta) psi`, and is judged by `psi`. At all nodes alike it leaves
+/// the emergent dynamics as they are, which depend on the ratios of the funnels only.
 ///
 /// ```
 /// use funnelnet_law::funnel::{Guard, Widths};

@@ -1,4 +1,5 @@
-//! Performance funnels `psi(t)`: as a designer draws them, in continuous time, and as a node evaluates them, tick by tick.
+//! Performance funnels `psi(t)`: as a designer draws them, in continuous time, and as a node evaluates them,
+//! tick by tick.
 
 mod guard;
 mod sampled;
@@ -77,7 +78,8 @@ pub enum Shape<F> {
         /// 1, above zero.
         power: F,
     },
-    /// `eps * psibar(t)` from `at` on; before, the exponential that joins `start` to it (paper, theorem on emergent behaviour).
+    /// `eps * psibar(t)` from `at` on; before, the exponential that joins `start` to it (paper, theorem on
+    /// emergent behaviour).
     Schedule {
         /// Width at `t = 0`, above zero.
         start: F,
@@ -295,8 +297,8 @@ impl Funnel<f64> {
     }
 }
 
-/// `(start - end) exp(-decay) + end`. Where it widens as a sum of two terms that are zero or more: the difference would cancel, to zero for a
-/// start below an ulp of the end.
+/// `(start - end) exp(-decay) + end`. Where it widens as a sum of two terms that are zero or more: the
+/// difference would cancel, to zero for a start below an ulp of the end.
 fn between(start: f64, end: f64, decay: f64) -> f64 {
     if end > start {
         start * math::exp(-decay) - end * math::exp_m1(-decay)
@@ -305,7 +307,8 @@ fn between(start: f64, end: f64, decay: f64) -> f64 {
     }
 }
 
-/// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then has a width still.
+/// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then
+/// has a width still.
 fn joined(eps: f64, then: Normalised<f64>, at: f64) -> f64 {
     (eps * then.width(at)).max(f64::TINY)
 }

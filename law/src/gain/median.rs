@@ -5,10 +5,12 @@ use super::{GainFunction, Reciprocal, Solution};
 use crate::math::Real;
 use crate::range::{Allowed, INPUT, Parameter, SMALLEST};
 
-/// The gain of the distributed median (paper, Section "Finding median agent"): a reciprocal one whose inverse meets
-/// `mu^-1(s) >= 1 - eps` for `s >= eta` (paper, (27), beta_bound) with equality, `scale = eta eps / (1 - eps)`.
+/// The gain of the distributed median (paper, Section "Finding median agent"): a reciprocal one whose inverse
+/// meets `mu^-1(s) >= 1 - eps` for `s >= eta` (paper, (27), beta_bound) with equality,
+/// `scale = eta eps / (1 - eps)`.
 ///
-/// The result is within `eta` of the weighted median (paper, Lemma med) if `eps < 2 / (N + 1)` and all funnels are equal.
+/// The result is within `eta` of the weighted median (paper, Lemma med) if `eps < 2 / (N + 1)` and all
+/// funnels are equal.
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, Median};

@@ -1,4 +1,5 @@
-//! The gains that have a name: the one list that wire, node, scenario, `check`, emergent dynamics and reference share.
+//! The gains that have a name: the one list that wire, node, scenario, `check`, emergent dynamics and
+//! reference share.
 //!
 //! A new gain is a file beside this one, and a row at the end of this list.
 
@@ -31,7 +32,8 @@ pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
         F::ZERO
     }
 
-    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in state units / s.
+    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in
+    /// state units / s.
     ///
     /// The default scales the first parameter, in which most gains are linear.
     fn reaching(&self, gap: F, u: F) -> Option<Self>;
@@ -39,8 +41,8 @@ pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
 
 macro_rules! gains {
     ($($(#[$doc:meta])* $variant:ident { $($field:ident),+ }),+ $(,)?) => {
-        /// A gain `mu(s) = gamma(|s|) s`, state units / s, for `s` in (-1, 1). Its parameters are documented at the structs of the same
-        /// names.
+        /// A gain `mu(s) = gamma(|s|) s`, state units / s, for `s` in (-1, 1). Its parameters are documented
+        /// at the structs of the same names.
         ///
         /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
         #[derive(Clone, Copy, Debug, PartialEq)]
@@ -174,7 +176,8 @@ impl<F: Real> Gain<F> {
         with!(self, gain => gain.linear_up_to())
     }
 
-    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in state units / s.
+    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in
+    /// state units / s.
     ///
     /// ```
     /// use funnelnet_law::Gain;

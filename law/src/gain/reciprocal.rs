@@ -21,7 +21,8 @@ pub struct Reciprocal<F> {
 }
 
 impl<F: Real> GainFunction<F> for Reciprocal<F> {
-    /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the quotient does not.
+    /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the
+    /// quotient does not.
     #[inline]
     fn inverse(&self, u: F) -> F {
         let (size, sum) = (u.abs(), self.scale + u.abs());

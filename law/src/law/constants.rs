@@ -2,10 +2,11 @@
 
 /// `theta` = 1/2: second order in `T`.
 pub const THETA: f64 = 0.5;
-/// `c` = 2.2: above 2, which covers every weighted undirected graph (law.md 3), and 13 % more exact than 2.5 at the same
-/// robustness to loss (docs/notes/2026-11-23-first-light.md).
+/// `c` = 2.2: above 2, which covers every weighted undirected graph (law.md 3), and 13 % more exact than 2.5
+/// at the same robustness to loss (docs/notes/2026-11-23-first-light.md).
 pub const C: f64 = 2.2;
-/// `g` = 0.1: positive real on every graph up to 1/6, where the slow modes of large graphs are hardly damped (law.md 3).
+/// `g` = 0.1: positive real on every graph up to 1/6, where the slow modes of large graphs are hardly damped
+/// (law.md 3).
 pub const G: f64 = 0.1;
 
 /// Constants of a law, for callers who know more of the network than a node does.

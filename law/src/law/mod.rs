@@ -1,4 +1,5 @@
-//! Coupling laws: all of them solve (**) of law.md 3, each for an unknown of its own (docs/notes/2026-11-23-whole-paper.md).
+//! Coupling laws: all of them solve (**) of law.md 3, each for an unknown of its own
+//! (docs/notes/2026-11-23-whole-paper.md).
 
 mod constants;
 pub mod edge_wise;

@@ -6,10 +6,10 @@
 //! find u[k]:   psi(t_k + T / 2) mu^-1(u) + b u = r          (**)
 //! ```
 //!
-//! The left side is strictly increasing in `u`: there is exactly one solution for every `r`, inside the funnel or far
-//! outside it. Explicit evaluation is unstable as soon as `T mu'(s) lambda_max / psi > 2`, which a shrinking funnel always
-//! reaches (law.md 2). With `g` = 0 it is law (*) of the first edition, whose excess over the funnel is `1 / (1 - 2 g)` times
-//! as large.
+//! The left side is strictly increasing in `u`: there is exactly one solution for every `r`, inside the
+//! funnel or far outside it. Explicit evaluation is unstable as soon as `T mu'(s) lambda_max / psi > 2`,
+//! which a shrinking funnel always reaches (law.md 2). With `g` = 0 it is law (*) of the first edition, whose
+//! excess over the funnel is `1 / (1 - 2 g)` times as large.
 
 use crate::funnel::Widths;
 use crate::gain::{GainFunction, Solution};
@@ -65,7 +65,8 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         (self.b, self.look_back) = (b * share_of_b(pace), look_back.at(pace));
     }
 
-    /// Sets `g` = 0, for a node whose state is measured and does not follow from its inputs to the last digit.
+    /// Sets `g` = 0, for a node whose state is measured and does not follow from its inputs to the last
+    /// digit.
     pub fn stop_looking_back(&mut self) {
         self.look_back = self.look_back.off();
         self.usual.1 = self.look_back;
@@ -77,8 +78,8 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         self.b
     }
 
-    /// One tick: input from the diffusive term `nu`, its change `dnu` over the last tick (both state units), and the
-    /// funnel.
+    /// One tick: input from the diffusive term `nu`, its change `dnu` over the last tick (both state units),
+    /// and the funnel.
     #[inline]
     pub fn step(&self, memory: &mut Memory<F>, nu: F, dnu: F, psi: Widths<F>) -> Solution<F> {
         let last = match memory.last_input() {
@@ -90,8 +91,9 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         solution
     }
 
-    /// Stand-in for the last input where there is none: the law without memory, `psi mu^-1(u) + b u = nu`. The paper's law as it
-    /// stands would be an explicit step, which throws the states apart where the gain is steep (law.md 2).
+    /// Stand-in for the last input where there is none: the law without memory, `psi mu^-1(u) + b u = nu`.
+    /// The paper's law as it stands would be an explicit step, which throws the states apart where the gain
+    /// is steep (law.md 2).
     #[inline]
     pub(super) fn first_input(&self, nu: F, psi: Widths<F>) -> F {
         self.gain.solve(psi.ahead, self.b, nu).u

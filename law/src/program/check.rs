@@ -52,7 +52,8 @@ impl fmt::Display for BadProgram {
 impl core::error::Error for BadProgram {}
 
 impl<F: Real> Program<F> {
-    /// Checks that the program gives `components` values, and names only the first `waves` sinusoids and `inputs` inputs.
+    /// Checks that the program gives `components` values, and names only the first `waves` sinusoids and
+    /// `inputs` inputs.
     ///
     /// # Errors
     /// The first thing that is wrong.

@@ -1,8 +1,10 @@
-//! Vector fields that are written as expressions: `-x + 3*tanh(x) + 2*sin(0.5*t)` as a program for a small stack machine.
+//! Vector fields that are written as expressions: `-x + 3*tanh(x) + 2*sin(0.5*t)` as a program for a small
+//! stack machine.
 //!
-//! A [`Program`] is what travels: one byte for each [`Operation`], and the constants that it names. [`Program::check`] says whether it can
-//! run, once; running it ([`run`]) is then bounded, has a stack of fixed depth and cannot fail. It is written for any [`Real`](crate::math::Real), so that the
-//! same program gives f32 on a node, f64 in a reference, and derivatives where the number is a dual one.
+//! A [`Program`] is what travels: one byte for each [`Operation`], and the constants that it names.
+//! [`Program::check`] says whether it can run, once; running it ([`run`]) is then bounded, has a stack of
+//! fixed depth and cannot fail. It is written for any [`Real`](crate::math::Real), so that the same program
+//! gives f32 on a node, f64 in a reference, and derivatives where the number is a dual one.
 
 mod check;
 mod machine;

@@ -1,6 +1,7 @@
 //! What a program is made of.
 
-/// One operation of a program. It pushes a value, or takes its operands from the stack and leaves the result there.
+/// One operation of a program. It pushes a value, or takes its operands from the stack and leaves the result
+/// there.
 ///
 /// Append-only: the bytes travel, so that nothing is renumbered.
 ///

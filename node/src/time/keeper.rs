@@ -1,5 +1,5 @@
-//! Keeps the time of a network on one node: hears SYNC, sends it where the node is time master, takes over from a master that has fallen silent, and knows
-//! for how long nobody may be.
+//! Keeps the time of a network on one node: hears SYNC, sends it where the node is time master, takes over
+//! from a master that has fallen silent, and knows for how long nobody may be.
 
 use super::map::Map;
 use super::servo::{Servo, Taken};
@@ -66,8 +66,8 @@ impl Rules {
         self.whole_ticks(self.period_ns / QUICKER)
     }
 
-    /// A master that was silent for so long (ns) is taken for dead: the third SYNC in a row would come next. Of several that may be master
-    /// the lowest is the first to find so; `dead` is not counted.
+    /// A master that was silent for so long (ns) is taken for dead: the third SYNC in a row would come next.
+    /// Of several that may be master the lowest is the first to find so; `dead` is not counted.
     fn patience_ns(&self, dead: Option<NodeId>) -> u64 {
         let dead = dead.is_some_and(|dead| self.masters.contains(dead) && dead < self.id);
         let rank = self.masters.before(self.id).saturating_sub(u32::from(dead));
@@ -169,8 +169,9 @@ impl Keeper {
         }
     }
 
-    /// Starts when the own clock shows `own`, which is network time `network`; tick 0 is at network time `epoch` (ns). All nodes of a network start at once, and
-    /// the first of the masters leads from tick 0 on. One that `joins` listens first.
+    /// Starts when the own clock shows `own`, which is network time `network`; tick 0 is at network time
+    /// `epoch` (ns). All nodes of a network start at once, and the first of the masters leads from tick 0 on.
+    /// One that `joins` listens first.
     pub fn start(&mut self, own: u64, network: u64, epoch: u64, joins: bool) {
         *self = Self { runs: true, epoch, ..Self::new(self.rules) };
         self.servo = Servo::new(Map::new(own, network));
@@ -217,11 +218,12 @@ impl Keeper {
         self.servo.map().rate()
     }
 
-    /// Takes a SYNC of `source`, which came when the own clock showed `stamp`, and is known now, when it shows `now` (ns).
+    /// Takes a SYNC of `source`, which came when the own clock showed `stamp`, and is known now, when it
+    /// shows `now` (ns).
     ///
     /// # Errors
-    /// The reason for refusing it: `Phase` before the start, `OwnId`, `UnknownSource` for one that is not the master to be followed, `TickWindow` for a time
-    /// that cannot be right.
+    /// The reason for refusing it: `Phase` before the start, `OwnId`, `UnknownSource` for one that is not the
+    /// master to be followed, `TickWindow` for a time that cannot be right.
     pub fn on_sync(
         &mut self,
         source: NodeId,
@@ -247,7 +249,8 @@ impl Keeper {
         }
     }
 
-    /// Whether a SYNC that came so long (ns) after the last one that was heard is the next one, so that none was lost in between.
+    /// Whether a SYNC that came so long (ns) after the last one that was heard is the next one, so that none
+    /// was lost in between.
     fn is_next(&self, passed: u64) -> bool {
         let (quick, usual) = (self.rules.quick_ns(), self.rules.whole_ticks(self.rules.period_ns));
         passed.abs_diff(quick).min(passed.abs_diff(usual)) < quick / 4
@@ -352,7 +355,8 @@ impl Keeper {
         (!self.is_alone).then(|| self.heard_at.saturating_add(self.rules.patience_ns(dead)))
     }
 
-    /// Does what is due when the own clock shows `now` (ns), and gives the next thing to be done; call it until it gives `None`.
+    /// Does what is due when the own clock shows `now` (ns), and gives the next thing to be done; call it
+    /// until it gives `None`.
     pub fn poll(&mut self, now: u64) -> Option<Output> {
         if !self.runs {
             return None;

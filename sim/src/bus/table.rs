@@ -1,4 +1,5 @@
-//! What a CAN bus carried, by identifier: the same table for loopback, for a bench by its log, and as `check` computes it.
+//! What a CAN bus carried, by identifier: the same table for loopback, for a bench by its log, and as `check`
+//! computes it.
 
 use crate::number_format::significant;
 use funnelnet_can_bus::table::{Latencies, Row};
@@ -18,7 +19,8 @@ pub struct BusTable {
     pub interface: String,
     /// Nominal bit rate, bit/s.
     pub bitrate: Option<u32>,
-    /// Share of the time that it was busy, from each start of frame to the end of the intermission, error frames included, 0 to 1.
+    /// Share of the time that it was busy, from each start of frame to the end of the intermission, error
+    /// frames included, 0 to 1.
     pub utilisation: Option<f64>,
     /// Attempts to send that ended in an error.
     pub error_frames: Option<u64>,
@@ -32,7 +34,8 @@ pub struct BusTable {
     pub bus_off: Option<u64>,
     /// Frames that were never sent, for want of room: the next one took their place.
     pub unsent: Option<u64>,
-    /// What latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when SYNC of its tick was on the bus.
+    /// What latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when SYNC of
+    /// its tick was on the bus.
     pub latency_from: Option<&'static str>,
     /// By identifier, the most urgent first.
     pub identifiers: Vec<IdentifierRow>,
@@ -72,7 +75,8 @@ pub struct LatencyRow {
     pub max: f64,
 }
 
-/// One per bus, in the order of the bench file: an object where there is one, an array where there are several.
+/// One per bus, in the order of the bench file: an object where there is one, an array where there are
+/// several.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BusTables(pub Vec<BusTable>);
 

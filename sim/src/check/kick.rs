@@ -69,7 +69,8 @@ pub(super) fn largest(scenario: &Scenario) -> (usize, f64) {
     }))
 }
 
-/// How fast the fields move what each node keeps in its funnel: its diffusive term, or that of its worst edge.
+/// How fast the fields move what each node keeps in its funnel: its diffusive term, or that of its worst
+/// edge.
 fn drifts(scenario: &Scenario, fields: &[f64]) -> Vec<f64> {
     if scenario.coupling != Coupling::EdgeWise {
         return scenario.graph.diffusive_terms(fields);

@@ -29,7 +29,8 @@ pub(super) fn resolve(
     if written.iter().all(Option::is_none) {
         return;
     }
-    // Each edge has one of its own: of an edge, and of its neighbours' edges, nothing sharper is known than 2.
+    // Each edge has one of its own: of an edge, and of its neighbours' edges, nothing sharper is known than
+    // 2.
     let lambda_max = if coupling == Coupling::EdgeWise { Some(2.0) } else { largest_eigenvalue(graph) };
     for (node, item) in nodes.iter_mut().zip(written) {
         match item.map_or(Ok(C), |item| read(item, lambda_max)) {

@@ -3,20 +3,23 @@
 use crate::judge::{Check, Findings, Stop};
 use std::fmt;
 
-/// Verdict on a simulation, by the judge of the command: by the true states of all nodes and the scenario's funnels, not by what nodes believe.
+/// Verdict on a simulation, by the judge of the command: by the true states of all nodes and the scenario's
+/// funnels, not by what nodes believe.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Verdict {
     /// Figures that the judge found.
     pub findings: Findings,
-    /// Checks that every run has to pass: all ticks, no stop but those that the scenario allows, every node heard, no funnel floored, every figure a number.
+    /// Checks that every run has to pass: all ticks, no stop but those that the scenario allows, every node
+    /// heard, no funnel floored, every figure a number.
     pub checks: Vec<Check>,
     /// Nodes that stopped by themselves, in the order in which they did.
     pub stops: Vec<Stop>,
 }
 
 impl Verdict {
-    /// Whether the guarantee held: all checks passed, and every diffusive term was known and inside its funnel, except at ticks at which the scenario's events allow more.
+    /// Whether the guarantee held: all checks passed, and every diffusive term was known and inside its
+    /// funnel, except at ticks at which the scenario's events allow more.
     #[must_use]
     pub fn holds(&self) -> bool {
         self.reasons().is_empty()
