@@ -45,7 +45,7 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub round: u8,
     /// The slow start. With one, the field is prepared for an eighth of a tick.
     pub start: SlowStart,
-    /// What makes the node tick.
+    /// Source of the node's ticks.
     pub tick_source: TickSource,
     /// Initial state, state units, 1 to 8 components.
     pub initial_state: State<F>,
@@ -63,13 +63,13 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub guard: Guard<F>,
     /// The largest `|u|`, state units / s.
     pub input_limit: F,
-    /// What an actuator can do, where that is said.
+    /// Limits of the actuator, where they are given.
     pub limits: Option<InputRange>,
     /// The largest change of an extrapolated neighbour in a round, state units.
     pub slope_limit: F,
-    /// What rounding leaves of the funnel.
+    /// Floor of the funnel, below which rounding leaves nothing of it.
     pub floor: Floor<F>,
-    /// What to do outside the funnel.
+    /// Policy outside the funnel.
     pub on_breach: OnBreach<F>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
     pub extrapolate_ticks: u32,

@@ -11,10 +11,10 @@ use std::fmt;
 
 /// States beyond this are refused by every node, state units.
 const STATE_LIMIT: f32 = 1e9;
-/// How the nodes of a run are driven.
+/// Drive of the nodes of a run: what makes them tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drive {
-    /// What makes them tick.
+    /// Source of the nodes' ticks.
     pub tick_source: TickSource,
     /// Ticks between telemetry frames; 0 is none.
     pub telemetry_every: u32,
@@ -122,7 +122,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
     scenario.nodes.iter().enumerate().map(config).collect()
 }
 
-/// The same for weakly-centralised coupling, which is simulated with the parameters of node-wise coupling.
+/// Configurations for weakly centralised coupling, which is simulated with the parameters of node-wise coupling.
 ///
 /// # Errors
 /// As [`node_configs`].
@@ -142,7 +142,7 @@ fn edge_counts(scenario: &Scenario) -> Vec<u8> {
     counts
 }
 
-/// Who accepts the frames of each node, by index: its neighbours.
+/// Nodes that accept the frames of each node, by index: its neighbours.
 pub fn listeners(scenario: &Scenario) -> Vec<Vec<usize>> {
     let mut listeners = vec![Vec::new(); scenario.nodes.len()];
     for edge in &scenario.graph.edges {

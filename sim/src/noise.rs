@@ -39,7 +39,7 @@ impl Noise {
         }
     }
 
-    /// What others measure of the state `x` (state units) of node `index`.
+    /// State that others measure for the state `x` (state units) of node `index`.
     pub fn measure(&mut self, index: usize, x: f32) -> f32 {
         match self.nodes.get_mut(index) {
             Some((deviation, stream)) if *deviation > 0.0 => {

@@ -112,7 +112,7 @@ pub struct Funnel<F> {
 }
 
 impl<F: Copy> Normalised<F> {
-    /// The same with numbers of another type, each changed by `convert`.
+    /// The same funnel with numbers of another type, each changed by `convert`.
     #[must_use]
     pub fn map<G>(self, convert: impl Fn(F) -> G) -> Normalised<G> {
         match self {
@@ -134,7 +134,7 @@ where
 }
 
 impl<F: Copy> Funnel<F> {
-    /// The same with numbers of another type, each changed by `convert`.
+    /// The same funnel with numbers of another type, each changed by `convert`.
     #[must_use]
     pub fn map<G>(self, convert: impl Fn(F) -> G) -> Funnel<G> {
         let shape = match self.shape {
@@ -287,7 +287,7 @@ impl Funnel<f64> {
         }
     }
 
-    /// Where a schedule joins its parts (s), which is where one that widens first is widest.
+    /// Time at which a schedule joins its parts (s); one that widens first is widest there.
     #[must_use]
     pub fn join(&self) -> Option<f64> {
         match self.shape {

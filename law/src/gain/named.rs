@@ -190,7 +190,7 @@ impl<F: Real> Gain<F> {
         with!(self, gain => gain.reaching(gap, u).map(Self::from))
     }
 
-    /// The same function in the form that costs least at every tick: the median gain is a reciprocal one.
+    /// Form of the same gain that costs least at every tick: the median gain becomes a reciprocal one.
     ///
     /// ```
     /// use funnelnet_law::Gain;

@@ -12,7 +12,7 @@ const SHOWN: usize = 10;
 /// Identifiers that won over another one, for each: the most frequent.
 const WINNERS: usize = 3;
 
-/// One bus. What is not known of it is `null`: a log does not say who lost an arbitration, nor what waited.
+/// Table of one bus. What is not known is `null`: a log does not say who lost an arbitration, nor what waited.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct BusTable {
     /// Its name.
@@ -28,20 +28,20 @@ pub struct BusTable {
     pub fifo_overflows: Option<u64>,
     /// Frames that a driver's queue had no room for.
     pub queue_overflows: Option<u64>,
-    /// How often a controller became error-passive.
+    /// Number of times that a controller became error-passive.
     pub error_passive: Option<u64>,
-    /// How often a controller went off the bus.
+    /// Number of times that a controller went off the bus.
     pub bus_off: Option<u64>,
     /// Frames that were never sent, for want of room: the next one took their place.
     pub unsent: Option<u64>,
-    /// What latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when SYNC of
+    /// Instant that latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when SYNC of
     /// its tick was on the bus.
     pub latency_from: Option<&'static str>,
-    /// By identifier, the most urgent first.
+    /// Rows by identifier, the most urgent first.
     pub identifiers: Vec<IdentifierRow>,
 }
 
-/// One identifier.
+/// Row of one identifier.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct IdentifierRow {
     /// Identifier, three hexadecimal digits, or eight.
@@ -98,7 +98,7 @@ impl Serialize for BusTables {
 }
 
 impl BusTable {
-    /// What a simulated bus knows: all of it.
+    /// Table of a simulated bus, which knows all of it.
     #[must_use]
     pub fn of_simulation(table: &Table, unsent: &BTreeMap<Id, u64>) -> Self {
         // What was never sent at all has no row.
@@ -140,7 +140,7 @@ impl BusTable {
         }
     }
 
-    /// What a log says.
+    /// Table of what a log says.
     #[must_use]
     pub fn of_log(table: &Table) -> Self {
         let identifiers = table.rows().map(|(id, row)| IdentifierRow::new(id, row)).collect();

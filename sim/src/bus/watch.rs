@@ -62,12 +62,12 @@ impl Watch {
         event
     }
 
-    /// What a log holds of what happened since the last call.
+    /// Records for a log of what happened since the last call.
     pub fn take_records(&mut self) -> Vec<Record> {
         self.records.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// What was carried so far.
+    /// Table of what was carried so far.
     pub fn table(&self) -> &Table {
         &self.table
     }

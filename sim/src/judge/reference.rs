@@ -4,7 +4,7 @@
 use crate::reference::ReferenceSolution;
 use serde::Serialize;
 
-/// How far from the continuous-time reference, in state units.
+/// Distance to the continuous-time reference, in state units.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ReferenceSummary {
     /// Over all nodes and ticks.

@@ -5,7 +5,7 @@ use crate::emergent::EmergentTrajectory;
 use crate::extremes::larger;
 use crate::scenario::{Scenario, Window};
 
-/// What a window came to; `None` where nothing could be measured in it.
+/// Figures of a window; `None` where nothing could be measured in it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WindowFigures {
     /// The largest true `|nu| / psi`.

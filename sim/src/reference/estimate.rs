@@ -37,7 +37,7 @@ pub struct ErrorEstimate {
     /// The largest over the largest state up to then, or over the smallest that the tolerance allows for
     /// where states are smaller.
     pub share: f64,
-    /// When that was, s.
+    /// Time of the largest distance, s.
     pub at: f64,
 }
 

@@ -34,7 +34,7 @@ pub struct ReferenceSolution {
     pub max_defect: f64,
     /// Accepted steps.
     pub steps: usize,
-    /// How far the states may be from the exact solution, where that was asked for.
+    /// Estimate of the distance to the exact solution, where that was asked for.
     pub estimate: Option<ErrorEstimate>,
     /// Up to where the solution is resolved, in seconds: the last output time, or less if the run failed.
     pub resolved_until: f64,
