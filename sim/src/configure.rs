@@ -122,7 +122,8 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
     scenario.nodes.iter().enumerate().map(config).collect()
 }
 
-/// Configurations for weakly centralised coupling, which is simulated with the parameters of node-wise coupling.
+/// Configurations for weakly centralised coupling, which is simulated with the parameters of node-wise
+/// coupling.
 ///
 /// # Errors
 /// As [`node_configs`].

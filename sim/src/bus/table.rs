@@ -12,7 +12,8 @@ const SHOWN: usize = 10;
 /// Identifiers that won over another one, for each: the most frequent.
 const WINNERS: usize = 3;
 
-/// Table of one bus. What is not known is `null`: a log does not say who lost an arbitration, nor what waited.
+/// Table of one bus. What is not known is `null`: a log does not say who lost an arbitration, nor what
+/// waited.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct BusTable {
     /// Its name.
@@ -34,8 +35,8 @@ pub struct BusTable {
     pub bus_off: Option<u64>,
     /// Frames that were never sent, for want of room: the next one took their place.
     pub unsent: Option<u64>,
-    /// Instant that latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when SYNC of
-    /// its tick was on the bus.
+    /// Instant that latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when
+    /// SYNC of its tick was on the bus.
     pub latency_from: Option<&'static str>,
     /// Rows by identifier, the most urgent first.
     pub identifiers: Vec<IdentifierRow>,
