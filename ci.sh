@@ -269,6 +269,22 @@ cmd_package() { #: pack and build what can be published (dry run), and count the
     (( status == 0 ))
 }
 
+cmd_deny() { #: licences, sources and wildcard versions of everything below the workspace, firmware and fuzz targets
+    have cargo-deny || { say "SKIPPED licences and sources: no cargo-deny here; cargo install --locked cargo-deny"; return; }
+    local folder
+    for folder in . firmware fuzz; do
+        (cd "$folder" && cargo deny --locked --config "$ROOT/deny.toml" check bans licenses sources)
+    done
+}
+
+cmd_semver() { #: the interfaces of what is published against those of the last tag
+    local tag
+    tag=$(git describe --tags --abbrev=0 2>/dev/null) || { say "SKIPPED semver checks: there is no tag to compare with"; return; }
+    have cargo-semver-checks || { say "SKIPPED semver checks against $tag: no cargo-semver-checks here; cargo install --locked cargo-semver-checks"; return; }
+    # Of the whole workspace these are the crates that can be published.
+    cargo semver-checks --workspace --baseline-rev "$tag"
+}
+
 cmd_fuzz() { #: half a minute of fuzzing for each decoder, the node, the session, storage and the scenario reader
     # What fuzzing has found stays a test: the inputs of the corpus first, and then half a minute of new ones, from a fixed seed.
     fuzz/run.sh --seconds 30
@@ -598,7 +614,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name began
-    for name in setup fmt clippy doc python unit package thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
+    for name in setup fmt clippy doc python unit package deny semver thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
         say "--- $name"
         began=$SECONDS
         "cmd_$name"

@@ -1,4 +1,5 @@
-//! A node behind a serial line and perhaps on CAN, in memory: what the firmware does with its link, without a board.
+//! A node behind a serial line and perhaps on CAN, in memory: what the firmware does with its link, without a
+//! board.
 
 use funnelnet_link::Frame;
 use funnelnet_node::{Observation, Output, Session};

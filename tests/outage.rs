@@ -1,8 +1,9 @@
-//! Edges that fall silent and come back (LAW.md 9): the shipped nodes behind the engine, on a bus of which single links fail, judged by true states.
+//! Edges that fall silent and come back (law.md 9): the shipped nodes behind the engine, on a bus of which
+//! single links fail, judged by true states.
 //!
-//! "Today" is the law before the second edition, on the same nodes: law (*), no bounded input, a silent neighbour extrapolated for ten ticks,
-//! no input once all edges are gone. Rounding, first tick, floor and how a node joins are those of the shipped node in both, but that a
-//! newcomer waited for nothing.
+//! "Today" is the law before the second edition, on the same nodes: law (*), no bounded input, a silent
+//! neighbour extrapolated for ten ticks, no input once all edges are gone. Rounding, first tick, floor and
+//! how a node joins are those of the shipped node in both, but that a newcomer waited for nothing.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 #![allow(
     clippy::approx_constant,
@@ -41,7 +42,8 @@ const TODAY_EXTRAPOLATES: u8 = 10;
 pub enum Outage {
     /// Nothing.
     None,
-    /// Each edge is silent for 50 ticks every 3 s, both ways, each at a time of its own: a cable that wobbles.
+    /// Each edge is silent for 50 ticks every 3 s, both ways, each at a time of its own: a cable that
+    /// wobbles.
     Wobble,
     /// Each way of each edge loses bursts of 20 ticks on average, a tenth of the time.
     Bursts,
@@ -260,8 +262,8 @@ fn params<F: Real>(config: &NodeConfig, edition: Edition) -> Params<F> {
 /// The tick of the last state that each way of an edge has carried, by sender and receiver.
 type Carried = Rc<RefCell<BTreeMap<(usize, usize), u64>>>;
 
-/// Has a node without edges lose its input at once, as before the second edition: by a coupling of none for as long. The node that restarts
-/// is never without edges once it has joined.
+/// Has a node without edges lose its input at once, as before the second edition: by a coupling of none for
+/// as long. The node that restarts is never without edges once it has joined.
 struct Today {
     configs: Vec<NodeConfig>,
     carried: Carried,
@@ -306,7 +308,8 @@ struct Link {
 
 /// Ticks of a wobble, and from one to the next.
 const WOBBLE: (u64, u64) = (50, 3_000);
-/// Probabilities that a good link turns bad at a tick, and that a bad one turns good: bad for a tenth of the time, 20 ticks on average.
+/// Probabilities that a good link turns bad at a tick, and that a bad one turns good: bad for a tenth of the
+/// time, 20 ticks on average.
 const TO_BAD: f64 = 1.0 / 180.0;
 const TO_GOOD: f64 = 1.0 / 20.0;
 
@@ -381,7 +384,8 @@ impl Medium for Failing {
     }
 }
 
-/// Judges by the states that nodes have, and by the scenario's funnel. A node that is off, or only listens, has no edges.
+/// Judges by the states that nodes have, and by the scenario's funnel. A node that is off, or only listens,
+/// has no edges.
 struct Judge<'s> {
     scenario: &'s Scenario,
     end: Option<u64>,

@@ -1,5 +1,5 @@
-//! The world of a bench in virtual time: nodes in memory, and lines on which frames take their time and may come to harm. It does what the
-//! conductor asks for, as `sim_host::hub` does on real lines.
+//! The world of a bench in virtual time: nodes in memory, and lines on which frames take their time and may
+//! come to harm. It does what the conductor asks for, as `sim_host::hub` does on real lines.
 
 use crate::board::{Board, Said};
 use funnelnet_link::Frame;
@@ -180,7 +180,8 @@ impl<F: Fate> World<F> {
         }
     }
 
-    /// Carries a frame from a node, or from the host, to all others on a bus, and to the host, who hears itself.
+    /// Carries a frame from a node, or from the host, to all others on a bus, and to the host, who hears
+    /// itself.
     fn broadcast(&mut self, bus: usize, from: Option<usize>, frame: PortFrame) {
         let at = self.now + self.travel;
         let bus = &mut self.buses[bus];

@@ -28,7 +28,8 @@ pub struct Platform<W, C, G> {
 
 /// A node: a session on a link, with a storage and a plant, on a platform.
 ///
-/// What is large is passed by reference: a future that holds it is moved through the stack whenever another one awaits it.
+/// What is large is passed by reference: a future that holds it is moved through the stack whenever another
+/// one awaits it.
 pub struct App<'a, P: Plant, L, S, W, C, G> {
     session: &'a mut SessionOf<P>,
     link: &'a mut L,
@@ -71,7 +72,8 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         self.guard.start();
     }
 
-    /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank, and can be commissioned anew.
+    /// A node that has been commissioned is ready at once. One whose configuration cannot be used is blank,
+    /// and can be commissioned anew.
     async fn restore(&mut self) {
         self.session.note_key(self.storage.has_key().await);
         self.storage.load(self.session.config_buffer()).await;
@@ -104,7 +106,8 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         self.look();
     }
 
-    /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is configured anew.
+    /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is
+    /// configured anew.
     fn on_change(&mut self, change: Change) {
         self.log.link(change, self.link.health());
         if let Change::Off { count, .. } = change {
@@ -112,7 +115,8 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         }
     }
 
-    /// Puts everything that the session has to say on the link, into the log and into the storage, and does what it asks of the plant.
+    /// Puts everything that the session has to say on the link, into the log and into the storage, and does
+    /// what it asks of the plant.
     async fn drain(&mut self) {
         loop {
             let now = self.clock.now();

@@ -1,5 +1,6 @@
-//! A load for counting instructions: nodes of degree 4 on a bus, a state of each in each tick. `busy_bus TICKS [NODES [losses]]`
-//! prints what was carried; with `losses`, lost arbitrations are reported too.
+//! A load for counting instructions: nodes of degree 4 on a bus, a state of each in each tick.
+//! `busy_bus TICKS [NODES [losses]]` prints what was carried; with `losses`, lost arbitrations are reported
+//! too.
 
 use funnelnet_can_bus::{BitRate, Bus, Event, Filter, Frame, Id, Order, Quiet, Timing, What};
 

@@ -13,7 +13,8 @@ use std::time::Duration;
 
 /// LINKTYPE_CAN_SOCKETCAN.
 const CAN: u32 = 227;
-/// Times are in units of 10^-9 s. `pcap-file` writes nanoseconds whatever an interface says, and readers take them for microseconds without this.
+/// Times are in units of 10^-9 s. `pcap-file` writes nanoseconds whatever an interface says, and readers take
+/// them for microseconds without this.
 const NANOSECONDS: u8 = 9;
 /// Identifier, length, flags and two reserved bytes.
 const HEADER: usize = 8;

@@ -1,4 +1,5 @@
-//! A CAN controller as its driver sees it: transmit buffers, acceptance filter, receive FIFO, and what it lost.
+//! A CAN controller as its driver sees it: transmit buffers, acceptance filter, receive FIFO, and what it
+//! lost.
 
 use crate::filter::Filter;
 use crate::frame::Frame;

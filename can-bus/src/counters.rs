@@ -4,7 +4,8 @@
 const PASSIVE_ABOVE: u16 = 127;
 /// Transmit error counter above which it is off the bus.
 const OFF_ABOVE: u16 = 255;
-/// The standard allows 119 to 127: what the receive error counter becomes when a passive receiver hears a frame.
+/// The standard allows 119 to 127: what the receive error counter becomes when a passive receiver hears a
+/// frame.
 const RECEIVE_AFTER_PASSIVE: u16 = 119;
 /// Where a receive error counter stops, as one of eight bits does.
 const LARGEST_RECEIVE: u16 = 255;

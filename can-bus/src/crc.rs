@@ -26,7 +26,8 @@ const fn step_15(crc: u16, bit: bool) -> u16 {
     if (crc >> 14 & 1 == 1) == bit { shifted } else { shifted ^ POLYNOMIAL_15 }
 }
 
-/// CRC-15 of `bytes` bytes, the last ones of `bits`. It begins with zero, so zeros before the first one change nothing.
+/// CRC-15 of `bytes` bytes, the last ones of `bits`. It begins with zero, so zeros before the first one
+/// change nothing.
 pub(crate) fn crc_15(bits: u128, bytes: u32) -> u16 {
     bits.to_be_bytes()[BYTES - bytes as usize..]
         .iter()
@@ -47,7 +48,8 @@ impl Crc {
         Self { polynomial: POLYNOMIAL_15 as u32, width: 15, value: 0 }
     }
 
-    /// CRC-17, for CAN FD up to 16 bytes. CAN FD begins with a one in the first place, or leading zeros would not be covered.
+    /// CRC-17, for CAN FD up to 16 bytes. CAN FD begins with a one in the first place, or leading zeros would
+    /// not be covered.
     pub(crate) const fn of_short_fd() -> Self {
         Self { polynomial: 0x1_685B, width: 17, value: 1 << 16 }
     }
@@ -88,7 +90,8 @@ mod tests {
         crc.value()
     }
 
-    /// Check values of the catalogue of parametrised CRC algorithms (CRC-15/CAN, CRC-17/CAN-FD, CRC-21/CAN-FD begin with zero there).
+    /// Check values of the catalogue of parametrised CRC algorithms (CRC-15/CAN, CRC-17/CAN-FD, CRC-21/CAN-FD
+    /// begin with zero there).
     #[test]
     fn the_digits_give_the_values_of_the_catalogue() {
         let digits = b"123456789";

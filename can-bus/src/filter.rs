@@ -5,8 +5,8 @@ use crate::frame::{Id, LARGEST_BASE};
 /// Words of a set of 11-bit identifiers.
 const WORDS: usize = (LARGEST_BASE as usize + 1) / 64;
 
-/// An acceptance filter. What it does not keep is acknowledged all the same. How many identifiers and masks the filter banks of a chip hold is
-/// not modelled.
+/// An acceptance filter. What it does not keep is acknowledged all the same. How many identifiers and masks
+/// the filter banks of a chip hold is not modelled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Filter {
     base: [u64; WORDS],

@@ -196,8 +196,9 @@ impl Frame {
         matches!(self.kind, Kind::Fd { .. })
     }
 
-    /// Order of arbitration: of two frames that begin at the same time, the one with the smaller number goes on. Its bits are those of the
-    /// arbitration field with the identifier extension bit, in the order in which they are sent.
+    /// Order of arbitration: of two frames that begin at the same time, the one with the smaller number goes
+    /// on. Its bits are those of the arbitration field with the identifier extension bit, in the order in
+    /// which they are sent.
     pub fn priority(&self) -> u32 {
         let remote = u32::from(self.kind == Kind::Remote);
         match self.id {
@@ -250,7 +251,8 @@ mod tests {
         assert!(Frame::fd(Id::Base(0x7FF), &[0; 64], true).is_ok());
     }
 
-    /// ISO 11898-1: a base frame wins over an extended one with the same first 11 bits, and data over a remote frame with the same identifier.
+    /// ISO 11898-1: a base frame wins over an extended one with the same first 11 bits, and data over a
+    /// remote frame with the same identifier.
     #[test]
     fn arbitration_is_by_the_bits_as_they_are_sent() {
         let frames = [

@@ -33,8 +33,8 @@ const FIXED_EVERY: u32 = 4;
 pub struct Length {
     /// Bits at the nominal rate.
     pub nominal: u32,
-    /// Bits at the faster rate. The bit that switches to it, and the delimiter that switches back, change within: together they last as long
-    /// as one of each, so one counts here and one there.
+    /// Bits at the faster rate. The bit that switches to it, and the delimiter that switches back, change
+    /// within: together they last as long as one of each, so one counts here and one there.
     pub fast: u32,
     /// Stuff bits among all, fixed ones included.
     pub stuffed: u32,
@@ -64,7 +64,8 @@ impl Length {
 pub(crate) fn header(frame: &Frame, passive: bool) -> (u128, u32) {
     let dlc = u64::from(frame.dlc());
     let remote = u64::from(frame.kind() == Kind::Remote);
-    // From the bit after the identifier on: RTR or RRS; with a base identifier IDE; FDF; then a reserved bit or the rest of CAN FD's.
+    // From the bit after the identifier on: RTR or RRS; with a base identifier IDE; FDF; then a reserved bit
+    // or the rest of CAN FD's.
     let (tail, length) = match (frame.kind(), frame.id()) {
         (Kind::Fd { switch }, id) => {
             let control = 0b10 << 6 | u64::from(switch) << 5 | u64::from(passive) << 4 | dlc;
@@ -133,7 +134,8 @@ mod tests {
         assert_eq!((length.bits(), length.stuffed, length.fast), (117, 6, 0));
     }
 
-    /// The worst case of Davis et al., Real-Time Systems 35 (2007): a stuff bit after the first five bits and each four more.
+    /// The worst case of Davis et al., Real-Time Systems 35 (2007): a stuff bit after the first five bits and
+    /// each four more.
     #[test]
     fn no_frame_is_longer_than_the_worst_case() {
         let longest = |id: Id, bytes: usize| {
@@ -147,7 +149,8 @@ mod tests {
         }
     }
 
-    /// Without a switch all bits are nominal; with one the same bits, or one more where the bit itself makes a run.
+    /// Without a switch all bits are nominal; with one the same bits, or one more where the bit itself makes
+    /// a run.
     #[test]
     fn a_switch_moves_bits_to_the_faster_rate() {
         let of = |switch| Length::of(&Frame::fd(Id::Base(0x555), &[0x55; 8], switch).unwrap(), false);

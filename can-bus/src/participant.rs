@@ -1,4 +1,5 @@
-//! What a controller does on the bus in each bit (ISO 11898-1): idle, in a frame, in an error or overload frame, off.
+//! What a controller does on the bus in each bit (ISO 11898-1): idle, in a frame, in an error or overload
+//! frame, off.
 
 use crate::counters::{Counters, Mode};
 use crate::frame::Frame;
@@ -128,7 +129,8 @@ impl Participant {
         self.sending.is_some()
     }
 
-    /// How long its next bit lasts, if it decides that: a flag is sent at the nominal rate, a frame as its sender does.
+    /// How long its next bit lasts, if it decides that: a flag is sent at the nominal rate, a frame as its
+    /// sender does.
     pub(crate) fn pace(&self) -> Option<Pace> {
         match (self.state, &self.sending) {
             (State::Flag { .. }, _) => Some(Pace::Nominal),

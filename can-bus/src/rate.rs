@@ -72,7 +72,8 @@ impl BitRate {
     ///
     /// # Errors
     ///
-    /// The rate is out of range, or a bit or its part before the sample point has no whole number of nanoseconds.
+    /// The rate is out of range, or a bit or its part before the sample point has no whole number of
+    /// nanoseconds.
     pub fn new(rate: u32, sample_per_mille: u32) -> Result<Self, RateError> {
         if !(SLOWEST..=FASTEST).contains(&rate) {
             return Err(RateError::Range(rate));

@@ -323,8 +323,9 @@ mod tests {
         }
     }
 
-    /// CRC-15 finds any single flipped bit; so do stuffing and form. Only three bits do not matter to a receiver: SRR or a reserved bit that the
-    /// checksum does not cover, there are none, and the slot; the last bit of the end asks for time.
+    /// CRC-15 finds any single flipped bit; so do stuffing and form. Only three bits do not matter to a
+    /// receiver: SRR or a reserved bit that the checksum does not cover, there are none, and the slot; the
+    /// last bit of the end asks for time.
     #[test]
     fn every_flipped_bit_is_found_but_the_slot() {
         for frame in frames() {

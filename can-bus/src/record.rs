@@ -1,4 +1,5 @@
-//! Frames and errors as SocketCAN has them, which is what logs hold: identifier with flags, length, data (linux/can.h, linux/can/error.h).
+//! Frames and errors as SocketCAN has them, which is what logs hold: identifier with flags, length, data
+//! (linux/can.h, linux/can/error.h).
 
 use crate::counters::{Counters, Mode};
 use crate::event::{Event, What};
@@ -43,15 +44,16 @@ pub struct Record {
 }
 
 impl Record {
-    /// What SocketCAN has of a frame or an error: identifier with its flags, flags of CAN FD, length, data. A remote frame has no data; what is
-    /// longer than a frame is cut.
+    /// What SocketCAN has of a frame or an error: identifier with its flags, flags of CAN FD, length, data. A
+    /// remote frame has no data; what is longer than a frame is cut.
     pub fn new(at: u64, id: u32, fd: Option<u8>, length: u8, bytes: &[u8]) -> Self {
         let mut data = [0; LONGEST_FD];
         data.iter_mut().zip(bytes).for_each(|(place, &byte)| *place = byte);
         Self { at, id, fd, length: length.min(LONGEST_FD as u8), data }
     }
 
-    /// The frame, and whether its sender is error-passive; none of an error, or of what no controller can send.
+    /// The frame, and whether its sender is error-passive; none of an error, or of what no controller can
+    /// send.
     pub fn frame(&self) -> Option<(Frame, bool)> {
         let raw = self.id & !(EXTENDED | REMOTE | ERROR);
         let id = match self.id & EXTENDED {
@@ -85,7 +87,8 @@ impl Record {
         Self { at, id: id | flag, fd, length: frame.length() as u8, data }
     }
 
-    /// What a log holds of an event: frames that were sent, errors, and changes of how a controller takes part.
+    /// What a log holds of an event: frames that were sent, errors, and changes of how a controller takes
+    /// part.
     pub fn of_event(event: &Event) -> Option<Self> {
         let at = event.at;
         match event.what {

@@ -1,5 +1,6 @@
-//! How long a frame waits at the worst: the analysis of fixed priorities without preemption (Davis, Burns, Bril, Lukkien: Controller Area Network
-//! schedulability analysis: refuted, revisited and revised, Real-Time Systems 35, 2007).
+//! How long a frame waits at the worst: the analysis of fixed priorities without preemption (Davis, Burns,
+//! Bril, Lukkien: Controller Area Network schedulability analysis: refuted, revisited and revised, Real-Time
+//! Systems 35, 2007).
 
 use crate::frame::Id;
 use crate::rate::Timing;
@@ -13,7 +14,8 @@ pub struct Stream {
     pub period: u64,
 }
 
-/// Bits of a data frame with as many stuff bits as there can be, intermission included: classic, of so many bytes.
+/// Bits of a data frame with as many stuff bits as there can be, intermission included: classic, of so many
+/// bytes.
 pub fn longest_classic(id: Id, bytes: u32) -> u32 {
     let (plain, stuffed) = stretches(id, bytes);
     plain + (stuffed - 1) / 4
@@ -35,8 +37,9 @@ fn stretches(id: Id, bytes: u32) -> (u32, u32) {
 /// Most frames of one stream that are looked at in one busy period.
 const MOST_FRAMES: u64 = 10_000;
 
-/// Longest time from when a frame is ready to the end of its intermission, ns, for each of `streams`, the most urgent first. `None` where the
-/// bus does not carry it: it waits longer and longer. Frames have no jitter, no errors, and a transmit buffer each.
+/// Longest time from when a frame is ready to the end of its intermission, ns, for each of `streams`, the
+/// most urgent first. `None` where the bus does not carry it: it waits longer and longer. Frames have no
+/// jitter, no errors, and a transmit buffer each.
 #[must_use]
 pub fn longest(streams: &[Stream], timing: Timing) -> Vec<Option<u64>> {
     let bit = timing.nominal().bit_ns();
@@ -52,7 +55,8 @@ fn of(streams: &[Stream], at: usize, bit: u64) -> Option<u64> {
     if load > 1.0 {
         return None;
     }
-    // From the begin of a time in which the bus is never free for a less urgent frame to its end: equation (3.7).
+    // From the begin of a time in which the bus is never free for a less urgent frame to its end: equation
+    // (3.7).
     let busy = settle(blocking + own.time, |busy| {
         let frames = urgent.iter().chain([own]).map(|stream| busy.div_ceil(stream.period) * stream.time);
         blocking + frames.sum::<u64>()
@@ -95,8 +99,9 @@ mod tests {
         Timing::classic(BitRate::new(125_000, 875).unwrap())
     }
 
-    /// The example with which Davis et al. refute the older analysis (their Table 2): at 125 kbit/s three messages of 135 bits with periods of
-    /// 2.5, 3.5 and 3.5 ms. The second frame of the last one waits longer than the first.
+    /// The example with which Davis et al. refute the older analysis (their Table 2): at 125 kbit/s three
+    /// messages of 135 bits with periods of 2.5, 3.5 and 3.5 ms. The second frame of the last one waits
+    /// longer than the first.
     #[test]
     fn the_second_frame_may_wait_longer_than_the_first() {
         let stream = |period| Stream { time: 1_000_000, period };

@@ -1,4 +1,5 @@
-//! Counting the stuff bits of ISO 11898-1 by tables: after five equal bits comes one of the other level, which counts in the next run.
+//! Counting the stuff bits of ISO 11898-1 by tables: after five equal bits comes one of the other level,
+//! which counts in the next run.
 
 /// Last bit and how many of it there were, 1 to 4 of either level: 0 to 3 dominant, 4 to 7 recessive.
 type State = u8;
@@ -16,7 +17,8 @@ struct Effect {
 /// Bytes of what is given as a number.
 const BYTES: usize = 16;
 
-/// Effects of whole bytes, by state and byte, packed: the state in the low bits, then whether a stuff bit is at the end, then their number.
+/// Effects of whole bytes, by state and byte, packed: the state in the low bits, then whether a stuff bit is
+/// at the end, then their number.
 const BYTE: [[u8; 256]; 8] = {
     let mut table = [[0; 256]; 8];
     let mut state = 0;

@@ -1,4 +1,5 @@
-//! What a bus has carried, by identifier: frames, errors, waits, latencies, and who lost the arbitration to whom.
+//! What a bus has carried, by identifier: frames, errors, waits, latencies, and who lost the arbitration to
+//! whom.
 
 use crate::counters::Mode;
 use crate::event::{Event, What};
@@ -35,7 +36,8 @@ impl Latencies {
         self.longest
     }
 
-    /// The latency that this part (per mille) of them does not exceed, ns; up to a sixteenth too long. None, if there are none.
+    /// The latency that this part (per mille) of them does not exceed, ns; up to a sixteenth too long. None,
+    /// if there are none.
     pub fn percentile(&self, per_mille: u64) -> Option<u64> {
         let wanted = (self.count * per_mille.min(1000)).div_ceil(1000).max(1);
         let mut so_far = 0;
@@ -52,7 +54,8 @@ fn class(ns: u64) -> u16 {
     (shift << FINE) as u16 + (ns >> shift) as u16
 }
 
-/// The longest latency of a class. A class above the first 32 has its leading bit in the part that is not shifted.
+/// The longest latency of a class. A class above the first 32 has its leading bit in the part that is not
+/// shifted.
 fn last_of(class: u16) -> u64 {
     let shift = (class >> FINE).saturating_sub(1);
     let first = u64::from(class - (shift << FINE));

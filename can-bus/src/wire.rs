@@ -188,7 +188,8 @@ impl Writer {
         self.stuff(Field::Checksum);
     }
 
-    /// Stuff count and checksum, with a fixed stuff bit before each four bits. One that is due by the data is replaced by the first of them.
+    /// Stuff count and checksum, with a fixed stuff bit before each four bits. One that is due by the data is
+    /// replaced by the first of them.
     fn fd_checksum(&mut self) {
         let count = stuff_count(self.stuffed);
         (0..4).rev().for_each(|at| self.crc.push(count >> at & 1 == 1));
@@ -216,7 +217,8 @@ impl Writer {
     }
 }
 
-/// The four bits of the stuff count: the number of dynamic stuff bits modulo 8 in Gray code, and a bit that makes the parity even.
+/// The four bits of the stuff count: the number of dynamic stuff bits modulo 8 in Gray code, and a bit that
+/// makes the parity even.
 pub(crate) fn stuff_count(stuffed: u32) -> u32 {
     let count = stuffed % 8;
     let gray = count ^ count >> 1;

@@ -1,4 +1,5 @@
-//! Error frames, counters, bus-off and recovery (ISO 11898-1), at the bit. All times are computed by hand from the standard's fields.
+//! Error frames, counters, bus-off and recovery (ISO 11898-1), at the bit. All times are computed by hand
+//! from the standard's fields.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_can_bus::{
@@ -93,7 +94,8 @@ fn a_lone_node_stays_error_passive_at_128_for_ever() {
     let counts: Vec<u16> = errors.iter().map(|(.., counters)| counters.transmit).take(18).collect();
     assert_eq!(counts[..16], std::array::from_fn::<u16, 16, _>(|at| 8 * (at as u16 + 1)));
     assert_eq!(counts[16..], [128, 128]);
-    // From slot to slot: flag, delimiter, intermission, suspension; then the frame to its slot, 8 bits before the end of its end.
+    // From slot to slot: flag, delimiter, intermission, suspension; then the frame to its slot, 8 bits before
+    // the end of its end.
     let to_slot = Wire::of(&alternating(), false).levels().count() as u64 - 8;
     let period = |at: usize| errors[at + 1].0 - errors[at].0;
     assert_eq!(period(3), (FLAG + DELIMITER + INTERMISSION + to_slot) * BIT);
@@ -112,9 +114,10 @@ fn with_another_node_the_same_frame_is_acknowledged() {
     assert_eq!(bus.counters(0), Counters::default());
 }
 
-/// A bit in the data, recessive between dominant ones, that all read as dominant, in each attempt. The sender's flag follows; receivers see two
-/// dominant bits and four of the flag, and mark a stuff error: ten dominant bits. A passive sender sends nothing more: the receivers see a stuff
-/// error after six recessive bits.
+/// A bit in the data, recessive between dominant ones, that all read as dominant, in each attempt. The
+/// sender's flag follows; receivers see two dominant bits and four of the flag, and mark a stuff error: ten
+/// dominant bits. A passive sender sends nothing more: the receivers see a stuff error after six recessive
+/// bits.
 const HIT_AT: u64 = 22;
 
 fn failing_attempts() -> Vec<Hit> {
@@ -193,14 +196,16 @@ fn recovery_takes_1408_bits_of_an_idle_bus() {
     let events = events(&mut bus, 3 * SECOND);
     let [event] = events[..] else { panic!("{events:?}") };
     assert_eq!(event.what, What::Mode { mode: Mode::Active, counters: Counters::default() });
-    // Bits of an idle bus have no beginning but the one of the last frame: less than one bit may pass before the first.
+    // Bits of an idle bus have no beginning but the one of the last frame: less than one bit may pass before
+    // the first.
     let bits = (event.at - now).div_ceil(BIT);
     assert_eq!(bits, 128 * 11);
     assert!(bus.send(0, alternating()));
     assert_eq!(sent_by(&self::events(&mut bus, 4 * SECOND), 0), 1);
 }
 
-/// On a bus without a gap each frame ends with eleven recessive bits, and has no other such run: it takes 128 frames.
+/// On a bus without a gap each frame ends with eleven recessive bits, and has no other such run: it takes 128
+/// frames.
 #[test]
 fn recovery_on_a_saturated_bus_takes_128_frames() {
     let mut bus = bus_with_one_off(3);
@@ -225,8 +230,9 @@ fn recovery_on_a_saturated_bus_takes_128_frames() {
     assert_eq!(sent_by(&seen[..back], 1) - restarted, 128);
 }
 
-/// Both send the same identifier at the same time, with different data: the one that sends the recessive bit sees an error. They begin again at
-/// the same time, until they are passive. Then the error of the one disturbs the other no more.
+/// Both send the same identifier at the same time, with different data: the one that sends the recessive bit
+/// sees an error. They begin again at the same time, until they are passive. Then the error of the one
+/// disturbs the other no more.
 #[test]
 fn the_same_identifier_at_the_same_time_collides_until_both_are_passive() {
     let mut bus = bus_of(3, Quiet);
@@ -257,7 +263,8 @@ fn end_of_frame() -> u64 {
     Wire::of(&alternating(), false).levels().count() as u64
 }
 
-/// Receivers take a frame at the last bit but one of its end, the sender at the last: one that is disturbed in the last bit comes twice.
+/// Receivers take a frame at the last bit but one of its end, the sender at the last: one that is disturbed
+/// in the last bit comes twice.
 #[test]
 fn a_frame_that_is_disturbed_in_its_last_bit_is_received_twice() {
     let mut bus = bus(3, vec![hit(end_of_frame() - 1, SeenBy::One(0))]);
@@ -281,7 +288,8 @@ fn a_frame_that_is_disturbed_in_its_last_bit_but_one_at_one_receiver_is_received
     assert_eq!((sent_by(&events, 0), received_by(&events, 1), received_by(&events, 2)), (1, 1, 2));
 }
 
-/// A receiver that alone reads a bit wrong marks it first: 1 for the error and 8 for the dominant bit after its flag.
+/// A receiver that alone reads a bit wrong marks it first: 1 for the error and 8 for the dominant bit after
+/// its flag.
 #[test]
 fn a_receiver_that_alone_sees_an_error_counts_nine() {
     let mut bus = bus(3, vec![hit(40, SeenBy::One(1))]);
@@ -309,7 +317,8 @@ fn a_receiver_that_alone_sees_an_error_counts_nine() {
     );
 }
 
-/// Corrupted bits make error frames and retransmission, not silent loss: whatever is hit, each frame arrives, once or (see above) twice.
+/// Corrupted bits make error frames and retransmission, not silent loss: whatever is hit, each frame arrives,
+/// once or (see above) twice.
 #[test]
 fn no_hit_loses_a_frame() {
     for seen_by in [SeenBy::All, SeenBy::One(0), SeenBy::One(1), SeenBy::One(2)] {
@@ -328,11 +337,12 @@ fn no_hit_loses_a_frame() {
     }
 }
 
-/// A passive receiver marks an error with recessive bits, and ends its error frame only after some idle bits (Bosch, CAN Specification 2.0): on
-/// a bus without a gap it hears nothing more.
+/// A passive receiver marks an error with recessive bits, and ends its error frame only after some idle bits
+/// (Bosch, CAN Specification 2.0): on a bus without a gap it hears nothing more.
 #[test]
 fn a_passive_receiver_with_an_error_of_its_own_is_deaf_on_a_saturated_bus() {
-    // Frames with this many idle bits between them, after node 2 became passive by seventeen failed frames, of which one is disturbed for it.
+    // Frames with this many idle bits between them, after node 2 became passive by seventeen failed frames,
+    // of which one is disturbed for it.
     let run = |idle: u64| {
         let length = u64::from(Length::of(&alternating(), false).bits());
         let mut hits = failing_attempts()[..17].to_vec();
@@ -362,9 +372,10 @@ fn a_passive_receiver_with_an_error_of_its_own_is_deaf_on_a_saturated_bus() {
     };
     // Two before the disturbed one, and none after it.
     assert_eq!([0, 1].map(run), [(2, 0); 2]);
-    // The wrong checksum is marked from the first bit of the end of frame on. Six bits of flag and eight of delimiter are there if four bits are
-    // idle. With three the next frame begins in the last bit of the delimiter, with four or five in the intermission after it: an overload, and
-    // the frame is sent again. With two it is one bit too early, and the same one frame later.
+    // The wrong checksum is marked from the first bit of the end of frame on. Six bits of flag and eight of
+    // delimiter are there if four bits are idle. With three the next frame begins in the last bit of the
+    // delimiter, with four or five in the intermission after it: an overload, and the frame is sent again.
+    // With two it is one bit too early, and the same one frame later.
     assert_eq!([2, 3, 4, 5].map(run), [(98, 1), (99, 1), (99, 1), (99, 1)]);
     assert_eq!([6, 20].map(run), [(99, 0); 2]);
 }

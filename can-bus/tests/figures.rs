@@ -1,5 +1,6 @@
-//! A saturated bus against the analysis of fixed-priority scheduling without preemption (Davis, Burns, Bril, Lukkien: Controller Area Network
-//! schedulability analysis, Real-Time Systems 35, 2007), and the times of single frames.
+//! A saturated bus against the analysis of fixed-priority scheduling without preemption (Davis, Burns, Bril,
+//! Lukkien: Controller Area Network schedulability analysis, Real-Time Systems 35, 2007), and the times of
+//! single frames.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_can_bus::{
@@ -20,7 +21,8 @@ struct Stream {
     time: u64,
 }
 
-/// One stream for each node, the most urgent ones with the shortest period: `period`, twice and four times that.
+/// One stream for each node, the most urgent ones with the shortest period: `period`, twice and four times
+/// that.
 fn streams(nodes: usize, period: u64, timing: Timing) -> Vec<Stream> {
     let stream = |node: usize| {
         let data: Vec<u8> = (0..8).map(|byte| (node * 37 + byte * 11) as u8).collect();
@@ -34,7 +36,8 @@ fn utilisation(streams: &[Stream]) -> f64 {
     streams.iter().map(|stream| stream.time as f64 / stream.period as f64).sum()
 }
 
-/// The streams with the shortest period, to a percent, with which the analysis still says that each frame is sent before the next one comes.
+/// The streams with the shortest period, to a percent, with which the analysis still says that each frame is
+/// sent before the next one comes.
 fn saturating(nodes: usize, timing: Timing) -> Vec<Stream> {
     let unit = 1_000_000;
     let full = utilisation(&streams(nodes, unit, timing)) * unit as f64;
@@ -45,8 +48,8 @@ fn saturating(nodes: usize, timing: Timing) -> Vec<Stream> {
     (100..).map(|percent| streams(nodes, period(percent), timing)).find(fits).unwrap()
 }
 
-/// Longest response time of each stream, most urgent first: equations (3) to (5) of Davis et al., with the arbitrary-deadline extension left out,
-/// since no response is longer than its period here.
+/// Longest response time of each stream, most urgent first: equations (3) to (5) of Davis et al., with the
+/// arbitrary-deadline extension left out, since no response is longer than its period here.
 fn analytic(streams: &[Stream]) -> Vec<u64> {
     let response = |at: usize| {
         // A frame that is less urgent may have just begun.
@@ -65,8 +68,9 @@ fn analytic(streams: &[Stream]) -> Vec<u64> {
     (0..streams.len()).map(response).collect()
 }
 
-/// Response time of the first frame of a stream, to the end of the intermission, in the worst case: the longest less urgent frame has just begun
-/// when all frames that are at least as urgent come at once, and come again with their periods.
+/// Response time of the first frame of a stream, to the end of the intermission, in the worst case: the
+/// longest less urgent frame has just begun when all frames that are at least as urgent come at once, and
+/// come again with their periods.
 fn worst(streams: &[Stream], of: usize, timing: Timing) -> u64 {
     let mut bus = Bus::new(timing, Quiet);
     for _ in 0..=streams.len() {
@@ -130,7 +134,8 @@ fn worst_latencies_of_a_saturated_bus_are_those_of_the_analysis() {
         let worst: Vec<u64> = (0..nodes).map(|node| worst(&streams, node, timing)).collect();
         let apart = |node: usize| bound[node].abs_diff(worst[node]);
         let most = (0..nodes).map(apart).max().unwrap();
-        // Within a frame was asked for; the sample point, one nanosecond after which the frames come, is all that is between them.
+        // Within a frame was asked for; the sample point, one nanosecond after which the frames come, is all
+        // that is between them.
         assert!(most < BIT, "{nodes}: {worst:?} {bound:?}");
         // Whole hyperperiods, so that the load is exact but for what is on the way at the end.
         let until = 40 * 4 * streams[0].period;
@@ -143,7 +148,8 @@ fn worst_latencies_of_a_saturated_bus_are_those_of_the_analysis() {
     }
 }
 
-/// A queue that sends what came first has longer waits than the analysis of priorities says, so the agreement above is not by itself.
+/// A queue that sends what came first has longer waits than the analysis of priorities says, so the agreement
+/// above is not by itself.
 #[test]
 fn a_transmit_fifo_breaks_the_analysis() {
     let timing = Timing::classic(rate(500_000, 875));
@@ -184,7 +190,8 @@ fn sent_at<N: Noise>(bus: &mut Bus<N>, frame: Frame) -> u64 {
     at.unwrap()
 }
 
-/// 64 bytes at 500 kbit/s and 2 Mbit/s: by hand from the length, and slower without the switch by the ratio of the rates.
+/// 64 bytes at 500 kbit/s and 2 Mbit/s: by hand from the length, and slower without the switch by the ratio
+/// of the rates.
 #[test]
 fn a_switch_of_rates_shortens_the_data() {
     let timing = Timing::fd(rate(500_000, 875), rate(2_000_000, 800)).unwrap();

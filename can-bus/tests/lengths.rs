@@ -1,5 +1,5 @@
-//! Lengths and bits of random frames against two judges that know nothing of this crate: can-utils, and a Python program that was written from
-//! the text of the standard.
+//! Lengths and bits of random frames against two judges that know nothing of this crate: can-utils, and a
+//! Python program that was written from the text of the standard.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -18,7 +18,8 @@ use support::{Random, line};
 const FRAMES: usize = 100_000;
 /// Frames of a block, of which a hash of can-utils' lengths is kept.
 const BLOCK: usize = 10_000;
-/// FNV-1a hashes of the lengths of ten blocks as `cfl_exact` of can-utils gives them (commit 95aae6b of 2026-05-12). To compute them anew:
+/// FNV-1a hashes of the lengths of ten blocks as `cfl_exact` of can-utils gives them (commit 95aae6b of
+/// 2026-05-12). To compute them anew:
 /// `CAN_UTILS=<folder with canframelen.c> cargo test -p funnelnet-can-bus --test lengths -- --ignored --nocapture`.
 const BY_CAN_UTILS: [u64; FRAMES / BLOCK] = [
     0x7d37_cc80_8a77_8998,
@@ -38,7 +39,8 @@ fn classic_frames() -> impl Iterator<Item = Frame> {
     std::iter::repeat_with(move || random.classic())
 }
 
-/// can-utils counts the data that a remote frame asks for, which are not on the bus: of remote frames it judges those of length 0.
+/// can-utils counts the data that a remote frame asks for, which are not on the bus: of remote frames it
+/// judges those of length 0.
 fn frames_for_can_utils() -> Vec<Frame> {
     classic_frames()
         .filter(|frame| frame.kind() != Kind::Remote || frame.length() == 0)
@@ -109,7 +111,8 @@ fn classic_bits_are_those_of_the_python_judge() {
 #[test]
 fn fd_bits_are_those_of_the_python_judge() {
     let frames = fd_frames();
-    // The trap: five equal bits right before the stuff count. It must be there often, or the judge judges nothing.
+    // The trap: five equal bits right before the stuff count. It must be there often, or the judge judges
+    // nothing.
     let ends_in_run = |frame: &Frame| matches!(frame.bytes().last(), Some(0x00 | 0xFF));
     assert!(frames.iter().filter(|(frame, _)| ends_in_run(frame)).count() > FRAMES / 5);
     compare(&frames);

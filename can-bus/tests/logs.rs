@@ -1,5 +1,5 @@
-//! Logs of a bus with errors in it, as other people's programs read them. They are not everywhere: `cargo test -p funnelnet-can-bus --features
-//! pcapng --test logs -- --ignored` needs can-utils and tshark.
+//! Logs of a bus with errors in it, as other people's programs read them. They are not everywhere:
+//! `cargo test -p funnelnet-can-bus --features pcapng --test logs -- --ignored` needs can-utils and tshark.
 #![cfg(feature = "pcapng")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 

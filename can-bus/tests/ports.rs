@@ -169,7 +169,8 @@ fn classic(rate: u32) -> Timing {
     Timing::classic(BitRate::new(rate, 875).unwrap())
 }
 
-/// Values of `of` as node `at` heard them, without repetitions: a frame that is disturbed in its last bit comes twice.
+/// Values of `of` as node `at` heard them, without repetitions: a frame that is disturbed in its last bit
+/// comes twice.
 fn values<F: Format>(at: &Station<F>, of: usize) -> Vec<f32> {
     let values = at.heard.iter().map(|(_, message)| value(message));
     let mut values: Vec<f32> =
@@ -213,8 +214,8 @@ fn bit_errors_lose_nothing() {
     assert!((3..30).contains(&errors), "{errors}");
 }
 
-/// A bus that cannot carry what is said: of each identifier the latest state goes, older ones are cancelled, and nobody hears an older one
-/// after a newer one.
+/// A bus that cannot carry what is said: of each identifier the latest state goes, older ones are cancelled,
+/// and nobody hears an older one after a newer one.
 #[test]
 fn on_a_bus_that_is_too_slow_the_latest_states_go() {
     let mut network = Network::<Classic, _>::new(5, classic(125_000), Quiet);
@@ -222,8 +223,8 @@ fn on_a_bus_that_is_too_slow_the_latest_states_go() {
     network.run(310 * MS);
     let heard: Vec<Vec<f32>> = (0..5).map(|of| values(&network.stations[(of + 1) % 5], of)).collect();
     assert!(heard.iter().all(|values| values.is_sorted()));
-    // Five frames of 0.76 ms in each millisecond: the most urgent one goes in each, the next one in every third, and the others once there is
-    // silence; each of their controllers holds three.
+    // Five frames of 0.76 ms in each millisecond: the most urgent one goes in each, the next one in every
+    // third, and the others once there is silence; each of their controllers holds three.
     assert_eq!(heard[0], said(0, 1, 300));
     assert!((95..110).contains(&heard[1].len()), "{}", heard[1].len());
     assert!(heard[2..].iter().all(|values| values.len() <= 4), "{heard:?}");
@@ -231,10 +232,12 @@ fn on_a_bus_that_is_too_slow_the_latest_states_go() {
     assert!((1..5).all(|of| values(&network.stations[0], of).last() == said(of, 299, 300).first()));
 }
 
-/// Every bit that node 0 sends is disturbed for itself: it goes off the bus, the port waits, restarts it, and is back.
+/// Every bit that node 0 sends is disturbed for itself: it goes off the bus, the port waits, restarts it, and
+/// is back.
 #[test]
 fn a_port_goes_off_the_bus_and_comes_back() {
-    // Each is in a frame of node 0 or of another; a flipped bit at node 0 as a receiver counts for its other counter.
+    // Each is in a frame of node 0 or of another; a flipped bit at node 0 as a receiver counts for its other
+    // counter.
     let mut left = 40;
     let noise = move || {
         left -= 1;

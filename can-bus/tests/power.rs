@@ -84,7 +84,8 @@ fn a_frame_that_has_begun_ends_and_what_waits_is_lost() {
     }
 }
 
-/// Nodes that go and come at any time, beside two that stay: both ways the same is said and heard at the same times.
+/// Nodes that go and come at any time, beside two that stay: both ways the same is said and heard at the same
+/// times.
 #[test]
 fn both_ways_say_the_same_while_nodes_go_and_come() {
     let run = |seed: u64, bit_by_bit: bool| {

@@ -1,5 +1,5 @@
-//! An undisturbed frame is one step, all else goes bit by bit. Both ways are the same bus: random traffic gives the same events, whether
-//! undisturbed frames go in one step or not.
+//! An undisturbed frame is one step, all else goes bit by bit. Both ways are the same bus: random traffic
+//! gives the same events, whether undisturbed frames go in one step or not.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 mod support;
@@ -11,7 +11,8 @@ use funnelnet_can_bus::{
 use proptest::prelude::*;
 use support::Random;
 
-/// What is compared: all but the time of a lost arbitration, which an undisturbed frame reports at its start, and what follows from the order.
+/// What is compared: all but the time of a lost arbitration, which an undisturbed frame reports at its start,
+/// and what follows from the order.
 fn comparable(events: &[Event]) -> Vec<(u64, usize, String)> {
     let mut lines: Vec<_> = events
         .iter()

@@ -33,9 +33,11 @@ impl Chip<Absent> {
         Self { uid: 0, start: Start { reset: ResetCause::Unknown, starts: 0, place: 0 }, watchdog: Absent };
 }
 
-/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it; its session is made in `session`.
+/// Runs a node on `link` that measures and drives `plant`, with what `storage` keeps for it; its session is
+/// made in `session`.
 ///
-/// Pin it where it is made, `pin!(app::run(..)).await`: else some images move it through the stack and keep room for that as long as it runs.
+/// Pin it where it is made, `pin!(app::run(..)).await`: else some images move it through the stack and keep
+/// room for that as long as it runs.
 ///
 /// # Panics
 /// `session` is taken.
@@ -76,7 +78,8 @@ impl Clock for Embassy {
         Instant::now().as_micros() * 1000
     }
 
-    /// Not as long where that is more than four seconds away. So the division is one of 32 bits, which is an instruction.
+    /// Not as long where that is more than four seconds away. So the division is one of 32 bits, which is an
+    /// instruction.
     fn wait_until(self, at: u64) -> impl Future<Output = ()> {
         let now = Instant::now();
         let wait_ns = at.saturating_sub(now.as_micros() * 1000);

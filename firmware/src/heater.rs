@@ -1,8 +1,8 @@
-//! Worked example: heaters that agree on a temperature (docs/book/src/your-own-node.md). Copy this file and change it: it is all that a
-//! node of your own needs beside the pins in `src/bin/heater.rs`.
+//! Worked example: heaters that agree on a temperature (docs/book/src/your-own-node.md). Copy this file and
+//! change it: it is all that a node of your own needs beside the pins in `src/bin/heater.rs`.
 //!
-//! A heated block with a sensor of 10 mV/K on a converter of 12 bits, and a heater of 10 W on a duty cycle. The state is the temperature in
-//! degrees C, the input is in K/s.
+//! A heated block with a sensor of 10 mV/K on a converter of 12 bits, and a heater of 10 W on a duty cycle.
+//! The state is the temperature in degrees C, the input is in K/s.
 
 use funnelnet_law::VectorField;
 use funnelnet_node::{Fixed, Model};
@@ -10,7 +10,8 @@ use funnelnet_plant::{Actuator, ActuatorScale, BadScale, Sampled, Sensor, Sensor
 
 /// What the heater does at full drive: 10 W into 20 J/K, K/s.
 pub const FULL: f32 = 0.5;
-/// Drive without input. Together with the losses it says where the block ends without its neighbours: at 40 degrees C.
+/// Drive without input. Together with the losses it says where the block ends without its neighbours: at 40
+/// degrees C.
 pub const AT_ZERO: f32 = 0.4;
 /// 0.2 W/K out of 20 J/K, 1/s.
 const LOSS: f32 = 0.01;
@@ -19,12 +20,14 @@ const ROOM: f32 = 20.0;
 /// Samples in a row that may fail: 1 s of ticks of 100 ms.
 const COAST_TICKS: u32 = 10;
 
-/// 10 mV/K with 0.5 V at 0 degrees C, of 3.3 V. Below -30 and above 150 degrees C the wire is broken or the sensor shorted.
+/// 10 mV/K with 0.5 V at 0 degrees C, of 3.3 V. Below -30 and above 150 degrees C the wire is broken or the
+/// sensor shorted.
 pub const SENSOR: SensorScale = SensorScale { zero: -50.0, per_count: 330.0 / 4096.0, valid: 248..=2482 };
 /// An input of 1 K/s takes `1 / FULL` of full drive. The safe heater is off.
 pub const ACTUATOR: ActuatorScale = ActuatorScale { at_zero: AT_ZERO, per_input: 1.0 / FULL, safe: 0.0 };
 
-/// How the block's temperature moves without input. It need not be right: what it predicts, the next sample corrects.
+/// How the block's temperature moves without input. It need not be right: what it predicts, the next sample
+/// corrects.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Block;
 

@@ -1,5 +1,6 @@
-//! The machines of a link, told anything in any order: a CAN port in both formats by its driver, the receiver of a serial line by noise,
-//! and nodes that pass on what lines bring. No panic; what a port sends another one reads; what is passed on dies.
+//! The machines of a link, told anything in any order: a CAN port in both formats by its driver, the receiver
+//! of a serial line by noise, and nodes that pass on what lines bring. No panic; what a port sends another
+//! one reads; what is passed on dies.
 #![no_main]
 
 use funnelnet_link::port::LOOK_EVERY_NS;
@@ -158,7 +159,8 @@ fn settle(nodes: &mut [Forwarder<PEERS>; PEERS + 1], now: u64) {
             for line in 1..=PEERS {
                 while let Some(message) = nodes[from].take(line) {
                     carried += 1;
-                    // Every command, fault and other frame that a node can hold, once over each line in each direction, twice over.
+                    // Every command, fault and other frame that a node can hold, once over each line in each
+                    // direction, twice over.
                     assert!(carried < 10_000, "a frame goes round for ever");
                     let to = (from + line) % nodes.len();
                     let back = nodes.len() - line;

@@ -1,4 +1,5 @@
-//! A node with any configuration that is accepted, and any messages: no panic, no state or input that is not finite, a bounded number of actions.
+//! A node with any configuration that is accepted, and any messages: no panic, no state or input that is not
+//! finite, a bounded number of actions.
 #![no_main]
 
 use funnelnet_law::field::{Field, Sine};

@@ -1,4 +1,5 @@
-//! Requests and replies: what decodes encodes to the same body; a configuration that is read over another is the one that was sent.
+//! Requests and replies: what decodes encodes to the same body; a configuration that is read over another is
+//! the one that was sent.
 #![no_main]
 
 use funnelnet_protocol::NodeConfig;

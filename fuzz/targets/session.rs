@@ -41,7 +41,8 @@ fuzz_target!(|input: (bool, Vec<(u8, u16, Vec<u8>, u32)>)| {
     }
 });
 
-/// Mostly within a few ticks, now and then some sixty of them; seconds, in which a node runs thousands, are rare, since they are slow.
+/// Mostly within a few ticks, now and then some sixty of them; seconds, in which a node runs thousands, are
+/// rare, since they are slow.
 fn after(later: u32) -> u64 {
     match later {
         _ if later.is_multiple_of(4096) => later.into(),

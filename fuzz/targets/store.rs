@@ -1,4 +1,5 @@
-//! Storage with any cells changed: no panic; what is stored afterwards without an error is read again, by this store and after a restart.
+//! Storage with any cells changed: no panic; what is stored afterwards without an error is read again, by
+//! this store and after a restart.
 #![no_main]
 #![allow(dead_code, reason = "the flash of the store's tests has more than one user")]
 

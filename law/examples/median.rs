@@ -1,4 +1,5 @@
-//! Five agents find the median of their values, whatever the outliers say: `cargo run -p funnelnet-law --example median`.
+//! Five agents find the median of their values, whatever the outliers say:
+//! `cargo run -p funnelnet-law --example median`.
 
 use funnelnet_law::funnel::{SampledFunnel, Shape};
 use funnelnet_law::gain::Median;

@@ -1,5 +1,5 @@
-//! Vector fields of one's own: three logistic growths with different capacities agree, and follow the emergent dynamics.
-//! `cargo run -p funnelnet-law --example own_field`.
+//! Vector fields of one's own: three logistic growths with different capacities agree, and follow the
+//! emergent dynamics. `cargo run -p funnelnet-law --example own_field`.
 
 use funnelnet_law::VectorField;
 use funnelnet_law::emergent::{Agent, field, runge_kutta};

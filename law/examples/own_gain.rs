@@ -1,4 +1,5 @@
-//! A gain of one's own, checked against Assumption 3 and run: `cargo run -p funnelnet-law --example own_gain`.
+//! A gain of one's own, checked against Assumption 3 and run:
+//! `cargo run -p funnelnet-law --example own_gain`.
 
 use funnelnet_law::GainFunction;
 use funnelnet_law::funnel::Widths;

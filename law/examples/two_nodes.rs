@@ -1,4 +1,5 @@
-//! Two agents that drift apart at 2 state units / s stay inside their funnel: `cargo run -p funnelnet-law --example two_nodes`.
+//! Two agents that drift apart at 2 state units / s stay inside their funnel:
+//! `cargo run -p funnelnet-law --example two_nodes`.
 
 use funnelnet_law::funnel::{SampledFunnel, Shape};
 use funnelnet_law::gain::Reciprocal;

@@ -1,8 +1,8 @@
-//! What a node does when its diffusive term leaves the funnel (LAW.md 5).
+//! What a node does when its diffusive term leaves the funnel (law.md 5).
 
 use core::fmt;
 
-/// Policy of a node whose diffusive term leaves its funnel (LAW.md 5).
+/// Policy of a node whose diffusive term leaves its funnel (law.md 5).
 ///
 /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
 /// Exhaustive on purpose: node and scenario match it, and a new variant shall not compile until both know it.
@@ -21,7 +21,7 @@ pub enum Breach<F> {
     Reopen {
         /// Above 1.
         margin: F,
-        /// How fast the added width decays, 1/s, above zero.
+        /// Decay rate of the added width, 1/s, above zero.
         rate: F,
     },
     /// Stops with a safe output and a fault.
@@ -29,7 +29,7 @@ pub enum Breach<F> {
 }
 
 impl<F> Breach<F> {
-    /// The name of its kind, as in a scenario.
+    /// Name of the policy, as in a scenario.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -39,7 +39,7 @@ impl<F> Breach<F> {
         }
     }
 
-    /// The same with numbers of another type, each changed by `convert`.
+    /// The same policy with numbers of another type, each changed by `convert`.
     #[must_use]
     pub fn map<G>(self, convert: impl Fn(F) -> G) -> Breach<G> {
         match self {

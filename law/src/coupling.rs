@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// How diffusive terms become inputs.
+/// Kind of coupling: the rule by which diffusive terms become inputs.
 ///
 /// Append-only: what a node can run travels (funnelnet-protocol), so that nothing is renumbered.
 /// Exhaustive on purpose: node and scenario match it, and a new variant shall not compile until both know it.
@@ -35,13 +35,14 @@ pub enum Coupling<F> {
     /// The same as [`Self::NodeWise`] with a linear gain: `u_i = k nu_i`.
     #[cfg_attr(feature = "serde", serde(skip))]
     Linear,
-    /// The largest gain of all nodes (paper, Section 1.3, "Related approaches"). No node can run it: each would have to know the gains of all.
+    /// The largest gain of all nodes (paper, Section 1.3, "Related approaches"). No node can run it: each
+    /// would have to know the gains of all.
     #[cfg_attr(feature = "serde", serde(skip))]
     WeaklyCentralised,
 }
 
 impl<F> Coupling<F> {
-    /// The name of its kind, as in a scenario.
+    /// Name of the coupling, as in a scenario.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -56,13 +57,14 @@ impl<F> Coupling<F> {
         }
     }
 
-    /// Whether it keeps diffusive terms inside funnels, rather than being a baseline to compare with.
+    /// Whether the coupling keeps diffusive terms inside funnels; baselines to compare with do not.
     #[must_use]
     pub fn keeps_funnels(&self) -> bool {
         !matches!(self, Self::Linear | Self::LambdaTracker { .. } | Self::None)
     }
 
-    /// The coupling that a node is told to run, with numbers changed by `convert`; `None` for the one that no node can run.
+    /// Coupling that a node is told to run, with numbers changed by `convert`; `None` for the one that no
+    /// node can run.
     #[must_use]
     pub fn on_node<G>(self, convert: impl Fn(F) -> G) -> Option<Coupling<G>> {
         match self {

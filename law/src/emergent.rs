@@ -1,4 +1,5 @@
-//! Emergent dynamics: what the network does as one (paper, Section "Emergent behavior under funnel coupling").
+//! Emergent dynamics: what the network does as one (paper, Section "Emergent behavior under funnel
+//! coupling").
 
 use crate::gain::GainFunction;
 use crate::math::Real;
@@ -26,8 +27,9 @@ pub struct Agent<F, G> {
 
 /// The emergent vector field `h`: the one root of `H(h) = sum_i psi_i mu_i^-1(h - f_i)` (paper, (19), alg).
 ///
-/// Safeguarded Newton between `min f_i` and `max f_i` (paper, (20), hminmax), starting at `guess` where that lies between.
-/// O(N) per evaluation, within some roundings of the larger of `|h|` and the spread of the fields. Zero for no agents.
+/// Safeguarded Newton between `min f_i` and `max f_i` (paper, (20), hminmax), starting at `guess` where that
+/// lies between. O(N) per evaluation, within some roundings of the larger of `|h|` and the spread of the
+/// fields. Zero for no agents.
 #[must_use]
 pub fn field<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], guess: F) -> F {
     let Some(first) = agents.first() else { return F::ZERO };
@@ -36,8 +38,8 @@ pub fn field<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], guess: F) -> F
     root::increasing(low, high, start, |h| h_and_slope(agents, h))
 }
 
-/// `dh/df_i = psi_i (mu_i^-1)'(h - f_i) / sum_j psi_j (mu_j^-1)'(h - f_j)` at the root `h`, by index (paper, Section "Numerical
-/// integration"). Not negative, and their sum is 1.
+/// `dh/df_i = psi_i (mu_i^-1)'(h - f_i) / sum_j psi_j (mu_j^-1)'(h - f_j)` at the root `h`, by index (paper,
+/// Section "Numerical integration"). Not negative, and their sum is 1.
 pub fn partials_by_field<F: Real, G: GainFunction<F>>(
     agents: &[Agent<F, G>],
     h: F,
@@ -47,10 +49,11 @@ pub fn partials_by_field<F: Real, G: GainFunction<F>>(
     agents.iter().map(move |agent| steepness(agent, h, lift) / total)
 }
 
-/// `dh/dt = - sum_j psi_j' mu_j^-1(h - f_j) / sum_j psi_j (mu_j^-1)'(h - f_j)` with the fields held (state units / s^2; paper,
-/// Section "Numerical integration").
+/// `dh/dt = - sum_j psi_j' mu_j^-1(h - f_j) / sum_j psi_j (mu_j^-1)'(h - f_j)` with the fields held (state
+/// units / s^2; paper, Section "Numerical integration").
 ///
-/// `psi_rates` are the `psi_j'` by index, state units / s. Zero, but for rounding, where all `psi_j' / psi_j` are equal.
+/// `psi_rates` are the `psi_j'` by index, state units / s. Zero, but for rounding, where all `psi_j' / psi_j`
+/// are equal.
 #[must_use]
 pub fn partial_by_time<F: Real, G: GainFunction<F>>(
     agents: &[Agent<F, G>],
@@ -67,8 +70,9 @@ pub fn partial_by_time<F: Real, G: GainFunction<F>>(
     -lifted / total_steepness(agents, h, lift)
 }
 
-/// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is negative (paper,
-/// (22), contractive_emer). `slopes` are the `df_i/dx` by index, 1/s; it lies between the smallest and the largest of them.
+/// `df_em/dxi = sum_i dh/df_i df_i/dx` at the root `h` (1/s): the emergent dynamics contract where it is
+/// negative (paper, (22), contractive_emer). `slopes` are the `df_i/dx` by index, 1/s; it lies between the
+/// smallest and the largest of them.
 ///
 /// ```
 /// use funnelnet_law::emergent::{Agent, contraction, field};
@@ -89,8 +93,9 @@ pub fn contraction<F: Real, G: GainFunction<F>>(
 
 /// `H` and its slope, or both times the same positive factor, which moves no root.
 ///
-/// Far from its field an agent adds nearly `psi_i` or `-psi_i`. Where these cancel, as with equal funnels on both sides, the
-/// root depends on what is missing to 1; so the whole `psi_i` are summed exactly, apart from the gaps.
+/// Far from its field an agent adds nearly `psi_i` or `-psi_i`. Where these cancel, as with equal funnels on
+/// both sides, the root depends on what is missing to 1; so the whole `psi_i` are summed exactly, apart from
+/// the gaps.
 fn h_and_slope<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], h: F) -> (F, F) {
     let lift = lift(agents, h);
     let (mut whole, mut rest, mut slope) = (ExactSum::default(), F::ZERO, F::ZERO);
@@ -124,8 +129,8 @@ fn total_steepness<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], h: F, li
     agents.iter().fold(F::ZERO, |total, agent| total + steepness(agent, h, lift))
 }
 
-/// The smallest decay of all agents at `h`: without it, the gaps of logarithmic gains would all underflow between two groups.
-/// Zero where an agent is near its field.
+/// The smallest decay of all agents at `h`: without it, the gaps of logarithmic gains would all underflow
+/// between two groups. Zero where an agent is near its field.
 fn lift<F: Real, G: GainFunction<F>>(agents: &[Agent<F, G>], h: F) -> F {
     let decays = agents.iter().map(|agent| agent.gain.decay(h - agent.f));
     let smallest = decays.reduce(F::min).unwrap_or(F::ZERO);

@@ -1,27 +1,31 @@
-//! The narrowest funnel that rounding leaves a meaning: the one formula for nodes, the simulator, `check` and whoever judges a run.
+//! The narrowest funnel that rounding leaves a meaning: the one formula for nodes, the simulator, `check` and
+//! whoever judges a run.
 //!
 //! ```text
 //! floor = max(SHARED ulp(x), STEEP d (ulp(x) + T ulp(u)))
 //! ```
 //!
-//! with the largest `|x|` that the node sees, its own last input `u`, its weighted degree `d` and the tick period `T`; `ulp(y)` stands for
-//! `epsilon |y|`. The second term is what rounding does to `nu` and to `b u` in (*), times a margin. It differs from node to node, and
-//! funnels that differ weigh the nodes in the emergent dynamics (paper, (19), alg). So all nodes share the first term, which covers
-//! rounding at every node of up to `SHARED / STEEP` in degree. The factor of a funnel is no part of it: rounding knows nothing of it.
+//! with the largest `|x|` that the node sees, its own last input `u`, its weighted degree `d` and the tick
+//! period `T`; `ulp(y)` stands for `epsilon |y|`. The second term is what rounding does to `nu` and to `b u`
+//! in (*), times a margin. It differs from node to node, and funnels that differ weigh the nodes in the
+//! emergent dynamics (paper, (19), alg). So all nodes share the first term, which covers rounding at every
+//! node of up to `SHARED / STEEP` in degree. The factor of a funnel is no part of it: rounding knows nothing
+//! of it.
 
 use crate::math::Real;
 
-/// Ulp of `x` that every node floors its funnel at.
+/// Floor of every funnel, in ulp of `x`.
 ///
-/// Measured on the medians, asymptotic-path-11 and finite-time, with what each expects (docs/notes/2026-11-28-floor.md): without this term
-/// all of them but the last end farther from `xi` than they may; 512 leaves median-51 too wide; at 256 rounding takes 2 % of the floor of a
-/// path.
+/// Measured on the medians, asymptotic-path-11 and finite-time, with what each expects
+/// (docs/notes/2026-11-28-floor.md): without this term all of them but the last end farther from `xi` than
+/// they may; 512 leaves median-51 too wide; at 256 rounding takes 2 % of the floor of a path.
 pub const SHARED: f64 = 256.0;
-/// Ulp of `x` and of `T u` for each unit of the degree: 1.6 times [`ROUNDING`]. At 32 the floors of median-51 (degrees 12 and 16) are no longer
-/// the same, and it ends 6e-3 from `xi` instead of 1e-4.
+/// Ulp of `x` and of `T u` for each unit of the degree: 1.6 times [`ROUNDING`]. At 32 the floors of median-51
+/// (degrees 12 and 16) are no longer the same, and it ends 6e-3 from `xi` instead of 1e-4.
 pub const STEEP: f64 = 16.0;
-/// How far rounding moves `nu` at most, in `d (ulp(x) + T ulp(u))`: 9.2 was the largest in 100 random networks, on two nodes; 3 and less is
-/// common (node/tests/floor.rs, `rounding_moves_nu_by_no_more_than_the_floor_allows_for`).
+/// Largest change of `nu` by rounding, in `d (ulp(x) + T ulp(u))`: 9.2 was the largest in 100 random
+/// networks, on two nodes; 3 and less is common (node/tests/floor.rs,
+/// `rounding_moves_nu_by_no_more_than_the_floor_allows_for`).
 pub const ROUNDING: f64 = 10.0;
 
 /// The floor of one node, or of one edge, prepared.
@@ -43,13 +47,13 @@ pub struct Floor<F> {
 }
 
 impl<F: Real> Floor<F> {
-    /// Of a node that computes in `F`, with weighted degree `degree`, at tick period `tick_s` (s).
+    /// Floor of a node that computes in `F`, with weighted degree `degree`, at tick period `tick_s` (s).
     #[must_use]
     pub fn new(degree: f64, tick_s: f64) -> Self {
         Self::rounded_by(F::EPSILON.to_f64(), degree, tick_s)
     }
 
-    /// Of a node that computes in f32, for those who look at it in `F`.
+    /// Floor of a node that computes in f32, for a caller that computes in `F`.
     #[must_use]
     pub fn of_f32(degree: f64, tick_s: f64) -> Self {
         Self::rounded_by(f32::EPSILON.into(), degree, tick_s)
@@ -63,7 +67,7 @@ impl<F: Real> Floor<F> {
         }
     }
 
-    /// The same for something else, `degree` times as steep: an edge, where this is the floor of degree 1.
+    /// Floor for `degree` times the degree, such as that of an edge where this is the floor of degree 1.
     #[inline]
     #[must_use]
     pub fn times(self, degree: F) -> Self {
@@ -77,8 +81,8 @@ impl<F: Real> Floor<F> {
         self.steep * F::from_f64(1.0 / STEEP) * (largest_state + self.tick * largest_input)
     }
 
-    /// The floor, state units, for the largest `|x|` that is seen (state units) and the largest `|u|` of the last tick (state units / s).
-    /// Not a number where one of them is none.
+    /// The floor, state units, for the largest `|x|` that is seen (state units) and the largest `|u|` of the
+    /// last tick (state units / s). Not a number where one of them is none.
     #[inline]
     #[must_use]
     pub fn width(&self, largest_state: F, largest_input: F) -> F {

@@ -1,8 +1,8 @@
 //! Elementary functions. The only file that calls `libm`: the same bits on a host and on a Cortex-M;
 //! `std` floats differ between machines (clippy.toml refuses them).
 //!
-//! The one function of our own is the f32 sine of a phase in turns: `libm::sinf` computes in f64, which an M4F does in
-//! software (docs/notes/2026-11-23-first-light.md has the counts).
+//! The one function of our own is the f32 sine of a phase in turns: `libm::sinf` computes in f64, which an
+//! M4F does in software (docs/notes/2026-11-23-first-light.md has the counts).
 
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
@@ -84,7 +84,8 @@ pub trait Real:
     fn tanh(self) -> Self;
 }
 
-/// The larger of two; NaN where one of them is, so that what is compared with it does not hold ([`Real::max`] drops it).
+/// Larger of two numbers; NaN if one of them is NaN, so that every comparison with it fails ([`Real::max`]
+/// drops NaN).
 ///
 /// ```
 /// use funnelnet_law::math::larger;
@@ -319,7 +320,8 @@ fn sin_turns_f64(turns: u64) -> f64 {
     libm::sin((turns as i64) as f64 * RADIANS)
 }
 
-/// Quadrant by integer, then the polynomials of the Cephes library (S. Moshier, `sinf.c`), within 1.5 ulp of 1.
+/// Quadrant by integer, then the polynomials of the Cephes library (S. Moshier, `sinf.c`), within 1.5 ulp of
+/// 1.
 fn sin_turns_f32(turns: u64) -> f32 {
     const RADIANS: f32 = core::f32::consts::FRAC_PI_2 / 1_073_741_824.0;
     let phase = (turns >> 32) as u32;
@@ -366,8 +368,9 @@ fn of_turns(x: f32, phase: u64) -> f32 {
     sin_turns_f32(turns_of_f32(x).wrapping_add(phase))
 }
 
-/// An angle of an eighth of a turn or more as a phase in 2^-64 turns, modulo one turn, by integers and within 2^-40 turns: of `m 2^k / tau` the
-/// bits of `1 / tau` before the window make whole turns (M. H. Payne, R. N. Hanek, SIGNUM 18(1), 1983). `libm::sinf` does it in f64.
+/// An angle of an eighth of a turn or more as a phase in 2^-64 turns, modulo one turn, by integers and within
+/// 2^-40 turns: of `m 2^k / tau` the bits of `1 / tau` before the window make whole turns (M. H. Payne, R. N.
+/// Hanek, SIGNUM 18(1), 1983). `libm::sinf` does it in f64.
 fn turns_of_f32(x: f32) -> u64 {
     /// `1 / tau`, 256 bits behind the point.
     const INVERSE: [u64; 4] =

@@ -1,7 +1,7 @@
 //! Ranges of the numbers that a law is made of: the one place for node, scenario and `check`.
 //!
-//! They are wide enough for any bench and narrow enough that no product in the law can overflow an f32 (law/tests/law.rs sweeps
-//! their corners).
+//! They are wide enough for any bench and narrow enough that no product in the law can overflow an f32
+//! (law/tests/law.rs sweeps their corners).
 
 /// Largest state, input and funnel scale, state units.
 pub const LARGEST: f64 = 1e9;
@@ -15,7 +15,7 @@ pub const LARGEST_RATE: f64 = 1e6;
 pub const LARGEST_PHASE: f64 = 1e6;
 /// Shortest tick period, ns.
 pub const SHORTEST_TICK_NS: u32 = 10_000;
-/// `c` of (**): below 1 not even two nodes agree.
+/// Range of the damping `c` of (**): below 1 not even two nodes agree.
 pub const DAMPING: (f64, f64) = (1.0, 8.0);
 /// Widest guard.
 pub const WIDEST_GUARD: f64 = 0.9;
@@ -33,7 +33,7 @@ pub const INPUT: &str = "state units per second";
 /// The unit of a state.
 pub const STATE: &str = "state units";
 
-/// A number that something with a name is made of.
+/// Parameter of a gain, funnel or coupling that has a name.
 ///
 /// ```
 /// use funnelnet_law::Gain;
@@ -42,13 +42,13 @@ pub const STATE: &str = "state units";
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its key in a scenario.
+    /// Key in a scenario.
     pub name: &'static str,
-    /// Its unit, in words.
+    /// Unit, in words.
     pub unit: &'static str,
-    /// Its range.
+    /// Allowed range.
     pub allowed: Allowed,
-    /// Its value where a scenario does not say.
+    /// Default value; without one a scenario has to say it.
     pub default: Option<f64>,
 }
 

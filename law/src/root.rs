@@ -2,14 +2,15 @@
 
 use crate::math::Real;
 
-/// Most evaluations. Bisection alone would need 24 for an f32 and 53 for an f64 inside one binade, and every second step
-/// at least halves the bracket or the Newton step.
+/// Largest number of evaluations. Bisection alone would need 24 for an f32 and 53 for an f64 inside one
+/// binade, and every second step at least halves the bracket or the Newton step.
 pub const EVALUATION_LIMIT: u32 = 128;
 
 /// The root of an increasing function in `[low, high]`, from `start` inside; `f` gives value and slope.
 ///
-/// A step that leaves the bracket, or that is not at most half as long as the one before the last, is replaced by a
-/// bisection (Press et al., Numerical Recipes, `rtsafe`), so that kinks and flat ends cost no more than bisection does.
+/// A step that leaves the bracket, or that is not at most half as long as the one before the last, is
+/// replaced by a bisection (Press et al., Numerical Recipes, `rtsafe`), so that kinks and flat ends cost no
+/// more than bisection does.
 ///
 /// ```
 /// use funnelnet_law::root::increasing;

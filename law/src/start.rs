@@ -1,12 +1,13 @@
-//! Slow start (LAW.md 7): what throws a node out at a start is the inputs of its neighbours, which all begin at once. In ticks that are short for the
-//! fields, and as long as ever for the nodes, none is thrown far before the others answer.
+//! Slow start (law.md 7): what throws a node out at a start is the inputs of its neighbours, which all begin
+//! at once. In ticks that are short for the fields, and as long as ever for the nodes, none is thrown far
+//! before the others answer.
 
 /// Parts of a tick that pass for the fields and the funnels in each of the first ticks.
 pub const PARTS: u32 = 8;
-/// How much longer than its slow ticks the law stays damped, in network time.
+/// Time for which the law stays damped, in multiples of the slow ticks, in network time.
 const DAMPED: u32 = 10;
 
-/// How network time passes, and which constants the law has.
+/// Pace of network time, which also sets the constants of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pace {
     /// An eighth of `T` passes in a tick; `theta` = 1, three quarters of the damping, `g` = 0.
@@ -18,7 +19,8 @@ pub enum Pace {
     Usual,
 }
 
-/// A slow start. Ticks are counted as ever, `k` from 0; network time is `k T / 8` until `n T`, and then goes on by `T` per tick.
+/// A slow start. Ticks are counted as ever, `k` from 0; network time is `k T / 8` until `n T`, and then goes
+/// on by `T` per tick.
 ///
 /// ```
 /// use funnelnet_law::start::{Pace, SlowStart};
@@ -34,38 +36,38 @@ pub struct SlowStart {
 }
 
 impl SlowStart {
-    /// A slow start of so many ticks of network time; none at 0.
+    /// Slow start of `ticks` ticks of network time; 0 is none.
     #[must_use]
     pub const fn new(ticks: u16) -> Self {
         Self { ticks }
     }
 
-    /// Its length in ticks of network time.
+    /// Length in ticks of network time.
     #[must_use]
     pub const fn ticks(self) -> u16 {
         self.ticks
     }
 
-    /// Whether there is none.
+    /// Whether there is no slow start.
     #[inline]
     #[must_use]
     pub const fn is_none(self) -> bool {
         self.ticks == 0
     }
 
-    /// Ticks in each of which an eighth of one passes.
+    /// Number of slow ticks, in each of which an eighth of a tick passes.
     #[must_use]
     pub const fn slow_ticks(self) -> u32 {
         PARTS * self.ticks as u32
     }
 
-    /// Ticks by which network time is behind the count of ticks from then on.
+    /// Ticks by which network time is behind the count of ticks after a slow start.
     #[must_use]
     pub const fn behind(self) -> u32 {
         (PARTS - 1) * self.ticks as u32
     }
 
-    /// The first tick of the law as it is.
+    /// First tick of the law without its slow start.
     #[must_use]
     pub const fn end(self) -> u32 {
         DAMPED * self.ticks as u32 + self.behind()

@@ -1,4 +1,5 @@
-//! Assumption 3 (funnel) holds for the gains of this crate over their whole range, and the check finds what is wrong with others.
+//! Assumption 3 (funnel) holds for the gains of this crate over their whole range, and the check finds what
+//! is wrong with others.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::gain::{

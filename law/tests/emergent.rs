@@ -1,4 +1,5 @@
-//! The emergent vector field: bounds (paper, eq. (hminmax)), residual, partial derivatives, and cases with a known root.
+//! The emergent vector field: bounds (paper, (20), hminmax), residual, partial derivatives, and cases with a
+//! known root.
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_law::emergent::{Agent, contraction, field, partial_by_time, partials_by_field, runge_kutta};

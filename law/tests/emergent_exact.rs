@@ -1,7 +1,7 @@
 //! The emergent vector field against the paper's exact procedures, in arithmetic of 31 digits.
 //!
-//! Example 1 (reciprocal gain, equal funnels) and Example 2 (logarithmic gain, any funnels) sort the fields and, bracket by
-//! bracket, solve a polynomial. Nothing here calls the root finder of the crate.
+//! Example 1 (reciprocal gain, equal funnels) and Example 2 (logarithmic gain, any funnels) sort the fields
+//! and, bracket by bracket, solve a polynomial. Nothing here calls the root finder of the crate.
 #![allow(clippy::unwrap_used)]
 
 mod exact;
@@ -16,7 +16,8 @@ use proptest::prelude::*;
 /// Largest distance to the exact solution, relative to the larger of `|h|` and the spread of the fields.
 const BAR: f64 = 1e-14;
 
-/// Fields of 1 to `most` agents, sorted, state units / s: spread over a range, or in two clusters, over nine decades.
+/// Fields of 1 to `most` agents, sorted, state units / s: spread over a range, or in two clusters, over nine
+/// decades.
 fn fields(most: usize) -> impl Strategy<Value = Vec<f64>> {
     let shape = (-6.0f64..6.0, prop_oneof![Just(0.0), -1e3f64..1e3], any::<bool>());
     (proptest::collection::vec(-1.0f64..1.0, 1..=most), shape).prop_map(
@@ -46,7 +47,8 @@ fn error(h: f64, exact: Double, fields: &[f64]) -> f64 {
     if distance == 0.0 { 0.0 } else { distance / reference }
 }
 
-/// The index `j` of the bracket `[f_j, f_j+1]` that holds the root of `value(j, h)`; `None` where all fields are equal.
+/// The index `j` of the bracket `[f_j, f_j+1]` that holds the root of `value(j, h)`; `None` where all fields
+/// are equal.
 fn bracket(fields: &[f64], value: impl Fn(usize, Double) -> Double) -> Option<usize> {
     if fields.first() == fields.last() {
         return None;
@@ -57,7 +59,7 @@ fn bracket(fields: &[f64], value: impl Fn(usize, Double) -> Double) -> Option<us
     })
 }
 
-/// The left side of the paper's eq. (ex:1) for bracket `j`, at `h`.
+/// The left side of the paper's (21), ex:1 for bracket `j`, at `h`.
 fn rational(fields: &[f64], j: usize, h: Double) -> Double {
     let term = |(k, &f): (usize, &f64)| {
         let u = h - Double::from(f);
@@ -77,8 +79,8 @@ fn example_1(fields: &[f64]) -> Double {
     (low + high).half()
 }
 
-/// Example 1 for few agents: the roots of the polynomial of each bracket, as eigenvalues of its companion matrix; `None`
-/// where no bracket has a real root. In f64, so good to some 1e-8 only.
+/// Example 1 for few agents: the roots of the polynomial of each bracket, as eigenvalues of its companion
+/// matrix; `None` where no bracket has a real root. In f64, so good to some 1e-8 only.
 fn example_1_by_eigenvalues(fields: &[f64]) -> Option<f64> {
     let margin = 1e-7;
     for j in 0..fields.len().saturating_sub(1) {
@@ -93,7 +95,8 @@ fn example_1_by_eigenvalues(fields: &[f64]) -> Option<f64> {
     None
 }
 
-/// The coefficients, lowest first, of `sum_k (h - f_k) prod_{l != k} d_l(h)` with the denominators `d_l` of eq. (ex:1).
+/// The coefficients, lowest first, of `sum_k (h - f_k) prod_{l != k} d_l(h)` with the denominators `d_l` of
+/// (21), ex:1.
 fn polynomial(fields: &[f64], j: usize) -> Vec<f64> {
     let times = |p: &[f64], (constant, slope): (f64, f64)| {
         let mut product = vec![0.0; p.len() + 1];
@@ -125,8 +128,8 @@ fn eigenvalues(coefficients: &[f64]) -> Vec<f64> {
     roots.iter().filter(|root| root.im.abs() < 1e-6).map(|root| root.re).collect()
 }
 
-/// Example 2: the polynomial `a y^2 + d y - b = 0` of the bracket, `y = e^(h - f_j)` or `e^(h - f_j+1)`, whichever cannot
-/// overflow.
+/// Example 2: the polynomial `a y^2 + d y - b = 0` of the bracket, `y = e^(h - f_j)` or `e^(h - f_j+1)`,
+/// whichever cannot overflow.
 fn example_2(fields: &[f64], psi: &[f64]) -> Double {
     let value = |j: usize, h: Double| -> Double {
         let term = |(k, (&f, &psi)): (usize, (&f64, &f64))| {

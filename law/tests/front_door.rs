@@ -1,4 +1,5 @@
-//! The first program in the README of the repository is the one in the README of the crate, which runs as a doctest.
+//! The first program in the README of the repository is the one in the README of the crate, which runs as a
+//! doctest.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! The implicit law (*) of LAW.md 3: residual, bounds, and no overflow at the corners of what a configuration allows.
+//! The implicit law (*) of law.md 3: residual, bounds, and no overflow at the corners of what a configuration
+//! allows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use funnelnet_law::gain::{
@@ -108,7 +109,8 @@ proptest! {
 
 #[test]
 fn no_corner_of_the_allowed_ranges_overflows_single_precision() {
-    // r is at most four times the degree times the largest state, and b = theta c T d grows with the same degree.
+    // r is at most four times the degree times the largest state, and b = theta c T d grows with the same
+    // degree.
     let mut seen = 0;
     for degree in [SMALLEST, 1.0, LARGEST_WEIGHT] {
         for tick in [f64::from(SHORTEST_TICK_NS) * 1e-9, 1e-3, f64::from(u32::MAX) * 1e-9] {

@@ -1,7 +1,9 @@
-//! The paper's distributed median (Section "Finding median agent", last example): `x_i' = f_i* - x_i + u_i` with median
-//! gains and a funnel that shrinks to nothing ends at the `h*` of the emergent dynamics, whatever the outliers say.
+//! The paper's distributed median (Section "Finding median agent", last example): `x_i' = f_i* - x_i + u_i`
+//! with median gains and a funnel that shrinks to nothing ends at the `h*` of the emergent dynamics, whatever
+//! the outliers say.
 //!
-//! The law alone in f64, driven with an exact exchange: what is left are the tick and the rounding. LAW.md 4 has the figures.
+//! The law alone in f64, driven with an exact exchange: what is left are the tick and the rounding. law.md 4
+//! has the figures.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::emergent::{Agent, field};

@@ -1,6 +1,8 @@
-//! Convergence of the sampled laws to the continuous ones in T, in f64 and with perfect exchange: second order (LAW.md 3).
+//! Convergence of the sampled laws to the continuous ones in T, in f64 and with perfect exchange: second
+//! order (law.md 3).
 //!
-//! What they converge to is the paper's formula, `u = mu(nu / psi)`, integrated by Runge-Kutta with a step so small that it is stable.
+//! What they converge to is the paper's formula, `u = mu(nu / psi)`, integrated by Runge-Kutta with a step so
+//! small that it is stable.
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_law::VectorField;

@@ -1,5 +1,5 @@
-//! Theorem 1 of LAW.md and what it becomes for (**), checked on the law as it runs: random graphs, gains over 12 decades, and funnels that are
-//! drawn anew for every node at every tick.
+//! Theorem 1 of law.md and what it becomes for (**), checked on the law as it runs: random graphs, gains over
+//! 12 decades, and funnels that are drawn anew for every node at every tick.
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_law::funnel::Widths;
@@ -95,8 +95,8 @@ fn damping(trial: &Trial, constants: Constants, v: &[f64]) -> f64 {
     diagonal - TICK / 2.0 * quadratic(trial, v)
 }
 
-/// How much the function of theorem 1, as (**) has it (docs/book/src/theory.md), grows at most in a tick, over its size:
-/// `V = x' L x / T + |(p + r) u - r u1|_S^2 + r^2 |u|_S^2`.
+/// How much the function of theorem 1, as (**) has it (docs/book/src/theory.md), grows at most in a tick,
+/// over its size: `V = x' L x / T + |(p + r) u - r u1|_S^2 + r^2 |u|_S^2`.
 fn growth(trial: &Trial, constants: Constants) -> f64 {
     let root = |x: f64| x.max(0.0).sqrt();
     let (low, high) = (root(1.0 - 6.0 * constants.g), root(1.0 + 2.0 * constants.g));
@@ -173,8 +173,9 @@ fn with_too_long_a_look_back_a_run_grows() {
     assert!(late < 0.1 * most, "{late} after {most}");
 }
 
-/// `Re G / T` of (**) along an eigenvector of `D^-1 L` with eigenvalue `lambda`, per unit of degree, at frequency `w`, found from the
-/// equation itself: `q = nu + dnu / 2 + g (dnu - dnu') + b (u' + 2 g (u' - u'')) - b u` for `u = e^iwk`.
+/// `Re G / T` of (**) along an eigenvector of `D^-1 L` with eigenvalue `lambda`, per unit of degree, at
+/// frequency `w`, found from the equation itself:
+/// `q = nu + dnu / 2 + g (dnu - dnu') + b (u' + 2 g (u' - u'')) - b u` for `u = e^iwk`.
 fn passivity(g: f64, c: f64, lambda: f64, w: f64) -> f64 {
     // x[k+1] = x[k] + T u[k], so x = T u / (z - 1), with z = e^iw; dx = x (1 - 1/z).
     let multiply = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);

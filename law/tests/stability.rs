@@ -1,7 +1,8 @@
-//! Stability of the sampled law in the worst place: linear gains of any slope, on any weighted graph (LAW.md 3).
+//! Stability of the sampled law in the worst place: linear gains of any slope, on any weighted graph (law.md
+//! 3).
 //!
-//! [`Linear`] is what every gain looks like near its working point. Without own dynamics, consensus must never diverge, for gains over 12 decades, different per node, and for weights over
-//! 4 decades.
+//! [`Linear`] is what every gain looks like near its working point. Without own dynamics, consensus must
+//! never diverge, for gains over 12 decades, different per node, and for weights over 4 decades.
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_law::funnel::Widths;
@@ -58,8 +59,8 @@ fn radius_of(size: usize, map: impl Fn(&[f64]) -> Vec<f64>) -> f64 {
     DMatrix::from_columns(&columns).complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max)
 }
 
-/// The same of one tick of the whole network, as the law itself computes it: of all states, their last changes, the last two inputs, and
-/// the last changes of the diffusive terms.
+/// The same of one tick of the whole network, as the law itself computes it: of all states, their last
+/// changes, the last two inputs, and the last changes of the diffusive terms.
 fn spectral_radius(network: &Network, constants: Constants) -> f64 {
     radius_of(5 * network.weights.len(), |state| tick(network, constants, state))
 }
@@ -80,8 +81,8 @@ fn tick(network: &Network, constants: Constants, state: &[f64]) -> Vec<f64> {
     [next, u.clone(), u, last.to_vec(), (0..n).map(|i| sum(i, dx)).collect()].concat()
 }
 
-/// The same for edge-wise coupling, with the gains of `slopes` on the edges in turn: from `[x, dx]` and, of each edge, the last two inputs
-/// and the last change of its diffusive term.
+/// The same for edge-wise coupling, with the gains of `slopes` on the edges in turn: from `[x, dx]` and, of
+/// each edge, the last two inputs and the last change of its diffusive term.
 fn edge_wise_radius(network: &Network, constants: Constants) -> f64 {
     let n = network.weights.len();
     let pairs = (0..n).flat_map(|i| (0..i).map(move |j| (i, j)));

@@ -1,14 +1,15 @@
 //! The gains in f32 against f64: every input there is, or a stride through them.
 //!
-//! Distances are in f32 numbers between the result and the f64 one rounded to f32 (ulps). The f64 gains are the truth here;
-//! `assumption.rs` and `law.rs` judge those by themselves.
+//! Distances are in f32 numbers between the result and the f64 one rounded to f32 (ulps). The f64 gains are
+//! the truth here; `assumption.rs` and `law.rs` judge those by themselves.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::gain::{Gain, GainFunction};
 use funnelnet_law::range::{LARGEST, LARGEST_WEIGHT, SHORTEST_TICK_NS, SMALLEST};
 use std::ops::Range;
 
-/// A prime, so that every pattern of low bits turns up in every binade: 8 million numbers in a binade, 1,600 of them.
+/// A prime, so that every pattern of low bits turns up in every binade: 8 million numbers in a binade, 1,600
+/// of them.
 const STRIDE: u32 = 5003;
 /// Samples of the fast variant of the sweep of (*), per gain.
 const SOLUTIONS: u64 = 300_000;
@@ -254,9 +255,10 @@ impl Draws {
     }
 }
 
-/// `[scale, psi, b, r]` anywhere in what `params.rs` allows: widths from 1e-15 (below that, squares of the closed form
-/// underflow, a million times below the smallest scale that a configuration can have) to `WIDEST`, the constants
-/// `theta <= 1` and `c <= 2.5`, and an `r` of up to four times what the degree and the largest state can make.
+/// `[scale, psi, b, r]` anywhere in what `params.rs` allows: widths from 1e-15 (below that, squares of the
+/// closed form underflow, a million times below the smallest scale that a configuration can have) to
+/// `WIDEST`, the constants `theta <= 1` and `c <= 2.5`, and an `r` of up to four times what the degree and
+/// the largest state can make.
 fn any_law(draws: &mut Draws) -> [f32; 4] {
     let scale = draws.decades(SMALLEST, LARGEST);
     let psi = draws.decades(1e-15, 1e18);

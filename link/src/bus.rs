@@ -1,8 +1,8 @@
 //! A CAN controller's error state (ISO 11898-1): what is reported, and how a node comes back from bus-off.
 //!
-//! A controller that goes bus-off has failed to send 32 times in a row: a fault of its own, its transceiver or the bus. Coming
-//! back at once, again and again, disturbs the others as often. So it waits first, twice as long each time, until it has
-//! stayed on the bus for [`STABLE_MS`].
+//! A controller that goes bus-off has failed to send 32 times in a row: a fault of its own, its transceiver
+//! or the bus. Coming back at once, again and again, disturbs the others as often. So it waits first, twice
+//! as long each time, until it has stayed on the bus for [`STABLE_MS`].
 
 /// First wait before a restart, ms.
 pub const FIRST_WAIT_MS: u64 = 100;
@@ -10,8 +10,8 @@ pub const FIRST_WAIT_MS: u64 = 100;
 pub const LONGEST_WAIT_MS: u64 = 10_000;
 /// Time on the bus after which waits begin with the first one again, ms.
 pub const STABLE_MS: u64 = 10_000;
-/// Longest time that a restart may take, ms: 128 times 11 recessive bits are 70 ms at 20 kbit/s. After it the restart has
-/// failed, or the controller went bus-off again before anybody looked.
+/// Longest time that a restart may take, ms: 128 times 11 recessive bits are 70 ms at 20 kbit/s. After it the
+/// restart has failed, or the controller went bus-off again before anybody looked.
 pub const RESTART_MS: u64 = 200;
 
 /// What a controller says of itself.
@@ -100,8 +100,8 @@ impl Bus {
         matches!(self.phase, Phase::On { .. })
     }
 
-    /// Takes a reading of the controller at `now` (ms, never going back). Call it every few milliseconds: embassy's
-    /// drivers wake nobody for a change of the error state.
+    /// Takes a reading of the controller at `now` (ms, never going back). Call it every few milliseconds:
+    /// embassy's drivers wake nobody for a change of the error state.
     pub fn observe(&mut self, reading: BusState, now: u64) -> Step {
         match (self.phase, reading) {
             (Phase::On { since }, BusState::Off) => self.go_off(now, now.saturating_sub(since) >= STABLE_MS),

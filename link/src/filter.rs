@@ -1,4 +1,5 @@
-//! Which CAN frames a node wants, as filters that any controller has: identifier and mask. Its processor is left alone with the others.
+//! Which CAN frames a node wants, as filters that any controller has: identifier and mask. Its processor is
+//! left alone with the others.
 
 use funnelnet_protocol::can::function;
 use funnelnet_protocol::config::EdgeConfig;
@@ -63,7 +64,8 @@ impl<'a> Filters<'a> {
         Self { own: Some(own), neighbours }
     }
 
-    /// What a controller with `room` filters shall let in: a list of at most so many, that lets everything in where they do not fit.
+    /// What a controller with `room` filters shall let in: a list of at most so many, that lets everything in
+    /// where they do not fit.
     pub fn within(self, room: usize) -> impl Iterator<Item = Filter> {
         let fits = BROADCASTS.len() + 1 + self.neighbours.len() <= room;
         let own = self.own.filter(|_| fits);

@@ -18,7 +18,8 @@ pub enum Put {
     NoRoom,
 }
 
-/// Frames that are remembered for [`FORGET_MS`], oldest first: a copy that has gone round a ring is known. No one replaces another.
+/// Frames that are remembered for [`FORGET_MS`], oldest first: a copy that has gone round a ring is known. No
+/// one replaces another.
 #[derive(Debug)]
 pub struct FloodFilter<const ROOM: usize> {
     frames: Vec<Remembered, ROOM>,
@@ -57,7 +58,8 @@ impl<const ROOM: usize> FloodFilter<ROOM> {
         Put::New
     }
 
-    /// The same for a frame of the node itself, which takes the place of the oldest one where there is no room.
+    /// The same for a frame of the node itself, which takes the place of the oldest one where there is no
+    /// room.
     pub fn put_own(&mut self, frame: Message, lines: Lines, now: u64) -> Put {
         self.forget(now);
         if self.frames.is_full() {
@@ -80,7 +82,8 @@ impl<const ROOM: usize> FloodFilter<ROOM> {
         Some(next.frame)
     }
 
-    /// Forgets what is old and waits for no line; where that makes no room, the oldest that waits for a line which does not take it.
+    /// Forgets what is old and waits for no line; where that makes no room, the oldest that waits for a line
+    /// which does not take it.
     fn forget(&mut self, now: u64) {
         self.frames.retain(|each| each.lines != 0 || each.is_young(now));
         if self.frames.is_full() {

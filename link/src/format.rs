@@ -1,7 +1,8 @@
 //! The two formats of CAN frames: how what a node says becomes frames, and frames what it hears.
 //!
-//! In the classic format a message is a frame. In that of CAN FD the components of a state travel together: they are collected while the
-//! node says them, one right after the other, and the frame is complete when it says something else or nothing more.
+//! In the classic format a message is a frame. In that of CAN FD the components of a state travel together:
+//! they are collected while the node says them, one right after the other, and the frame is complete when it
+//! says something else or nothing more.
 
 use funnelnet_protocol::can::{self, CanFrame};
 use funnelnet_protocol::can_fd::{self, Content, FdFrame, States};

@@ -1,8 +1,8 @@
-//! A node with several serial lines: one to a host, the others each to a neighbour. What it says goes where, and what it passes on
-//! (protocol/README.md, "Nodes on lines to each other").
+//! A node with several serial lines: one to a host, the others each to a neighbour. What it says goes where,
+//! and what it passes on (protocol/README.md, "Nodes on lines to each other").
 //!
-//! It passes on commands, SYNC and faults, each once. So on any graph of lines a frame goes over each line at most once in each
-//! direction, and dies.
+//! It passes on commands, SYNC and faults, each once. So on any graph of lines a frame goes over each line at
+//! most once in each direction, and dies.
 
 use crate::flood_filter::{FloodFilter, Lines, Put};
 use crate::line_queue::LineQueue;
@@ -15,11 +15,12 @@ pub const HOST_LINE: usize = 0;
 pub const MAX_PEERS: usize = Lines::BITS as usize - 1;
 /// Commands within [`FORGET_MS`](crate::FORGET_MS) that are passed on at most.
 pub const COMMANDS: usize = 16;
-/// Faults within [`FORGET_MS`](crate::FORGET_MS) that are passed on at most: all nodes have one at once where a host dies.
+/// Faults within [`FORGET_MS`](crate::FORGET_MS) that are passed on at most: all nodes have one at once where
+/// a host dies.
 pub const FAULTS: usize = 128;
 
-/// The lines of one node: [`HOST_LINE`] leads to the host, 1 to `PEERS` each to a neighbour. Sans-IO: what a line has received goes in by [`Forwarder::hear`], and
-/// what it is to send comes out of [`Forwarder::take`].
+/// The lines of one node: [`HOST_LINE`] leads to the host, 1 to `PEERS` each to a neighbour. Sans-IO: what a
+/// line has received goes in by [`Forwarder::hear`], and what it is to send comes out of [`Forwarder::take`].
 #[derive(Debug)]
 pub struct Forwarder<const PEERS: usize> {
     commands: FloodFilter<COMMANDS>,
@@ -64,8 +65,8 @@ impl<const PEERS: usize> Forwarder<PEERS> {
         }
     }
 
-    /// Takes what `line` has received at `now` (ms), and lets it wait for the lines that it goes on to. Whether it is for the node: a copy
-    /// of what has come before is not.
+    /// Takes what `line` has received at `now` (ms), and lets it wait for the lines that it goes on to.
+    /// Whether it is for the node: a copy of what has come before is not.
     pub fn hear(&mut self, line: usize, message: &Message, now: u64) -> bool {
         let others = Self::ALL & !bit(line);
         match *message {
@@ -107,7 +108,8 @@ impl<const PEERS: usize> Forwarder<PEERS> {
         self.dropped
     }
 
-    /// After a start the ticks begin anew. A SYNC of before that came after it would move the node to its tick.
+    /// After a start the ticks begin anew. A SYNC of before that came after it would move the node to its
+    /// tick.
     fn begin_anew(&mut self) {
         self.sync = SyncFilter::NONE;
         self.latest().for_each(LineQueue::drop_sync);

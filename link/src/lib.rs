@@ -1,6 +1,7 @@
-//! What a link decides without hardware: which CAN frame is sent next ([`tx_queue`]), what the controller's error state
-//! leads to ([`bus`]), what frames hold in either format ([`format`](mod@format)); these three make a node's CAN port ([`port`]). And what a
-//! node with several serial lines passes on ([`forwarder`]). Sans-IO: readings and time in, decisions out; the firmware wraps drivers around it.
+//! What a link decides without hardware: which CAN frame is sent next ([`tx_queue`]), what the controller's
+//! error state leads to ([`bus`]), what frames hold in either format ([`format`](mod@format)); these three
+//! make a node's CAN port ([`port`]). And what a node with several serial lines passes on ([`forwarder`]).
+//! Sans-IO: readings and time in, decisions out; the firmware wraps drivers around it.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,5 @@
-//! What one line gets of the values that change with every tick. What it is too slow for is replaced by what is newer.
+//! What one line gets of the values that change with every tick. What it is too slow for is replaced by what
+//! is newer.
 
 use funnelnet_protocol::message::Message;
 use heapless::Vec;
@@ -6,8 +7,8 @@ use heapless::Vec;
 /// A SYNC, eight components of the node's state, and edges, of which the node announces one per tick.
 const ROOM: usize = 12;
 
-/// Waiting frames, at most one of a kind, in the order in which their kinds came: a state that waits leaves before a SYNC that came after
-/// it, so that it is not late for the tick, and none waits for ever.
+/// Waiting frames, at most one of a kind, in the order in which their kinds came: a state that waits leaves
+/// before a SYNC that came after it, so that it is not late for the tick, and none waits for ever.
 #[derive(Debug, Default)]
 pub struct LineQueue {
     frames: Vec<Message, ROOM>,

@@ -1,5 +1,6 @@
-//! The CAN port of a node as one state machine: frames that wait, what was received, the controller's error state. Sans-IO: a driver, or a
-//! simulator, tells it what the controller has done, and does to the controller what it answers.
+//! The CAN port of a node as one state machine: frames that wait, what was received, the controller's error
+//! state. Sans-IO: a driver, or a simulator, tells it what the controller has done, and does to the
+//! controller what it answers.
 
 use crate::bus::{Bus, BusState, Change, Step};
 use crate::format::Format;
@@ -77,7 +78,8 @@ impl<F: Format> CanPort<F> {
         self.put(frame)
     }
 
-    /// The frame for the controller; none while it is off the bus. It waits until it is [taken](Self::on_taken).
+    /// The frame for the controller; none while it is off the bus. It waits until it is
+    /// [taken](Self::on_taken).
     pub fn next_frame(&self) -> Option<&F::Frame> {
         self.waiting.next().filter(|_| self.bus.is_on())
     }
@@ -87,7 +89,8 @@ impl<F: Format> CanPort<F> {
         self.waiting.taken();
     }
 
-    /// Takes a received data frame with an 11-bit identifier. What was not [heard](Self::hear) of the one before is lost.
+    /// Takes a received data frame with an 11-bit identifier. What was not [heard](Self::hear) of the one
+    /// before is lost.
     pub fn on_frame(&mut self, id: u16, data: &[u8]) {
         self.format.receive(id, data);
     }
@@ -153,11 +156,13 @@ impl<F: Format> CanPort<F> {
     }
 
     fn put(&mut self, frame: F::Frame) -> Option<Request> {
-        // A frame that has waited for so long that its successor is here: those that the controller holds are older still.
+        // A frame that has waited for so long that its successor is here: those that the controller holds are
+        // older still.
         (self.waiting.put(frame) == Put::Replaced).then_some(Request::Cancel)
     }
 
-    /// States of before a recovery are old: ticks on CAN have eight bits, or sixteen, so one might pass for a new one.
+    /// States of before a recovery are old: ticks on CAN have eight bits, or sixteen, so one might pass for a
+    /// new one.
     fn silence(&mut self) {
         self.waiting.clear();
         drop(self.format.flush());

@@ -2,12 +2,14 @@
 
 use funnelnet_protocol::message::TickStamp;
 
-/// How long a node remembers what it has passed on, ms: longer than anything needs to go round. 127 nodes at 115,200 bit/s take 0.2 s.
+/// How long a node remembers what it has passed on, ms: longer than anything needs to go round. 127 nodes at
+/// 115,200 bit/s take 0.2 s.
 pub const FORGET_MS: u64 = 2_000;
 /// Bits of the tick in a SYNC.
 const BITS: u32 = 24;
 
-/// The newest SYNC. Only a newer one is new, so whatever goes round comes to an end, however much is on its way.
+/// The newest SYNC. Only a newer one is new, so whatever goes round comes to an end, however much is on its
+/// way.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SyncFilter {
     /// Its tick, and when it was new, ms.
@@ -18,8 +20,9 @@ impl SyncFilter {
     /// None has come yet.
     pub const NONE: Self = Self { last: None };
 
-    /// Whether `tick` is ahead of the last one by less than half of what 24 bits can tell, at `now` (ms); it is the last one then. After
-    /// [`FORGET_MS`] without a new one every tick is new: the host may have begun anew.
+    /// Whether `tick` is ahead of the last one by less than half of what 24 bits can tell, at `now` (ms); it
+    /// is the last one then. After [`FORGET_MS`] without a new one every tick is new: the host may have begun
+    /// anew.
     pub fn take(&mut self, tick: TickStamp, now: u64) -> bool {
         let tick = tick.value();
         let is_new = self.last.is_none_or(|(last, at)| {

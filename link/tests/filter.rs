@@ -1,4 +1,5 @@
-//! Filters of a CAN controller let in what a node would take, or count as more than a stranger's, and nothing else.
+//! Filters of a CAN controller let in what a node would take, or count as more than a stranger's, and nothing
+//! else.
 
 use funnelnet_link::{Filter, Filters};
 use funnelnet_protocol::config::EdgeConfig;
@@ -38,7 +39,8 @@ proptest! {
         id in 0_u16..1 << 11,
     ) {
         let (function, node) = (id >> 7, (id & 0x7F) as u8);
-        // Of a function that there is not yet, too, from those that it hears: it counts what it does not know.
+        // Of a function that there is not yet, too, from those that it hears: it counts what it does not
+        // know.
         let to_all = function < STATE || function == EDGE;
         let wanted = to_all || node == own || neighbours.contains(&node);
         let filters: Vec<_> = Filters::new(own, &edges(&neighbours)).within(28).collect();

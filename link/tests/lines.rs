@@ -1,4 +1,5 @@
-//! Networks of nodes on lines to each other: what is said once gets everywhere, goes over each line at most once in each direction, and dies.
+//! Networks of nodes on lines to each other: what is said once gets everywhere, goes over each line at most
+//! once in each direction, and dies.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_link::{FORGET_MS, Forwarder, HOST_LINE};
@@ -19,7 +20,8 @@ struct End {
     line: usize,
 }
 
-/// Nodes, their lines, and the frames on them. Each line carries frames in order, and how fast is up to the test.
+/// Nodes, their lines, and the frames on them. Each line carries frames in order, and how fast is up to the
+/// test.
 struct Network {
     forwarders: Vec<Forwarder<PEERS>>,
     /// The other end of each line between nodes.

@@ -58,7 +58,8 @@ fn stamps(heard: &[Heard]) -> Vec<(u32, u8)> {
     heard.iter().map(stamp).collect()
 }
 
-/// Looks at the error state as often as the port wants it, from `from` ms on and before `to` ms; gives what is asked for, and when (ms).
+/// Looks at the error state as often as the port wants it, from `from` ms on and before `to` ms; gives what
+/// is asked for, and when (ms).
 fn looks<F: Format>(
     port: &mut CanPort<F>,
     from: u64,

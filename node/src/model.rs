@@ -6,18 +6,20 @@ use funnelnet_law::field::{PreparedField, VectorField};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
 
-/// Makes the vector field of a node from its configuration. Users implement it for a field of their own or for a plant.
+/// Makes the vector field of a node from its configuration. Users implement it for a field of their own or
+/// for a plant.
 pub trait Model {
     /// The vector field.
     type Field: VectorField<f32>;
 
-    /// The field for tick period `tick` (s). With a plant it is the model that predicts the plant's next state without input.
+    /// The field for tick period `tick` (s). With a plant it is the model that predicts the plant's next
+    /// state without input.
     ///
     /// # Errors
-    /// What is wrong with `config.field`; a model that takes nothing from it need not look.
+    /// Checks `config.field`; a model that takes nothing from it need not look.
     fn field(&self, config: &NodeConfig, tick: f64) -> Result<Self::Field, ConfigError>;
 
-    /// What there is to know of the plant; a *virtual* node has none and integrates its field.
+    /// Facts of the plant; a *virtual* node has none and integrates its field.
     fn plant(&self) -> Option<PlantSetup> {
         None
     }
@@ -51,7 +53,8 @@ impl<V: VectorField<f32>> Params<f32, V> {
     /// Validates `config`, with the field and the plant of `model`.
     ///
     /// # Errors
-    /// The first value outside its range, by name, with what is allowed; a plant with another number of components.
+    /// The first value outside its range, by name, with what is allowed; a plant with another number of
+    /// components.
     pub fn of_model<M: Model<Field = V>>(config: &NodeConfig, model: &M) -> Result<Self, ConfigError> {
         let mut params = Self::with_field(config, |tick| model.field(config, tick));
         // In place, since a copy of it is some kilobytes of stack.

@@ -1,8 +1,9 @@
-//! Table of neighbours, as a node knows them: value, increment, age, of every component of their states by itself, since each comes, is
-//! lost and expires by itself.
+//! Table of neighbours, as a node knows them: value, increment, age, of every component of their states by
+//! itself, since each comes, is lost and expires by itself.
 //!
-//! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of ticks, and then
-//! its edge is dropped until it is heard again (LAW.md 4: holding instead costs up to thirty times the error).
+//! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of
+//! ticks, and then its edge is dropped until it is heard again (law.md 4: holding instead costs up to thirty
+//! times the error).
 
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::Widths;
@@ -58,13 +59,13 @@ pub enum Presence {
 enum Hearing {
     /// Nothing: there was no tick yet.
     New,
-    /// Nothing since the first tick.
+    /// Never heard since the first tick.
     Waiting,
     /// Its value means something.
     Known,
-    /// Nothing for too long.
+    /// Heard once, and silent for too long.
     Lost,
-    /// Nothing ever, and for too long.
+    /// Never heard, for too long.
     Missed,
 }
 
@@ -82,8 +83,8 @@ impl<F: Real> Edge<F> {
         self.hearing == Hearing::Known
     }
 
-    /// Whether the edge is given up at tick `k`, where there is no value, or one that is too old. Time counts from the first tick, since
-    /// a node may join a network that runs, and get a neighbour while it does.
+    /// Whether the edge is given up at tick `k`, where there is no value, or one that is too old. Time counts
+    /// from the first tick, since a node may join a network that runs, and get a neighbour while it does.
     #[cold]
     fn gives_up(&mut self, k: u32, extrapolate_ticks: i32) -> bool {
         if self.hearing == Hearing::New {
@@ -101,8 +102,8 @@ impl<F: Real> Edge<F> {
         gives_up
     }
 
-    /// Drops the edge to a neighbour that has stopped, with the state of `tick` as its last one; whether there was one to drop. Not where it has spoken
-    /// since: then it is back.
+    /// Drops the edge to a neighbour that has stopped, with the state of `tick` as its last one; whether
+    /// there was one to drop. Not where it has spoken since: then it is back.
     fn leaves(&mut self, tick: u32) -> bool {
         self.hearing = match self.hearing {
             Hearing::Known if self.tick.wrapping_sub(tick) as i32 <= 0 => Hearing::Lost,
@@ -113,7 +114,8 @@ impl<F: Real> Edge<F> {
         true
     }
 
-    /// Whether a value of `tick` is one of those that a neighbour has said before it stopped, and that came after that.
+    /// Whether a value of `tick` is one of those that a neighbour has said before it stopped, and that came
+    /// after that.
     fn is_of_before(&self, tick: u32) -> bool {
         let since = tick.wrapping_sub(self.tick) as i32;
         // Ticks wrap, and it may be gone for longer than half of their range.
@@ -126,8 +128,8 @@ impl<F: Real> Edge<F> {
         k.wrapping_sub(self.tick) as i32
     }
 
-    /// The value at tick `k`, and its change per tick: extrapolated by the last one where no value of this tick has come, and by no more
-    /// than `slope_limit`.
+    /// The value at tick `k`, and its change per tick: extrapolated by the last one where no value of this
+    /// tick has come, and by no more than `slope_limit`.
     #[inline]
     fn at(&self, k: u32, slope_limit: F) -> (F, F) {
         match self.age(k) {
@@ -149,13 +151,13 @@ pub struct EdgeInputs<F> {
     pub u: F,
 }
 
-/// Funnel of every edge at one tick. Each is floored by the states at its two ends, by its own input and stiffness, and by nothing
-/// else: both ends know these, and their inputs have to cancel.
+/// Funnel of every edge at one tick. Each is floored by the states at its two ends, by its own input and
+/// stiffness, and by nothing else: both ends know these, and their inputs have to cancel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFunnel<F> {
-    /// Before flooring.
+    /// Widths before flooring.
     pub widths: Widths<F>,
-    /// That of an edge of stiffness 1.
+    /// Floor of an edge of stiffness 1.
     pub floor: Floor<F>,
 }
 
@@ -167,11 +169,12 @@ impl<F: Real> EdgeFunnel<F> {
     }
 }
 
-/// Part of the node itself in the sums.
+/// The node itself, as it enters the sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Own<F> {
-    /// State as it was sent, state units. The node knows it better than an f32 does, but must not use that here: neighbours do not,
-    /// and the diffusive terms of a network have to add up to zero (docs/notes/2026-11-23-whole-paper.md).
+    /// State as it was sent, state units. The node knows it better than an f32 does, but must not use that
+    /// here: neighbours do not, and the diffusive terms of a network have to add up to zero
+    /// (docs/notes/2026-11-23-whole-paper.md).
     pub x: F,
     /// Change of `x` over the last tick, state units.
     pub dx: F,
@@ -182,7 +185,7 @@ pub struct Own<F> {
 pub struct Sums<F> {
     /// `nu = sum_j alpha_j (x_j - x)`, state units.
     pub nu: F,
-    /// Its change over the last tick, from the increments, state units.
+    /// Change of `nu` over the last tick, from the increments, state units.
     pub dnu: F,
     /// Largest `|x|` among the neighbours and the node itself, state units.
     pub largest: F,
@@ -190,11 +193,11 @@ pub struct Sums<F> {
     pub extrapolated: u32,
     /// A neighbour that was lost at this tick (the last one, where there were several).
     pub lost: Option<NodeId>,
-    /// How many edges were dropped at this tick.
+    /// Number of edges dropped at this tick.
     pub lost_count: u32,
 }
 
-/// Kind of a received state.
+/// Outcome of a received state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Heard {
     /// A newer value of a known neighbour.
@@ -233,9 +236,10 @@ impl<F: Real> Neighbours<F> {
         }
     }
 
-    /// Makes it the table of `edges`, of which no two are of one neighbour. What has been heard of neighbours that stay, and the last inputs
-    /// of their edges, stay with them. Silent ones will be extrapolated for `extrapolate_ticks` ticks, by at most `slope_limit` (state units)
-    /// per tick. Gives whether the edges are others now, or have other weights.
+    /// Makes it the table of `edges`, of which no two are of one neighbour. What has been heard of neighbours
+    /// that stay, and the last inputs of their edges, stay with them. Silent ones will be extrapolated for
+    /// `extrapolate_ticks` ticks, by at most `slope_limit` (state units) per tick. Gives whether the edges
+    /// are others now, or have other weights.
     // In place, by swaps: a second table beside this one would be 5.5 KiB of stack.
     pub fn set(&mut self, edges: &[EdgeConfig], extrapolate_ticks: u32, slope_limit: F) -> bool {
         (self.extrapolate_ticks, self.slope_limit) = (extrapolate_ticks, slope_limit);
@@ -261,7 +265,7 @@ impl<F: Real> Neighbours<F> {
         changed
     }
 
-    /// Whether all its edges are gone, though it had some.
+    /// Whether the node had edges, and all of them are gone.
     #[inline]
     pub fn is_alone(&self) -> bool {
         self.alone
@@ -295,7 +299,8 @@ impl<F: Real> Neighbours<F> {
         }
     }
 
-    /// Brings what belongs to `index` there; what is before it is in its place. Each swap brings one edge to its own.
+    /// Brings what belongs to `index` there; what is before it is in its place. Each swap brings one edge to
+    /// its own.
     fn fill(&mut self, index: usize) {
         for _ in index..self.edges.len() {
             let Some(edge) = self.edges.get(index) else { return };
@@ -324,7 +329,8 @@ impl<F: Real> Neighbours<F> {
         self.of(id).first().map(Edge::presence)
     }
 
-    /// Whether any component of neighbour `id` was ever heard, or has been since it became a neighbour; `None` for a stranger.
+    /// Whether any component of neighbour `id` was ever heard, or has been since it became a neighbour;
+    /// `None` for a stranger.
     pub fn was_heard(&self, id: NodeId) -> Option<bool> {
         let of_id = self.of(id);
         let heard = |edge: &Edge<F>| matches!(edge.hearing, Hearing::Known | Hearing::Lost);
@@ -349,12 +355,12 @@ impl<F: Real> Neighbours<F> {
         self.edges.get(usize::from(slot)).map(|edge| edge.weight)
     }
 
-    /// Takes a component `x` of a neighbour's state (state units) stamped `tick`; `own` is the tick that the node computes next. Gives, too, by how
-    /// many ticks it came late: those that it is for have run.
+    /// Takes a component `x` of a neighbour's state (state units) stamped `tick`; `own` is the tick that the
+    /// node computes next. Gives, too, by how many ticks it came late: those that it is for have run.
     ///
     /// # Errors
-    /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale` or `Duplicate`; then nothing has
-    /// changed.
+    /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale` or
+    /// `Duplicate`; then nothing has changed.
     #[inline]
     pub fn hear(
         &mut self,
@@ -392,8 +398,8 @@ impl<F: Real> Neighbours<F> {
         Ok((Heard::Newer, age))
     }
 
-    /// Drops the edge to neighbour `id`, which says that it has stopped and that its last state was that of `tick`; `own` is the tick that the node
-    /// computes next. Gives whether there was one to drop.
+    /// Drops the edge to neighbour `id`, which says that it has stopped and that its last state was that of
+    /// `tick`; `own` is the tick that the node computes next. Gives whether there was one to drop.
     #[cold]
     pub fn leaves(&mut self, id: NodeId, tick: TickStamp, own: u32) -> bool {
         let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
@@ -443,8 +449,8 @@ impl<F: Real> Neighbours<F> {
         sums
     }
 
-    /// Takes note that the actuator has done only `share` (0 to 1) of the inputs that the edges have asked for in one component. Each
-    /// edge goes on from its part of that.
+    /// Takes note that the actuator has done only `share` (0 to 1) of the inputs that the edges have asked
+    /// for in one component. Each edge goes on from its part of that.
     pub fn feed_back(&mut self, component: u8, share: F) {
         for edge in self.edges.iter_mut().filter(|edge| edge.component == component) {
             if let Some(u) = edge.memory.last_input() {
@@ -465,7 +471,8 @@ impl<F: Real> Neighbours<F> {
         known.fold(F::ZERO, |sum, edge| sum + edge.weight)
     }
 
-    /// The largest `alpha_j |x_j - x|` at tick `k` in one component, for the node's own state `x`; state units.
+    /// The largest `alpha_j |x_j - x|` at tick `k` in one component, for the node's own state `x`; state
+    /// units.
     #[cold]
     pub fn largest_term(&self, k: u32, component: u8, x: F) -> F {
         let known = self.edges.iter().filter(|edge| edge.is_known() && edge.component == component);
@@ -475,7 +482,8 @@ impl<F: Real> Neighbours<F> {
         })
     }
 
-    /// Takes note that a tick lasts so many times as long from tick `k` on: so do the increments that came before it.
+    /// Takes note that from tick `k` on a tick lasts `times` times as long, and scales the increments that
+    /// came before it.
     #[cold]
     pub fn stretch(&mut self, k: u32, times: F) {
         for edge in self.edges.iter_mut().filter(|edge| edge.age(k) >= 0) {
@@ -483,7 +491,7 @@ impl<F: Real> Neighbours<F> {
         }
     }
 
-    /// Takes note that something in one component does not follow from what was before (LAW.md 3).
+    /// Takes note that something in one component does not follow from what was before (law.md 3).
     pub fn disturb(&mut self, component: u8) {
         let edges = self.edges.iter_mut().filter(|edge| edge.component == component);
         edges.for_each(|edge| edge.memory.disturb());

@@ -40,14 +40,14 @@ pub enum Event {
         /// Tick number.
         tick: u32,
     },
-    /// The funnel is narrower than the resolution of `nu`, and is floored there from now on (LAW.md 4).
+    /// The funnel is narrower than the resolution of `nu`, and is floored there from now on (law.md 4).
     FunnelFloored {
         /// Tick number.
         tick: u32,
         /// The floor, state units.
         width: f32,
     },
-    /// The node has widened its own funnel after a breach (LAW.md 5, `reopen`).
+    /// The node has widened its own funnel after a breach (law.md 5, `reopen`).
     FunnelReopened {
         /// Tick number.
         tick: u32,
@@ -65,7 +65,7 @@ pub enum Event {
     },
     /// A SYNC skipped ticks.
     SyncGap {
-        /// How many.
+        /// Number of neighbours.
         missed: u32,
     },
     /// Ticks of the timer come a whole period late or more, from this one on.
@@ -155,7 +155,7 @@ impl defmt::Format for Event {
     }
 }
 
-/// Doings of the law at the last tick, in one component of the state.
+/// Values of the law at the last tick, in one component of the state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observation<F> {
     /// Tick number `k`.

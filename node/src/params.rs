@@ -28,13 +28,14 @@ pub use funnelnet_law::range::{
 /// Ticks for which a newcomer waits at most: neighbours that are apart come together in a second or never.
 pub const NEWCOMER_PATIENCE: u16 = 500;
 
-/// What a node needs for a run beside its edges, validated with them. `F` is the node's number type, `V` its vector field, `G` its gain.
+/// Parameters of a node for a run, apart from its edges, with which they are validated. `F` is the node's
+/// number type, `V` its vector field, `G` its gain.
 ///
-/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of them are 4.5 KiB, and each copy is
-/// stack.
+/// The edges stay in the configuration until [`Node`](crate::Node) makes its table of them, in place: 126 of
+/// them are 4.5 KiB, and each copy is stack.
 #[derive(Clone, Debug)]
 pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
-    /// Own id.
+    /// Id of the node.
     pub id: NodeId,
     /// Period of the law, ns: a round of one tick or more.
     pub tick_ns: u64,
@@ -44,7 +45,7 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub round: u8,
     /// The slow start. With one, the field is prepared for an eighth of a tick.
     pub start: SlowStart,
-    /// What makes the node tick.
+    /// Source of the node's ticks.
     pub tick_source: TickSource,
     /// Initial state, state units, 1 to 8 components.
     pub initial_state: State<F>,
@@ -52,33 +53,34 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub state_limit: F,
     /// Own vector field.
     pub field: V,
-    /// Which law makes inputs.
+    /// Law that makes the inputs.
     pub coupling: Law<F>,
     /// Gain and step (**) of the node.
     pub law: NodeWise<F, G>,
     /// Funnel.
     pub funnel: SampledFunnel<F>,
-    /// What the law leaves of the funnel at its edge.
+    /// Part of the funnel at its edge that the law leaves alone.
     pub guard: Guard<F>,
     /// The largest `|u|`, state units / s.
     pub input_limit: F,
-    /// What an actuator can do, where that is said.
+    /// Limits of the actuator, where they are given.
     pub limits: Option<InputRange>,
     /// The largest change of an extrapolated neighbour in a round, state units.
     pub slope_limit: F,
-    /// What rounding leaves of the funnel.
+    /// Floor of the funnel, below which rounding leaves nothing of it.
     pub floor: Floor<F>,
-    /// What to do outside the funnel.
+    /// Policy outside the funnel.
     pub on_breach: OnBreach<F>,
     /// Ticks for which a silent neighbour is extrapolated before its edge is dropped.
     pub extrapolate_ticks: u32,
-    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no neighbour's term by much (LAW.md 9).
+    /// Ticks for which a newcomer without a plant that could speak waits for a time at which it moves no
+    /// neighbour's term by much (law.md 9).
     pub newcomer_patience: u16,
     /// The plant; a virtual node has none.
     pub plant: Option<PlantSetup>,
-    /// So many neighbours lost at the same time stop the node; 0 never does.
+    /// Number of neighbours that stop the node when they are lost at the same time; 0: none does.
     pub lost_neighbours: u8,
-    /// How long a running node goes on without a SYNC that it waits for, ns; `None`: for ever.
+    /// Time for which a running node goes on without the SYNC that it waits for, ns; `None`: for ever.
     pub holdover_ns: Option<u64>,
 }
 
@@ -101,7 +103,7 @@ pub enum OnBreach<F> {
 }
 
 impl<F: Real> Params<F> {
-    /// Validates `config`.
+    /// Validates `config` and prepares it.
     ///
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
@@ -118,7 +120,8 @@ pub fn prepared_field<F: Real>(config: &NodeConfig, tick: f64) -> Result<Prepare
     field_with_inputs(config, tick, 0, NoInputs)
 }
 
-/// The same for a simulation, where a program may name the first `count` of these inputs from outside.
+/// Prepares the field for a simulation, where a program may name the first `count` of these inputs from
+/// outside.
 ///
 /// # Errors
 /// As for [`prepared_field`].
@@ -138,7 +141,7 @@ pub fn field_with_inputs<F: Real, I: Inputs<F>>(
     Ok(prepared)
 }
 
-/// The same where it is affine with sinusoids, whatever program there may be.
+/// Prepares the affine part of the field with its sinusoids, and leaves a program aside.
 ///
 /// # Errors
 /// The first value outside its range, by name, with what is allowed.
@@ -163,8 +166,9 @@ impl<F: Real, V> Params<F, V> {
 }
 
 impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
-    /// Validates `config`, with a vector field (built from the time in s of two of its half ticks: `T`, or an eighth of it with a slow start) and a gain of the user's own in place of its. The node is
-    /// virtual until it is given a plant.
+    /// Validates `config`, with a vector field (built from the time in s of two of its half ticks: `T`, or an
+    /// eighth of it with a slow start) and a gain of the user's own in place of its. The node is virtual
+    /// until it is given a plant.
     ///
     /// # Errors
     /// The first value outside its range, by name, with what is allowed.
@@ -233,7 +237,7 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
         // A plant has its own time.
         check(ConfigField::SlowStart, 0, self.start.ticks().into(), 0.0, 0.0)?;
         self.plant = Some(plant);
-        // What is measured does not follow from the inputs to the last digit (LAW.md 3).
+        // What is measured does not follow from the inputs to the last digit (law.md 3).
         self.law.stop_looking_back();
         if let Law::EdgeWise(law) = &mut self.coupling {
             law.stop_looking_back();
@@ -290,7 +294,8 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
 }
 
 fn check(field: ConfigField, index: usize, found: f64, low: f64, high: f64) -> Result<(), ConfigError> {
-    // Most values travel as f32, where 1e-9 is a little less, and 0.999 a little more. Written so that NaN is outside.
+    // Most values travel as f32, where 1e-9 is a little less, and 0.999 a little more. Written so that NaN is
+    // outside.
     if found >= f64::from(low as f32) && (found <= high || found <= f64::from(high as f32)) {
         Ok(())
     } else {
@@ -463,7 +468,8 @@ fn gain_field(parameter: &str) -> ConfigField {
     }
 }
 
-/// A tracker starts from a linear gain, and funnels that are not node-wise need a gain that grows without bound.
+/// A tracker starts from a linear gain, and funnels that are not node-wise need a gain that grows without
+/// bound.
 fn check_gain_of_coupling(gain: &Gain<f32>, coupling: &Coupling<f32>) -> Result<(), ConfigError> {
     let linear = !gain.keeps_funnels();
     let fits = match coupling {

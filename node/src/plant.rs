@@ -1,5 +1,5 @@
-//! The plant of a node, as the sans-IO core sees it: when to ask the app for a sample or an input, what the actuator can do,
-//! and how long the node goes on without a sensor (docs/notes/2026-11-24-real-nodes.md).
+//! The plant of a node, as the sans-IO core sees it: when to ask the app for a sample or an input, what the
+//! actuator can do, and how long the node goes on without a sensor (docs/notes/2026-11-24-real-nodes.md).
 
 use core::fmt;
 use funnelnet_law::collect::collect;
@@ -16,7 +16,7 @@ pub struct InputRange {
     high: f32,
 }
 
-/// Reason why there is no such range.
+/// Reason why a range is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadRange {
     /// Lower limit that was asked for, state units / s.
@@ -32,7 +32,8 @@ impl fmt::Display for BadRange {
 }
 
 impl InputRange {
-    /// The range from `low` to `high` (state units / s). No input at all must be possible: that is what the law gives where all agree.
+    /// The range from `low` to `high` (state units / s). No input at all must be possible: that is what the
+    /// law gives where all agree.
     ///
     /// # Errors
     /// The limits, unless they are finite with `low <= 0 <= high` and `low < high`.
@@ -51,7 +52,8 @@ impl InputRange {
         self.high
     }
 
-    /// The input nearest to `u` (state units / s) that the actuator can do; none at all for what is not a number.
+    /// The input nearest to `u` (state units / s) that the actuator can do; none at all for what is not a
+    /// number.
     pub fn clamp<F: Real>(&self, u: F) -> F {
         let (low, high) = (F::from_f32(self.low), F::from_f32(self.high));
         if u >= high {
@@ -66,10 +68,10 @@ impl InputRange {
     }
 }
 
-/// Setup of a plant, as its node has to know it.
+/// Facts of a plant that its node has to know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSetup {
-    /// One per component of the state.
+    /// Ranges of the inputs, one per component of the state.
     pub inputs: Vec<InputRange, MAX_COMPONENTS>,
     /// Samples in a row that may fail; at the next one the node stops.
     pub coast_ticks: u32,
@@ -117,7 +119,7 @@ impl<F: Real> Plant<F> {
         u
     }
 
-    /// What the weakest of its actuators can do, state units / s.
+    /// Largest input that even the weakest actuator can do, state units / s.
     pub fn largest_input(&self) -> F {
         let sizes = self.setup.inputs.iter().map(|range| F::from_f32(range.high.max(-range.low)));
         sizes.fold(F::WIDEST, |least, size| if size < least { size } else { least })

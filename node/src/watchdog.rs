@@ -15,9 +15,9 @@ pub struct Progress {
     /// Ticks that it has completed, modulo 2^32: not the tick number, which SYNC moves on over ticks that
     /// never ran.
     pub completed: u32,
-    /// A tick has to run now, or waits for its sample.
+    /// Whether a tick has to run now, or waits for its sample.
     pub is_due: bool,
-    /// When the node's own timer makes it tick next, ns; `None` where that is up to others.
+    /// Time at which the node's own timer makes it tick next, ns; `None` where others decide that.
     pub next: Option<u64>,
 }
 

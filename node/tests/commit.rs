@@ -1,4 +1,5 @@
-//! A configuration that takes effect at a tick: staged, committed, adopted by nodes that run (protocol/README.md, "Commit").
+//! A configuration that takes effect at a tick: staged, committed, adopted by nodes that run
+//! (protocol/README.md, "Commit").
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_law::PreparedField;
@@ -243,7 +244,8 @@ fn the_same_configuration_again_changes_no_bit() {
             network.run(35);
             (network.states, network.told, network.boards[0].session.node().unwrap().counters().ticks)
         };
-        // The one of 5 comes when the states of that tick have been heard, with their changes since the tick before.
+        // The one of 5 comes when the states of that tick have been heard, with their changes since the tick
+        // before.
         for at in [5, 17] {
             let (with, without) = (run(Some(at)), run(None));
             assert_eq!(with, without, "kind {kind}, at {at}");
@@ -663,7 +665,8 @@ fn a_node_with_a_plant_switches_too_and_not_at_a_tick_that_waits_for_its_sample(
     assert!(said.contains(&Output::Sample) && said.contains(&Output::Actuate), "{said:?}");
 }
 
-/// A plant cannot be measured for ticks whose time is over, and is moved on over them: to the commit, if that is among them.
+/// A plant cannot be measured for ticks whose time is over, and is moved on over them: to the commit, if that
+/// is among them.
 #[test]
 fn a_late_node_with_a_plant_switches_before_it_runs_a_tick_at_or_after_the_one_that_was_named() {
     let timer = |width| NodeConfig { tick_source: TickSource::Timer, ..with_width(&config(2, 1), width) };
@@ -688,7 +691,8 @@ fn a_late_node_with_a_plant_switches_before_it_runs_a_tick_at_or_after_the_one_t
     }
 }
 
-/// SYNC gives the sample that a tick waits for to a later one. Where that is the commit's or one after it, it is measured once more.
+/// SYNC gives the sample that a tick waits for to a later one. Where that is the commit's or one after it, it
+/// is measured once more.
 #[test]
 fn a_node_with_a_plant_that_sync_moves_over_the_commit_while_it_waits_for_its_sample_switches_first() {
     for (at, psi) in [(2, 20.0), (3, 20.0), (4, 10.0)] {
@@ -709,7 +713,8 @@ fn a_node_with_a_plant_that_sync_moves_over_the_commit_while_it_waits_for_its_sa
     }
 }
 
-/// With a field of its own that changes little, the input of a tick is near the one before, and far from what the law gives without memory.
+/// With a field of its own that changes little, the input of a tick is near the one before, and far from what
+/// the law gives without memory.
 #[test]
 fn whatever_the_coupling_was_the_law_goes_on_from_the_last_input() {
     let max_gain = NodeConfig { coupling: Coupling::MaxGain, ..with_width(&config(2, 1), 3.0) };

@@ -182,7 +182,8 @@ fn edge_wise_inputs_cancel_so_the_mean_stays_and_all_agree_on_it() {
     let mut net = Net::start(&ring(&states, |_, config| config.coupling = Coupling::EdgeWise));
     net.run(20_000);
     let states = net.states().concat();
-    // Each tick rounds a state once, and compensation carries that on: after 20,000 ticks the mean has moved by no more than a few ulp.
+    // Each tick rounds a state once, and compensation carries that on: after 20,000 ticks the mean has moved
+    // by no more than a few ulp.
     let mean: f64 = states.iter().map(|&x| f64::from(x)).sum::<f64>() / 4.0;
     assert!((mean - 1.625).abs() < 2e-6, "{mean}");
     assert!(states.iter().all(|x| (x - 1.625).abs() < 0.1), "{states:?}");
@@ -219,7 +220,8 @@ fn a_linear_gain_pulls_with_its_slope_and_a_tracker_with_a_growing_one() {
     let linear = Gain::Linear { slope: 3.0 };
     let mut net = Net::start(&ring(&[&[0.0], &[0.01]], |_, config| config.gain = linear));
     net.run(1);
-    // nu = 0.01 times the weight 1.5; k nu, but for (b k)^2: the first step is implicit too, and b = theta c T d.
+    // nu = 0.01 times the weight 1.5; k nu, but for (b k)^2: the first step is implicit too, and b = theta c
+    // T d.
     let implicit = 1.0 + 1.1 * 1e-3 * 1.5 * 3.0;
     let expected = |nu: f32| 3.0 * nu * (2.0 * implicit - 1.0) / (implicit * implicit);
     let u = net.nodes[0].observations()[0].u;

@@ -119,7 +119,8 @@ fn draw(random: &mut Random) -> Draw {
     Draw { tick_ns, offsets, weights, scale, factor: 1.0 }
 }
 
-/// The largest that `nu` of a node is away from its mean once the network is at rest, in `d (ulp(x) + T ulp(u))`; and the largest ratio.
+/// The largest that `nu` of a node is away from its mean once the network is at rest, in
+/// `d (ulp(x) + T ulp(u))`; and the largest ratio.
 fn rounding(draw: &Draw) -> (f64, f64) {
     let mut net = Net::new(draw);
     (0..20_000).for_each(|_| net.tick());

@@ -1,4 +1,4 @@
-//! Nodes that come to a network that runs, and nodes whose neighbours all fall silent (LAW.md 9).
+//! Nodes that come to a network that runs, and nodes whose neighbours all fall silent (law.md 9).
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_node::{Action, Event, InputRange, Node, Params, PlantSetup};
@@ -102,7 +102,8 @@ fn hear_apart(node: &mut Node, k: u32, term: f32) {
     hear(node, 3, k, -term / 3.0 - 1.0);
 }
 
-/// The tick at which a node that joins speaks, after the first one, whose neighbours are `term` funnels from it up to a tick, and near it from there on.
+/// The tick at which a node that joins speaks, after the first one, whose neighbours are `term` funnels from
+/// it up to a tick, and near it from there on.
 fn spoke(term: f32, near_from: u32) -> u32 {
     let mut node = node(&config());
     node.on_message(&start(JOIN), 0).unwrap();
@@ -173,7 +174,8 @@ fn a_plant_far_away_goes_there_in_a_funnel_of_its_own_within_its_limits_and_spea
             break;
         }
     }
-    // nu = 4 (x + 1) has to be below 1.05 for ten ticks; 51 away at 300 a second it takes a sixth of a second at least.
+    // nu = 4 (x + 1) has to be below 1.05 for ten ticks; 51 away at 300 a second it takes a sixth of a second
+    // at least.
     let spoke = spoke.unwrap();
     assert!((170..3000).contains(&spoke), "{spoke}");
     assert!((4.0 * (x + 1.0)).abs() < 1.05 && largest <= 300.0, "{x} {largest}");
@@ -225,7 +227,8 @@ fn an_input_is_bounded_counted_and_fed_back_and_a_slope_is_clipped() {
     tick(&mut node, 0, 0.0);
     // 2 - 6 = -4 in a funnel of 1 asks for much more.
     assert_eq!((node.observations()[0].u, node.counters().limited), (-20.0, 1));
-    // Node 2 jumps by 1 in a tick, which is 1,000 a second, and falls silent: at most 5 a second are believed.
+    // Node 2 jumps by 1 in a tick, which is 1,000 a second, and falls silent: at most 5 a second are
+    // believed.
     node.on_message(&state(2, 1, 3.0), 0).unwrap();
     node.on_message(&state(3, 1, -2.0), 0).unwrap();
     tick(&mut node, 1, 0.0);

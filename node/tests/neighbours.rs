@@ -27,7 +27,8 @@ fn sum(edges: &[EdgeConfig], heard: &BTreeMap<(u8, u8), f32>, component: u8) -> 
 }
 
 proptest! {
-    /// Those that stay are still known, those that come are not heard yet, those that go are strangers, and the order is that of the list.
+    /// Those that stay are still known, those that come are not heard yet, those that go are strangers, and
+    /// the order is that of the list.
     #[test]
     fn after_any_changes_it_is_the_table_of_the_last_edges(
         (components, lists) in (1..=8u8).prop_flat_map(|n| {

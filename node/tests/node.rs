@@ -319,7 +319,8 @@ fn so_many_neighbours_lost_at_once_stop_it_and_one_that_comes_back_does_not_coun
         let neighbours = [edge(2), edge(3), edge(4)].into_iter().collect();
         started(&NodeConfig { lost_neighbours, neighbours, extrapolate_ticks: 1, ..config() })
     };
-    // 2 falls silent after tick 0, and 3 after tick 2; each is dropped two ticks later. 4 is heard all the time.
+    // 2 falls silent after tick 0, and 3 after tick 2; each is dropped two ticks later. 4 is heard all the
+    // time.
     let play = |node: &mut Node, back: bool| {
         for k in 0..=4 {
             let speak = |id: u8| match id {
@@ -354,7 +355,8 @@ fn so_many_neighbours_lost_at_once_stop_it_and_one_that_comes_back_does_not_coun
     }
 }
 
-/// The eight bits of a classic frame take a state of 256 ticks ago for one of now; the sixteen of CAN FD do not.
+/// The eight bits of a classic frame take a state of 256 ticks ago for one of now; the sixteen of CAN FD do
+/// not.
 #[test]
 fn a_node_that_was_silent_for_256_ticks_is_not_taken_for_a_fresh_one_by_sixteen_bits() {
     let heard = |bits: u8| {

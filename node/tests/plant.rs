@@ -1,4 +1,5 @@
-//! Nodes with a plant: sampled heaters that differ from their models, actuators with limits, sensors that fail.
+//! Nodes with a plant: sampled heaters that differ from their models, actuators with limits, sensors that
+//! fail.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod heaters;
@@ -137,7 +138,8 @@ fn the_law_sees_the_measurement_and_its_change_and_not_the_prediction() {
     assert!((seen.u - u).abs() < 1e-6 * u, "{} instead of {u}", seen.u);
 }
 
-/// A node that can do 2 K/s follows a neighbour that jumps up by 20 K and, when it is there, stays. By how much does it overshoot, K?
+/// A node that can do 2 K/s follows a neighbour that jumps up by 20 K and, when it is there, stays. By how
+/// much does it overshoot, K?
 fn overshoot_of_node(coupling: Coupling<f32>) -> f64 {
     let mut known = Known::badly(Heater::default());
     known.plant.inputs = [InputRange::new(-2.0, 2.0).unwrap()].into_iter().collect();
@@ -426,7 +428,8 @@ fn a_range_without_the_zero_input_is_refused_with_its_limits() {
     assert_eq!(InputRange::new(0.0, 2.0).unwrap().clamp(-1.0), 0.0);
 }
 
-/// Drains a session whose samples and replies each take `cost` ns. Gives the states sent, and whether the drain has come to its end.
+/// Drains a session whose samples and replies each take `cost` ns. Gives the states sent, and whether the
+/// drain has come to its end.
 fn drain_slowly<M: funnelnet_node::Model>(node: &mut Session<M>, cost: u64) -> (usize, bool) {
     let (mut now, mut states) = (node.poll_at().unwrap(), 0);
     for _ in 0..10_000 {

@@ -1,4 +1,4 @@
-//! Slow start (LAW.md 7): network time passes in eighths of a tick at first, and tick numbers count on.
+//! Slow start (law.md 7): network time passes in eighths of a tick at first, and tick numbers count on.
 #![allow(clippy::unwrap_used)]
 
 use funnelnet_node::params::LONGEST_SLOW_START;
@@ -63,7 +63,8 @@ fn in_between_the_funnel_is_that_of_the_eighth() {
 
 #[test]
 fn the_law_is_damped_more_until_ten_times_as_long() {
-    // A pair; the neighbour stays at 1. What the node asks for depends on theta, c and T by b alone while nothing changes.
+    // A pair; the neighbour stays at 1. What the node asks for depends on theta, c and T by b alone while
+    // nothing changes.
     let config = |slow_start| {
         let edge = EdgeConfig::new(2, 1.0);
         let tuning = Tuning { slow_start, ..Tuning::default() };

@@ -1,4 +1,5 @@
-//! Time that a network shares, on a bus that delivers SYNC late, to clocks that drift: how far apart it is, who leads, and what becomes of silence.
+//! Time that a network shares, on a bus that delivers SYNC late, to clocks that drift: how far apart it is,
+//! who leads, and what becomes of silence.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::time::{Change, Keeper, Masters, Output, Role, Rules};

@@ -4,7 +4,8 @@ use crate::failure::{BadScale, Failure, check};
 use embedded_hal::pwm::SetDutyCycle;
 use funnelnet_node::InputRange;
 
-/// Something that is driven by a number from 0 to a largest one: any `SetDutyCycle`, or a DAC that is adapted by these two lines.
+/// Something that is driven by a number from 0 to a largest one: any `SetDutyCycle`, or a DAC that is adapted
+/// by these two lines.
 pub trait Sink {
     /// What it says when it refuses.
     type Error;
@@ -34,7 +35,8 @@ impl<P: SetDutyCycle> Sink for P {
 /// `fraction = at_zero + per_input u` of full scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActuatorScale {
-    /// Fraction of full scale without input, 0 to 1. What the plant does at this one belongs to the model's field.
+    /// Fraction of full scale without input, 0 to 1. What the plant does at this one belongs to the model's
+    /// field.
     pub at_zero: f32,
     /// Fraction of full scale per input of 1 state unit / s; negative where more drive lowers the state.
     pub per_input: f32,

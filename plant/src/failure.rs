@@ -10,7 +10,8 @@ pub enum Failure {
         /// Component of the state.
         component: u8,
     },
-    /// The converter of this component gave a value that its sensor cannot mean: a broken wire or a short circuit, for example.
+    /// The converter of this component gave a value that its sensor cannot mean: a broken wire or a short
+    /// circuit, for example.
     OutOfRange {
         /// Component of the state.
         component: u8,

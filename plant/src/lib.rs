@@ -1,7 +1,8 @@
 //! What a node measures and drives: its plant.
 //!
-//! The core says when (`funnelnet_node::Output`), a [`Plant`] does it. [`Virtual`] is the node that integrates its field and owns no pin;
-//! [`Sampled`] reads a converter and drives a duty cycle or a DAC, in SI units. Whoever needs more implements [`Plant`].
+//! The core says when (`funnelnet_node::Output`), a [`Plant`] does it. [`Virtual`] is the node that
+//! integrates its field and owns no pin; [`Sampled`] reads a converter and drives a duty cycle or a DAC, in
+//! SI units. Whoever needs more implements [`Plant`].
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -18,13 +19,14 @@ pub use sensor::{Sensor, SensorScale, Source};
 use funnelnet_law::field::State;
 use funnelnet_node::{Configured, Model};
 
-/// The plant of a node, as its app sees it. Nothing here waits: a sensor that takes longer than a small part of a tick is read by a task of
-/// its own, and [`Plant::measure`] gives its latest value.
+/// The plant of a node, as its app sees it. Nothing here waits: a sensor that takes longer than a small part
+/// of a tick is read by a task of its own, and [`Plant::measure`] gives its latest value.
 pub trait Plant {
     /// The plant's model.
     type Model: Model;
 
-    /// What the core has to know: the field that predicts the plant, the limits of its actuators, and how long it may be blind.
+    /// What the core has to know: the field that predicts the plant, the limits of its actuators, and how
+    /// long it may be blind.
     fn model(&self) -> Self::Model;
 
     /// The state of the plant now, state units, one value per component.
@@ -33,7 +35,8 @@ pub trait Plant {
     /// Why there is none; the node then goes on with its prediction for a while.
     fn measure(&mut self) -> Result<State<f32>, Failure>;
 
-    /// Drives the actuators with `u`, state units / s, one value per component, within the limits of the model.
+    /// Drives the actuators with `u`, state units / s, one value per component, within the limits of the
+    /// model.
     ///
     /// # Errors
     /// What has failed; the node then stops.

@@ -19,8 +19,8 @@ pub struct Sampled<S, A, M, const N: usize = 1> {
 }
 
 impl<S: Source, A: Sink, M: Model + Clone, const N: usize> Sampled<S, A, M, N> {
-    /// A plant whose next state `model` predicts: the configuration's field (`funnelnet_node::Configured`), or one of the user's own. Up to
-    /// `coast_ticks` samples in a row may fail before the node stops.
+    /// A plant whose next state `model` predicts: the configuration's field (`funnelnet_node::Configured`),
+    /// or one of the user's own. Up to `coast_ticks` samples in a row may fail before the node stops.
     pub fn new(sensors: [Sensor<S>; N], actuators: [Actuator<A>; N], model: M, coast_ticks: u32) -> Self {
         const { assert!(N >= 1 && N <= 8, "a state has 1 to 8 components") };
         Self { sensors, actuators, model, coast_ticks }

@@ -3,7 +3,8 @@
 use crate::failure::{BadScale, Failure, check};
 use core::ops::RangeInclusive;
 
-/// A converter that gives raw counts. embedded-hal 1.0 has no trait for one, and every HAL its own type: a line or two adapt it.
+/// A converter that gives raw counts. embedded-hal 1.0 has no trait for one, and every HAL its own type: a
+/// line or two adapt it.
 pub trait Source {
     /// What the converter says when it fails.
     type Error;
@@ -22,7 +23,8 @@ pub struct SensorScale {
     pub zero: f32,
     /// State units per count.
     pub per_count: f32,
-    /// Counts outside are a fault of the sensor: leave room at both ends, where broken wires and short circuits show.
+    /// Counts outside are a fault of the sensor: leave room at both ends, where broken wires and short
+    /// circuits show.
     pub valid: RangeInclusive<i32>,
 }
 

@@ -1,4 +1,5 @@
-//! Configurations that `firmware/checks/selftest.py` sends, by the real encoder: a line each, name and body of CONFIGURE in hexadecimal digits.
+//! Configurations that `firmware/checks/selftest.py` sends, by the real encoder: a line each, name and body
+//! of CONFIGURE in hexadecimal digits.
 #![allow(clippy::expect_used, clippy::panic)]
 
 use funnelnet_protocol::NodeConfig;
@@ -18,7 +19,8 @@ fn main() {
     }
 }
 
-/// Node 3 at 1 with the timer as tick source, `f(x) = -x`, one edge of weight 1 to node 2, and a constant funnel.
+/// Node 3 at 1 with the timer as tick source, `f(x) = -x`, one edge of weight 1 to node 2, and a constant
+/// funnel.
 fn node(tick_ns: u32, width: f32) -> NodeConfig {
     let field = Field { slope: [-1.0].into_iter().collect(), offset: scalar(0.0), sines: Default::default() };
     let builder = NodeConfig::builder(3, tick_ns).state([1.0]).state_limit(1e6).field(field);

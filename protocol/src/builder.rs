@@ -31,9 +31,10 @@ pub struct NodeBuilder {
 impl NodeConfig {
     /// Starts the configuration of node `id` (1 to 127) at tick period `tick_ns` (ns).
     ///
-    /// Unless it is told otherwise, the node has one component that starts at 0 and does not move by itself, no neighbours, node-wise coupling
-    /// with the reciprocal gain of scale 1 in a funnel of width 1; it rides through breaches, ticks by its own timer, extrapolates a silent
-    /// neighbour for 10 ticks, and sends no telemetry.
+    /// Unless it is told otherwise, the node has one component that starts at 0 and does not move by itself,
+    /// no neighbours, node-wise coupling with the reciprocal gain of scale 1 in a funnel of width 1; it rides
+    /// through breaches, ticks by its own timer, extrapolates a silent neighbour for 10 ticks, and sends no
+    /// telemetry.
     pub fn builder(id: u8, tick_ns: u32) -> NodeBuilder {
         let config = NodeConfig {
             id,
@@ -52,8 +53,8 @@ impl NodeConfig {
 }
 
 impl EdgeConfig {
-    /// The edge to neighbour `id` (1 to 127) of weight `weight`. With edge-wise coupling it has to know the neighbour's number of edges as
-    /// well: [`EdgeConfig::edges`].
+    /// The edge to neighbour `id` (1 to 127) of weight `weight`. With edge-wise coupling it has to know the
+    /// neighbour's number of edges as well: [`EdgeConfig::edges`].
     #[must_use]
     pub const fn new(id: u8, weight: f32) -> Self {
         Self { id, weight, edges: 1 }

@@ -1,7 +1,7 @@
 //! Classic CAN frames of the real-time plane, plain form (authentication off): 11-bit id `fn << 7 | node`.
 //!
-//! Byte tables: protocol/README.md, "Real-time plane". A plain frame is shorter than the authenticated one of the same
-//! kind (8 bytes), so a receiver tells them apart by length and never by trust.
+//! Byte tables: protocol/README.md, "Real-time plane". A plain frame is shorter than the authenticated one of
+//! the same kind (8 bytes), so a receiver tells them apart by length and never by trust.
 
 use crate::message::{Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp};
 use crate::refusal::Refusal;
@@ -36,7 +36,8 @@ pub struct CanFrame {
 }
 
 impl CanFrame {
-    /// A frame of these bytes; none where they are more than a plain frame has. Of the identifier the low 11 bits count.
+    /// A frame of these bytes; none where they are more than a plain frame has. Of the identifier the low 11
+    /// bits count.
     pub fn new(id: u16, bytes: &[u8]) -> Option<Self> {
         let mut data = [0; MAX_DATA];
         data.get_mut(..bytes.len())?.copy_from_slice(bytes);

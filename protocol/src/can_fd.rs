@@ -1,8 +1,8 @@
-//! Frames of the real-time plane in the format of CAN FD, plain form: all components of a state in one frame, STATE_FD; everything else
-//! with its classic payload.
+//! Frames of the real-time plane in the format of CAN FD, plain form: all components of a state in one frame,
+//! STATE_FD; everything else with its classic payload.
 //!
-//! Byte table: protocol/README.md, "Real-time plane on CAN FD". The core speaks of one component at a time; [`States`] is what a link
-//! collects them in.
+//! Byte table: protocol/README.md, "Real-time plane on CAN FD". The core speaks of one component at a time;
+//! [`States`] is what a link collects them in.
 
 use crate::can::{self, finite, function};
 use crate::message::{Component, Message, NodeId, TickStamp};
@@ -55,7 +55,8 @@ impl States {
         states
     }
 
-    /// Adds a message that says the next component of the same state; `false`, and unchanged, where it says anything else.
+    /// Adds a message that says the next component of the same state; `false`, and unchanged, where it says
+    /// anything else.
     pub fn add(&mut self, message: &Message) -> bool {
         match *message {
             Message::State { source, component, tick, x } => {
@@ -94,8 +95,9 @@ pub fn encode_states(states: &States) -> FdFrame {
     FdFrame { id, length: length_for(states.x.len()) as u8, data }
 }
 
-/// Encodes a message that is no state with its classic payload; a STATE of the first component gives a STATE_FD of one component.
-/// Another component alone is none of this format: it gives the classic frame, which receivers refuse (`Kind`); [`States::add`] collects them.
+/// Encodes a message that is no state with its classic payload; a STATE of the first component gives a
+/// STATE_FD of one component. Another component alone is none of this format: it gives the classic frame,
+/// which receivers refuse (`Kind`); [`States::add`] collects them.
 pub fn encode(message: &Message) -> FdFrame {
     if let Message::State { source, component: Component::FIRST, tick, x } = *message {
         return encode_states(&States::new(source, tick, x));
@@ -109,8 +111,8 @@ pub fn encode(message: &Message) -> FdFrame {
 /// Decodes a plain frame. Any id (its low 11 bits count) and any data give what it says or a reason.
 ///
 /// # Errors
-/// As for [`can::decode`]. `Kind` for a STATE of the classic format: its eight bits of tick take a node that was silent for 256 ticks for a
-/// fresh one, so a bus does not mix them.
+/// As for [`can::decode`]. `Kind` for a STATE of the classic format: its eight bits of tick take a node that
+/// was silent for 256 ticks for a fresh one, so a bus does not mix them.
 pub fn decode(id: u16, data: &[u8]) -> Result<Content, Refusal> {
     match ((id >> 7) & 0xF) as u8 {
         function::STATE_FD => decode_states((id & 0x7F) as u8, data).map(Content::States),

@@ -8,7 +8,8 @@ use postcard::ser_flavors::Flavor;
 static CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 impl NodeConfig {
-    /// CRC-32/ISO-HDLC over its bytes as CONFIGURE and STAGE carry them. Never 0, which stands for a blank node.
+    /// CRC-32/ISO-HDLC over its bytes as CONFIGURE and STAGE carry them. Never 0, which stands for a blank
+    /// node.
     pub fn checksum(&self) -> u32 {
         // Nothing that takes every byte can fail.
         postcard::serialize_with_flavor(self, Bytes(CRC.digest())).map_or(1, |crc| crc.max(1))

@@ -11,10 +11,10 @@ pub use funnelnet_law::funnel::{Funnel, Normalised, Shape};
 pub use funnelnet_law::program::{MAX_CONSTANTS, MAX_OPERATIONS, Program};
 pub use funnelnet_law::{Breach, Coupling, Gain};
 
-/// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector states it is the
-/// most for neighbours times components.
+/// Most neighbours of a node: every other id, so that a node can be the hub of the largest star. With vector
+/// states it is the most for neighbours times components.
 pub const MAX_NEIGHBOURS: usize = 126;
-/// What makes a node tick.
+/// Source of a node's ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TickSource {
     /// The node's own timer.
@@ -30,19 +30,20 @@ pub struct EdgeConfig {
     pub id: u8,
     /// `alpha_ij`.
     pub weight: f32,
-    /// How many edges the neighbour has; only edge-wise coupling uses it.
+    /// Number of edges that the neighbour has; only edge-wise coupling uses it.
     pub edges: u8,
 }
 
-/// What whoever knows the whole network tells a node about the law. A zero is what was not said, with the default beside it; so a stored
-/// configuration of wire version 1 reads as one in which nothing was said.
+/// What whoever knows the whole network tells a node about the law. A zero is what was not said, with the
+/// default beside it; so a stored configuration of wire version 1 reads as one in which nothing was said.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tuning {
     /// `c` of (**), 1 to 8; 2.2.
     pub damping: f32,
     /// The law runs in `(1 - guard) psi`, 0 to 0.9, grown from zero at tick 0; 0.
     pub guard: f32,
-    /// Ticks in a round, 1 to 100: the law decides once in so many, the node's own field is integrated tick by tick; 1.
+    /// Ticks in a round, 1 to 100: the law decides once in so many, the node's own field is integrated tick
+    /// by tick; 1.
     pub round: u8,
     /// The largest `|u|`, state units / s, fed back; without bound.
     pub input_limit: f32,
@@ -60,7 +61,7 @@ impl Tuning {
     }
 }
 
-/// What the actuator of a node can do, both zero where that is not said.
+/// Limits of a node's actuator, both zero where they are not given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// The lowest input, state units / s, zero or less.
@@ -84,7 +85,7 @@ pub struct NodeConfig {
     pub id: u8,
     /// Tick period `T`, nanoseconds.
     pub tick_ns: u32,
-    /// What makes the node tick.
+    /// Source of the node's ticks.
     pub tick_source: TickSource,
     /// Initial state, state units; its length is the number of components.
     pub initial_state: State<f32>,
@@ -98,7 +99,7 @@ pub struct NodeConfig {
     pub gain: Gain<f32>,
     /// Funnel.
     pub funnel: Funnel<f32>,
-    /// What to do outside the funnel.
+    /// Policy outside the funnel.
     pub on_breach: Breach<f32>,
     /// Edges.
     pub neighbours: Vec<EdgeConfig, MAX_NEIGHBOURS>,
@@ -112,8 +113,8 @@ pub struct NodeConfig {
     pub holdover_ns: u64,
     /// The law's own numbers.
     pub tuning: Tuning,
-    /// Own vector field where it is an expression: the whole of it, which reads the sinusoids of `field` by their index. Slope and offset are
-    /// zero then.
+    /// Own vector field where it is an expression: the whole of it, which reads the sinusoids of `field` by
+    /// their index. Slope and offset are zero then.
     pub program: Program<f32>,
     /// Limits of the input.
     pub limits: Limits,
@@ -129,7 +130,7 @@ impl NodeConfig {
 
 macro_rules! fields {
     ($($name:ident = $text:literal,)*) => {
-        /// Which value of a configuration an error is about.
+        /// Value of a configuration that an error is about.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         #[allow(missing_docs)] // the text beside each name is its documentation
         pub enum ConfigField { $($name,)* }

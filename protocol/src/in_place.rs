@@ -1,7 +1,7 @@
 //! Reads a configuration where it is to stay.
 //!
-//! What serde makes of it by value is moved from function to function: 11 KiB of a node's stack (2026-11-26). So only small values are made
-//! that way, one after the other, as postcard writes a struct.
+//! What serde makes of it by value is moved from function to function: 11 KiB of a node's stack (2026-11-26).
+//! So only small values are made that way, one after the other, as postcard writes a struct.
 
 use core::fmt;
 
@@ -52,7 +52,8 @@ impl NodeConfig {
     /// Becomes what `bytes` are, the body of a CONFIGURE or STAGE.
     ///
     /// # Errors
-    /// `Length` for trailing bytes, `Value` for anything else that is not a configuration. It is of no use then.
+    /// `Length` for trailing bytes, `Value` for anything else that is not a configuration. It is of no use
+    /// then.
     pub fn read(&mut self, bytes: &[u8]) -> core::result::Result<(), Refusal> {
         self.read_older(bytes, 0)
     }

@@ -1,7 +1,7 @@
 //! The Funnelnet wire: what nodes say to each other and to a host, as bytes.
 //!
-//! The normative text is `protocol/README.md`. Decoders are total: any byte string gives a frame or a [`Refusal`], never
-//! a panic. Nothing here allocates, reads a clock, or knows the law.
+//! The normative text is `protocol/README.md`. Decoders are total: any byte string gives a frame or a
+//! [`Refusal`], never a panic. Nothing here allocates, reads a clock, or knows the law.
 #![no_std]
 #![forbid(unsafe_code)]
 

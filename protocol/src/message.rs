@@ -70,9 +70,11 @@ impl TickStamp {
         self.value
     }
 
-    /// The tick with these low bits that is nearest to `own`, if it lies at most `back` before or `ahead` after it.
+    /// The tick with these low bits that is nearest to `own`, if it lies at most `back` before or `ahead`
+    /// after it.
     ///
-    /// Both bounds must be below half the range of the stamp for the answer to be unambiguous; ticks wrap at 2^32.
+    /// Both bounds must be below half the range of the stamp for the answer to be unambiguous; ticks wrap at
+    /// 2^32.
     pub const fn rebuild(self, own: u32, back: u32, ahead: u32) -> Option<u32> {
         let forward = self.value.wrapping_sub(own) & self.mask;
         let backward = own.wrapping_sub(self.value) & self.mask;
@@ -90,7 +92,7 @@ const fn mask(bits: u8) -> u32 {
     if bits >= 32 { u32::MAX } else { (1 << bits) - 1 }
 }
 
-/// Whom a command is for.
+/// Target of a command: all nodes or one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Target {
@@ -110,14 +112,14 @@ impl Target {
     }
 }
 
-/// `at_tick` of a start for a node that ticks by SYNC and comes to a network that runs: it announces nothing, since it does not know the
-/// tick yet.
+/// `at_tick` of a start for a node that ticks by SYNC and comes to a network that runs: it announces nothing,
+/// since it does not know the tick yet.
 pub const JOIN: u16 = u16::MAX;
 
 /// `phase_us` of a SYNC whose sender does not know when the one before was on the wire.
 pub const UNKNOWN_PHASE: u16 = u16::MAX;
 
-/// What a CTRL frame asks for.
+/// Command of a CTRL frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
@@ -130,7 +132,7 @@ pub enum Command {
     Commit,
 }
 
-/// How bad a fault is.
+/// Severity of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Severity {
@@ -142,7 +144,7 @@ pub enum Severity {
     Stopped,
 }
 
-/// What went wrong. Unknown codes are passed on, so that a newer node can be heard by an older host.
+/// Code of a fault. Unknown codes are passed on, so that a newer node can be heard by an older host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultCode(pub u8);
 
@@ -151,7 +153,8 @@ impl FaultCode {
     pub const DUPLICATE_ID: Self = Self(1);
     /// The node's own state is no longer a finite number within its limit.
     pub const STATE_LIMIT: Self = Self(2);
-    /// The node has restarted after a panic (argument 1) or a hard fault (2); said as a warning once it has its id.
+    /// The node has restarted after a panic (argument 1) or a hard fault (2); said as a warning once it has
+    /// its id.
     pub const PANIC: Self = Self(3);
     /// The diffusive term has left the funnel, and the node is configured to stop then.
     pub const FUNNEL_LEFT: Self = Self(4);
@@ -161,11 +164,14 @@ impl FaultCode {
     pub const NEIGHBOURS_LOST: Self = Self(6);
     /// No SYNC for longer than the node goes on without; the argument is for how long, ms.
     pub const HOLDOVER: Self = Self(7);
-    /// The node's sensor has failed for longer than it may: the argument is for how many samples. 0: its actuator has failed.
+    /// The node's sensor has failed for longer than it may: the argument is for how many samples. 0: its
+    /// actuator has failed.
     pub const PLANT: Self = Self(8);
-    /// The node's storage has failed at a commit; it goes on with its old configuration, and says so as a warning.
+    /// The node's storage has failed at a commit; it goes on with its old configuration, and says so as a
+    /// warning.
     pub const COMMIT: Self = Self(9);
-    /// The law, or a field or gain of a user's own, has given an input that is not a finite number; the argument is its component.
+    /// The law, or a field or gain of a user's own, has given an input that is not a finite number; the
+    /// argument is its component.
     pub const INPUT: Self = Self(10);
     /// The node's own field has given what is not a finite number; the argument is its component.
     pub const FIELD: Self = Self(11);
@@ -219,8 +225,8 @@ pub enum Message {
         command: Command,
         /// Its number: nodes on lines to each other pass it on once; 0 is for the receiver alone.
         arg: u8,
-        /// Start: tick periods to wait before tick 0 (timer as tick source; ignored with SYNC as the source). Commit: low 16 bits of
-        /// the tick.
+        /// Start: tick periods to wait before tick 0 (timer as tick source; ignored with SYNC as the source).
+        /// Commit: low 16 bits of the tick.
         at_tick: u16,
     },
     /// The time master's beat: it marks the tick after `previous_tick`.
@@ -229,7 +235,8 @@ pub enum Message {
         source: Option<NodeId>,
         /// Low 24 bits of the tick that the previous SYNC marked (all ones before tick 0).
         previous_tick: TickStamp,
-        /// Offset of the previous SYNC from its tick, microseconds; [`UNKNOWN_PHASE`] where that is not known.
+        /// Offset of the previous SYNC from its tick, microseconds; [`UNKNOWN_PHASE`] where that is not
+        /// known.
         phase_us: u16,
     },
     /// A node reports a fault.

@@ -14,7 +14,7 @@ pub struct Counters {
     pub accepted: u32,
     /// Ticks with `|nu| >= psi`: the guarantee did not hold.
     pub breaches: u32,
-    /// Ticks at which the funnel was floored at the resolution of `nu` (LAW.md 4).
+    /// Ticks at which the funnel was floored at the resolution of `nu` (law.md 4).
     pub floored: u32,
     /// Neighbour values that were extrapolated because no fresh one had come.
     pub extrapolated: u32,
@@ -36,22 +36,24 @@ pub struct Counters {
     pub saturated: u32,
     /// States that were accepted after the tick that they are for had run.
     pub late: u32,
-    /// Ticks that the node was moved on over without running them: SYNC skipped them, or they came too late to be made up for.
+    /// Ticks that the node was moved on over without running them: SYNC skipped them, or they came too late
+    /// to be made up for.
     pub skipped: u32,
     /// Ticks at which the law asked for more than the largest input that it may.
     pub limited: u32,
     /// Ticks after which the node's own field was not a finite number: it stopped (fault code 11).
     pub field_not_finite: u32,
-    /// What its link has lost.
+    /// Losses of the node's link.
     pub link: Losses,
 }
 
-/// What a node's link has lost or found broken since the node's configuration. A link that has no such thing says 0. All saturate.
+/// Losses and errors of a node's link since the node's configuration. A link that has no such thing says 0.
+/// All saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Losses {
-    /// Received CAN frames for which the node's queue had no room, and times that the controller's own places had none: then one
-    /// frame was lost, or more.
+    /// Received CAN frames for which the node's queue had no room, and times that the controller's own places
+    /// had none: then one frame was lost, or more.
     pub frames: u32,
     /// Errors that the CAN controller has found on the bus.
     pub bus_errors: u32,
@@ -59,12 +61,13 @@ pub struct Losses {
     pub bus_offs: u32,
     /// Serial lines: overruns, noise, wrong stop bits, and reads and writes that failed.
     pub line_errors: u32,
-    /// Replies and telemetry that a service line had no time for: they were not said, so that no tick had to wait for it.
+    /// Replies and telemetry that a service line had no time for: they were not said, so that no tick had to
+    /// wait for it.
     pub unsaid: u32,
 }
 
 impl Losses {
-    /// What was lost since `before`.
+    /// Losses since `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let Self { frames, bus_errors, bus_offs, line_errors, unsaid } = self;
@@ -86,7 +89,7 @@ impl Counters {
         }
     }
 
-    /// How often `reason` was given.
+    /// Number of times that `reason` was given.
     pub fn refused(&self, reason: Refusal) -> u32 {
         self.refused.get(reason as usize).copied().unwrap_or(0)
     }
@@ -97,7 +100,7 @@ pub fn count(counter: &mut u32) {
     *counter = counter.saturating_add(1);
 }
 
-/// What the law did at one tick to one component, sent when the configuration asks for it.
+/// Values of the law at one tick in one component, sent when the configuration asks for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
     /// Tick number `k`.

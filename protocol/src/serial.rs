@@ -31,7 +31,8 @@ static CRC: Crc<u16, Table<1>> = Crc::<u16, Table<1>>::new(&CRC_16_IBM_3740);
 pub enum Frame<'a> {
     /// Real-time plane.
     RealTime(Message),
-    /// Service plane; [`crate::service::Body::decode`] reads the body, which only the receiver's role tells how.
+    /// Service plane; [`crate::service::Body::decode`] reads the body, which only the receiver's role tells
+    /// how.
     Service {
         /// Kind of the body.
         kind: u8,
@@ -79,8 +80,8 @@ pub fn encode(message: &Message) -> Vec<u8, MAX_REAL_TIME_FRAME> {
     frame
 }
 
-/// Encodes a frame of the service plane into `out`, final zero included; its length, or `None` where it does not fit.
-/// [`MAX_FRAME`] bytes always suffice. `scratch` holds the frame before COBS, [`MAX_RAW`] bytes.
+/// Encodes a frame of the service plane into `out`, final zero included; its length, or `None` where it does
+/// not fit. [`MAX_FRAME`] bytes always suffice. `scratch` holds the frame before COBS, [`MAX_RAW`] bytes.
 pub fn encode_service(service: &impl Body, source: u8, scratch: &mut [u8], out: &mut [u8]) -> Option<usize> {
     let (head, body) = scratch.split_at_mut_checked(2)?;
     head.copy_from_slice(&[service.kind(), source]);
@@ -117,7 +118,8 @@ pub fn decode(frame: &mut [u8]) -> Result<Frame<'_>, Refusal> {
 
 /// Undoes COBS up to the first zero or the end, in place; gives the length, or `None` for what is not COBS.
 ///
-/// `cobs::decode_in_place` without the index checks that the compiler cannot remove from it (`./ci.sh panics`).
+/// `cobs::decode_in_place` without the index checks that the compiler cannot remove from it
+/// (`./ci.sh panics`).
 fn decode_cobs(frame: &mut [u8]) -> Option<usize> {
     let end = frame.iter().position(|&byte| byte == 0).unwrap_or(frame.len());
     if frame.is_empty() {
@@ -224,7 +226,8 @@ fn finish(raw: &[u8], frame: &mut Vec<u8, MAX_REAL_TIME_FRAME>) {
 
 /// Finds frames in a stream of bytes.
 ///
-/// After an overflow everything up to the next zero is dropped, so that no tail of a frame is taken for a frame.
+/// After an overflow everything up to the next zero is dropped, so that no tail of a frame is taken for a
+/// frame.
 #[derive(Debug)]
 pub struct Deframer<const N: usize = MAX_FRAME> {
     buffer: Vec<u8, N>,
@@ -245,7 +248,8 @@ impl<const N: usize> Deframer<N> {
         Self { buffer: Vec::new(), overflow: false, done: false }
     }
 
-    /// Takes one byte; gives a frame, or the reason for refusing one, when the byte ends it. Idle zeros are ignored.
+    /// Takes one byte; gives a frame, or the reason for refusing one, when the byte ends it. Idle zeros are
+    /// ignored.
     #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Result<Frame<'_>, Refusal>> {
         if self.done {

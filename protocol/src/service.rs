@@ -45,7 +45,7 @@ pub mod kind {
     pub const KEYED: u8 = 0x4E;
 }
 
-/// Who a node is.
+/// Identity of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// [`crate::WIRE_VERSION`] of the node.
@@ -58,11 +58,11 @@ pub struct Identity {
     pub uid: u64,
     /// Why it started last.
     pub reset: ResetCause,
-    /// How often it has started since power-on, this one included; 0 where it does not know.
+    /// Number of starts since power-on, this one included; 0 where it is not known.
     pub starts: u32,
     /// [`NodeConfig::checksum`] of the configuration that it has now, 0 while blank.
     pub checksum: u32,
-    /// It keeps a key.
+    /// Whether it keeps a key.
     pub has_key: bool,
 }
 
@@ -89,7 +89,7 @@ impl fmt::Debug for Key {
     }
 }
 
-/// What made a node start.
+/// Cause of a node's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
@@ -185,7 +185,7 @@ impl fmt::Display for StageError {
 
 impl core::error::Error for StageError {}
 
-/// What a host asks of a node. `C` is a configuration, or the bytes of one that nobody has read.
+/// Request of a host to a node. `C` is a configuration, or the bytes of one that nobody has read.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)] // no allocator to box a configuration with
 pub enum Request<C = NodeConfig> {
@@ -205,7 +205,7 @@ pub enum Request<C = NodeConfig> {
     Key(Key),
 }
 
-/// What a node answers, or tells unasked.
+/// Reply of a node, or what it tells unasked.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reply {
     /// I am.
@@ -227,7 +227,8 @@ pub enum Reply {
 }
 
 impl Reply {
-    /// The refusal of a request of this kind because another one is not answered yet; none for those that only ask, which are asked again.
+    /// The refusal of a request of this kind because another one is not answered yet; none for those that
+    /// only ask, which are asked again.
     pub fn busy(kind: u8) -> Option<Self> {
         match kind {
             kind::CONFIGURE => Some(Self::Configured(Err(ConfigError::Busy))),
@@ -251,8 +252,8 @@ pub trait Body: Sized {
     /// Reads a body of `kind`.
     ///
     /// # Errors
-    /// `Kind` for a kind that is not of this direction, `Length` for trailing bytes, `Value` for anything else that is
-    /// not such a body.
+    /// `Kind` for a kind that is not of this direction, `Length` for trailing bytes, `Value` for anything
+    /// else that is not such a body.
     fn decode(kind: u8, body: &[u8]) -> Result<Self, Refusal>;
 }
 

@@ -225,7 +225,8 @@ fn a_configuration_is_read_over_another_and_refused_at_any_other_length() {
         assert_eq!(room.read(&[&body[..length], &[0]].concat()), Err(Refusal::Length));
         assert_eq!((room.read(&body[..length]), &room), (Ok(()), &config));
     }
-    // As it was written before its last fields, which are 0 or empty: of one byte, one byte, eighteen and ten.
+    // As it was written before its last fields, which are 0 or empty: of one byte, one byte, eighteen and
+    // ten.
     let length = Request::Stage(small.clone()).encode(&mut body).unwrap();
     for newer in [10, 28, 30] {
         assert_eq!((room.read_older(&body[..length - newer], newer), &room), (Ok(()), &small));

@@ -1,8 +1,10 @@
-//! What a host says to boards and what they shall answer, as bytes: for the tests of board images on emulators (`firmware/emulated`).
+//! What a host says to boards and what they shall answer, as bytes: for the tests of board images on
+//! emulators (`firmware/emulated`).
 //!
-//! Usage: `board_words SCENARIO [section.key=value]...` prints JSON: requests, and of each tick the SYNC and the states that loopback gives.
-//! `board_words --read` reads frames of nodes, a line of hexadecimal digits each, and prints each as a line of JSON.
-//! So the tests know no byte of the wire themselves: they follow its version.
+//! Usage: `board_words SCENARIO [section.key=value]...` prints JSON: requests, and of each tick the SYNC and
+//! the states that loopback gives. `board_words --read` reads frames of nodes, a line of hexadecimal digits
+//! each, and prints each as a line of JSON. So the tests know no byte of the wire themselves: they follow its
+//! version.
 #![allow(clippy::expect_used, clippy::panic)]
 
 use funnelnet_link::{Classic, Fd, Format, Frame as _};
@@ -75,8 +77,8 @@ fn options() -> RunOptions {
     }
 }
 
-/// A node's configuration; the same with another state to begin with, which has another checksum; with neighbours whose numbers are larger by
-/// one; with its own clock; with telemetry at each tick.
+/// A node's configuration; the same with another state to begin with, which has another checksum; with
+/// neighbours whose numbers are larger by one; with its own clock; with telemetry at each tick.
 fn node(config: &NodeConfig) -> Value {
     let by_timer = NodeConfig { tick_source: TickSource::Timer, ..config.clone() };
     let telling = NodeConfig { telemetry_every: 1, ..by_timer.clone() };

@@ -1,6 +1,8 @@
-//! The same as `loopback_ticks` on classic CAN with 1 Mbit/s and a tick of 12.5 ms, in which it carries a frame of each node.
+//! The same as `loopback_ticks` on classic CAN with 1 Mbit/s and a tick of 12.5 ms, in which it carries a
+//! frame of each node.
 //!
-//! Usage: `can_ticks [TICKS]`. An example of its own, since what is inlined into one of them changes with the other (`./ci.sh cost`).
+//! Usage: `can_ticks [TICKS]`. An example of its own, since what is inlined into one of them changes with the
+//! other (`./ci.sh cost`).
 #![allow(clippy::expect_used)]
 
 mod ticks;

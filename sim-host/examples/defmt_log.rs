@@ -1,5 +1,5 @@
-//! Decodes a node's defmt log: `defmt_log IMAGE < LOG`. Used by firmware/checks/selftest.py, so that no other decoder has to be
-//! installed.
+//! Decodes a node's defmt log: `defmt_log IMAGE < LOG`. Used by firmware/checks/selftest.py, so that no other
+//! decoder has to be installed.
 use sim_host::emulator::log;
 use std::error::Error;
 use std::io::Read;

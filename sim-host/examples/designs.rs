@@ -1,8 +1,9 @@
 //! How well `check` predicts: random designs, each checked and then run.
 //!
-//! Usage: `designs [COUNT] [SEED]`, 600 and 1 unless said otherwise. Every design has nodes that start alike, a constant funnel of 1e-3 to 1,
-//! fields whose amplitudes span three decades, and an ideal bus without noise. A design leaves its funnel where `|nu| / psi` passes 1.01 in
-//! the run; it is called clean where no finding is WARN or FAIL. A design that is warned of and leaves is cured by its own advice, at most three
+//! Usage: `designs [COUNT] [SEED]`, 600 and 1 unless said otherwise. Every design has nodes that start alike,
+//! a constant funnel of 1e-3 to 1, fields whose amplitudes span three decades, and an ideal bus without
+//! noise. A design leaves its funnel where `|nu| / psi` passes 1.01 in the run; it is called clean where no
+//! finding is WARN or FAIL. A design that is warned of and leaves is cured by its own advice, at most three
 //! times: each time the settings of the first finding that has some, the law's own word first.
 
 use funnelnet_law::math;
@@ -163,7 +164,8 @@ fn say_keys(designs: &[Design]) {
     );
 }
 
-/// Whether the law, followed over the first tenth of a second only, stays inside: what a run that is too large to follow gets.
+/// Whether the law, followed over the first tenth of a second only, stays inside: what a run that is too
+/// large to follow gets.
 fn calm(report: &Report) -> bool {
     let found = |name: &str| report.findings.iter().find(|found| found.name == name);
     let ratio = found("sampled").and_then(|found| found.values["start"]["ratio"].as_f64());

@@ -1,7 +1,7 @@
 //! How much do the figures of Example 3 depend on its random constants, which the paper does not publish?
 //!
-//! Usage: `draws [COUNT]`: runs the narrow scenarios with COUNT random draws of the constants and prints the smallest,
-//! median and largest reference error per graph. From the root of the repository.
+//! Usage: `draws [COUNT]`: runs the narrow scenarios with COUNT random draws of the constants and prints the
+//! smallest, median and largest reference error per graph. From the root of the repository.
 #![allow(clippy::expect_used)]
 
 use sim_host::interrupt::Interrupt;

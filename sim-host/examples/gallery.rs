@@ -1,7 +1,8 @@
 //! The book's figures and its table of scenarios, drawn and computed anew from `scenarios/`.
 //!
-//! Usage: `gallery [--check]`, from the root of the repository. Writes `docs/book/src/figures/NAME.svg` and the table between the
-//! markers in `docs/book/src/scenarios/README.md`; with `--check` it only compares the table, and fails where it differs.
+//! Usage: `gallery [--check]`, from the root of the repository. Writes `docs/book/src/figures/NAME.svg` and
+//! the table between the markers in `docs/book/src/scenarios/README.md`; with `--check` it only compares the
+//! table, and fails where it differs.
 #![allow(clippy::expect_used, clippy::panic)]
 
 use sim_host::interrupt::Interrupt;
@@ -19,7 +20,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const POINTS: u64 = 400;
 /// The largest error to the reference that a row may have without a word on it (state units).
 const NEAR: f64 = 5e-3;
-/// What may be the start of a run, s: where inputs are far larger than later, and a state moves farther within a tick than a continuous one does.
+/// What may be the start of a run, s: where inputs are far larger than later, and a state moves farther
+/// within a tick than a continuous one does.
 const STARTS: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
 /// The page with the table.
 const PAGE: &str = "docs/book/src/scenarios/README.md";

@@ -1,4 +1,5 @@
-//! Runs 100 nodes of degree 4 for a number of ticks on the ideal bus: the load behind the loopback figures (`./ci.sh cost`).
+//! Runs 100 nodes of degree 4 for a number of ticks on the ideal bus: the load behind the loopback figures
+//! (`./ci.sh cost`).
 //!
 //! Usage: `loopback_ticks [TICKS]`; prints node-ticks per second and the final state of node 1.
 

@@ -1,8 +1,10 @@
-//! Funnel coupling beside its baselines: the width that each keeps, the input that it uses, the noise that it passes on.
+//! Funnel coupling beside its baselines: the width that each keeps, the input that it uses, the noise that it
+//! passes on.
 //!
-//! From the root of the repository; runs `scenarios/side-by-side-*.toml`, each with its noise and without, and prints a table:
-//! the share of the run in which some `|nu_i|` is at or beyond the funnel, the largest `|nu_i|` over the second half, the largest and the
-//! root mean square input, and the root mean square that noise adds to the inputs over the second half.
+//! From the root of the repository; runs `scenarios/side-by-side-*.toml`, each with its noise and without,
+//! and prints a table: the share of the run in which some `|nu_i|` is at or beyond the funnel, the largest
+//! `|nu_i|` over the second half, the largest and the root mean square input, and the root mean square that
+//! noise adds to the inputs over the second half.
 #![allow(clippy::expect_used)]
 
 use sim_host::interrupt::Interrupt;

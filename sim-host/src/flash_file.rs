@@ -1,4 +1,5 @@
-//! Flash played by a file, with the manners of the real one, so that a node in a process keeps its configuration as a board does.
+//! Flash played by a file, with the manners of the real one, so that a node in a process keeps its
+//! configuration as a board does.
 
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,

@@ -1,4 +1,5 @@
-//! What `check` advises can be done: random scenarios, most of them bad, of every coupling, gain, funnel and bus that a scenario can name.
+//! What `check` advises can be done: random scenarios, most of them bad, of every coupling, gain, funnel and
+//! bus that a scenario can name.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use funnelnet_law::math;

@@ -1,4 +1,5 @@
-//! Nodes behind serial ports: played boards (the firmware's session in this process) and emulated ones, behind pseudo-terminals.
+//! Nodes behind serial ports: played boards (the firmware's session in this process) and emulated ones,
+//! behind pseudo-terminals.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 mod boards;
@@ -104,7 +105,8 @@ fn a_recovery_from_what_did_not_happen_is_not_measured() {
 
 #[test]
 fn a_node_that_computes_otherwise_is_named_with_its_first_tick() {
-    // A frame that passes every check and that the node did not mean: its state, a little off, right before the real one.
+    // A frame that passes every check and that the node did not mean: its state, a little off, right before
+    // the real one.
     let off = |n: u32| {
         let tick = funnelnet_protocol::TickStamp::full(n);
         let source = funnelnet_protocol::NodeId::new(2).unwrap();
@@ -254,7 +256,8 @@ fn a_board_that_is_plugged_in_again_joins_the_others_who_went_on() {
     let back = absences[0]["to_tick"].as_u64().unwrap() as usize;
     assert_eq!((&absences[0]["node"], &absences[0]["from_tick"]), (&2.into(), &49.into()));
     assert!((50..20_000).contains(&back), "{absences}");
-    // Nothing is known of it while it is away, which is no difference of its value. It joins at the mean of the two others, and then moves with them.
+    // Nothing is known of it while it is away, which is no difference of its value. It joins at the mean of
+    // the two others, and then moves with them.
     let rows = every_tick(&bench);
     assert!(rows[back - 1][1].is_nan() && rows[50][1].is_nan());
     let (bench, away) = (&bench.summary()["bench"], back - 49);

@@ -1,4 +1,5 @@
-//! Benches with nodes that lie, babble, hear nobody or are not heard: played boards whose verdict must not be green.
+//! Benches with nodes that lie, babble, hear nobody or are not heard: played boards whose verdict must not be
+//! green.
 //!
 //! Each test makes a world in which the figures alone look like those of a good run.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
@@ -350,7 +351,8 @@ fn a_node_that_is_lost_at_its_first_tick_was_never_there() {
 fn honest_nodes_that_stop_as_the_scenario_allows_contradict_nothing() {
     let boards = boards::three();
     let bench = Bench::of(&boards.each_ref());
-    // Who stops says so, and is dropped: the last one goes its own way from there on, far from those that stand still.
+    // Who stops says so, and is dropped: the last one goes its own way from there on, far from those that
+    // stand still.
     let sets = ["coupling.on_breach=stop", "agent.noise=20", "expect.funnel_ratio=100", "expect.stopped=any"];
     let ended = bench.run(&sets.iter().flat_map(|set| ["--set", set]).collect::<Vec<_>>());
     assert_eq!(ended.code, Some(0), "{}", ended.err);

@@ -1,6 +1,8 @@
-//! Benches whose nodes tick by their own clock: played boards behind pseudo-terminals, and nodes in processes of their own.
+//! Benches whose nodes tick by their own clock: played boards behind pseudo-terminals, and nodes in processes
+//! of their own.
 //!
-//! Nothing here relies on the bits of loopback unless nothing was late: this is real time on a computer that does other things, too.
+//! Nothing here relies on the bits of loopback unless nothing was late: this is real time on a computer that
+//! does other things, too.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 mod boards;
@@ -71,8 +73,9 @@ fn five_processes_run_the_scenario_in_real_time() {
     assert_beside_loopback(&bench, missed + sum(&summary["bench"], "extrapolated"));
 }
 
-/// The bits of loopback where nothing was late, and else near it: a late value is extrapolated by one tick, over which a state here changes
-/// by 1 at most (10 ms, `|f| <= 100`), and the funnel, whose width is at least 2, holds what comes of it.
+/// The bits of loopback where nothing was late, and else near it: a late value is extrapolated by one tick,
+/// over which a state here changes by 1 at most (10 ms, `|f| <= 100`), and the funnel, whose width is at
+/// least 2, holds what comes of it.
 fn assert_beside_loopback(bench: &Bench, late: u64) {
     let summary = bench.summary();
     assert!(largest_deviation(&summary["bench"]) < 1.0, "{summary}");
@@ -118,7 +121,8 @@ fn boards_are_started_recorded_and_stopped() {
     assert_eq!(boards.map(Board::end), [Some(Phase::Stopped); 3]);
 }
 
-/// A row per node and tick, with the time at which the node said what the tick came to: tick `k` runs `k + 1` periods after the start.
+/// A row per node and tick, with the time at which the node said what the tick came to: tick `k` runs `k + 1`
+/// periods after the start.
 fn assert_stamps(text: &str, bench: &Value) {
     let mut lines = text.lines();
     assert_eq!(lines.next(), Some("tick,node,sync_s,state_s,telemetry_s,bus_s"));

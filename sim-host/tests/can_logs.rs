@@ -226,7 +226,8 @@ fn utilisation_is_the_time_of_the_frames_over_the_duration() {
     }
 }
 
-/// Five nodes that speak at once: each identifier waits for all before it, and loses to each of them once a tick.
+/// Five nodes that speak at once: each identifier waits for all before it, and loses to each of them once a
+/// tick.
 #[test]
 fn the_table_says_who_waits_how_long_and_for_whom() {
     let run = Run::new(FIVE, &["time.duration=200ms"], &UNJUDGED);
@@ -298,7 +299,8 @@ fn check_warns_of_a_bus_on_which_states_are_late_and_fails_one_that_cannot_carry
     }
 }
 
-/// Node by node, and to the scenario's last tick: vectors, noise, errors on the bus, a bus that is too full, a tick that is not whole microseconds.
+/// Node by node, and to the scenario's last tick: vectors, noise, errors on the bus, a bus that is too full,
+/// a tick that is not whole microseconds.
 #[test]
 fn a_log_replays_clean_in_every_node_of_its_run() {
     let cases: [(&str, &[&str], usize); 10] = [
@@ -353,7 +355,8 @@ fn one_bit_that_is_changed_is_found_at_its_tick_with_its_field_and_both_values()
     let stamp = run.with_line(run.line_of("183", 120), |line| Some(flip(line, 4, 6)));
     let found: Value = serde_json::from_str(&run.replay(stamp, 3, &["--json"]).1).unwrap();
     assert_eq!(found["difference"]["field"], "tick", "{found}");
-    // A neighbour's state of tick 120 makes the node's of tick 121 another one; that of a node that it does not hear makes none.
+    // A neighbour's state of tick 120 makes the node's of tick 121 another one; that of a node that it does
+    // not hear makes none.
     let other = run.with_line(run.line_of("182", 120), |line| Some(flip(line, 1, 7)));
     let found: Value = serde_json::from_str(&run.replay(other, 3, &["--json"]).1).unwrap();
     assert_eq!(
@@ -512,7 +515,8 @@ fn frames_without_room_are_counted() {
         "{can}"
     );
     assert!(run.said.contains("frames without room"), "{}", run.said);
-    // All that nodes gave is sent, or has had no room, or waits: one announced state, and one per tick, the last one among them.
+    // All that nodes gave is sent, or has had no room, or waits: one announced state, and one per tick, the
+    // last one among them.
     for row in can["identifiers"].as_array().unwrap().iter().filter(|row| row["id"].as_str().unwrap() < "200")
     {
         let given = row["frames"].as_u64().unwrap() + row["unsent"].as_u64().unwrap();

@@ -60,7 +60,8 @@ fn hash(scenario: &str, more: &[&str]) -> Value {
     summary(&outputs(scenario, more))["trace_hash"].clone()
 }
 
-/// Without the wall time and the name of the folder, which are all that may differ between two runs of a command.
+/// Without the wall time and the name of the folder, which are all that may differ between two runs of a
+/// command.
 fn without_wall_time(mut files: BTreeMap<String, String>) -> BTreeMap<String, String> {
     let summary = files.get_mut("summary.json").unwrap();
     let varies = |line: &&str| line.contains("\"wall_s\"") || line.contains("\"command\"");
@@ -156,7 +157,8 @@ fn the_summary_has_the_keys_of_the_contract() {
     assert_eq!(keys(&summary["expect"][0]), "limit name pass value");
     let hash = summary["trace_hash"].as_str().unwrap();
     assert!(hash.len() == 16 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()), "{hash}");
-    // One frame per node to begin with and one per tick, the last tick included; and the weight of each edge, by both ends.
+    // One frame per node to begin with and one per tick, the last tick included; and the weight of each edge,
+    // by both ends.
     assert_eq!(summary["bus"]["sent"], 5 * (1 + 201) + 2 * 5);
     assert_eq!(
         (&summary["ticks"], &summary["on"], &summary["seed"]),

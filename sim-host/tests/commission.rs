@@ -1,4 +1,5 @@
-//! `sim-host bench --commission` and `--erase`, on nodes in processes that keep their configuration in files, and on played ones that fail.
+//! `sim-host bench --commission` and `--erase`, on nodes in processes that keep their configuration in files,
+//! and on played ones that fail.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 mod boards;
@@ -174,7 +175,8 @@ fn before<T>(outcome: Result<T, Failed>) -> HubError {
     }
 }
 
-/// The error where some may have changed, and ids: of those that have, of those that may have, and of those that have not.
+/// The error where some may have changed, and ids: of those that have, of those that may have, and of those
+/// that have not.
 fn after<T>(outcome: Result<T, Failed>) -> (HubError, [Vec<u8>; 3]) {
     match outcome {
         Err(Failed::After(error, known)) => (error, [known.done, known.unsure, known.unchanged]),

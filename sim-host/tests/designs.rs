@@ -1,4 +1,5 @@
-//! `check` against the run on random designs: a small version of `cargo run --release -p sim-host --example designs`.
+//! `check` against the run on random designs: a small version of
+//! `cargo run --release -p sim-host --example designs`.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 #[path = "../examples/designs.rs"]

@@ -1,4 +1,5 @@
-//! What goes wrong with emulated nodes: exit code, message, and nothing left behind. `./ci.sh parity` runs these.
+//! What goes wrong with emulated nodes: exit code, message, and nothing left behind. `./ci.sh parity` runs
+//! these.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_protocol::config::TickSource;

@@ -1,4 +1,5 @@
-//! Events in loopback: what they do to nodes and links, and worlds in which a verdict must not be fooled by them.
+//! Events in loopback: what they do to nodes and links, and worlds in which a verdict must not be fooled by
+//! them.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use funnelnet_law::math;
@@ -118,7 +119,8 @@ fn a_node_that_crashes_has_no_state_and_no_edge() {
     assert!([x[1], true_nu[1], nu[1], psi[1], u[1]].iter().all(|value| value.is_nan()));
     // Node 1 has only node 5 left, and node 3 only node 4.
     assert!((true_nu[0] - (x[4] - x[0])).abs() < 1e-12 && (true_nu[2] - (x[3] - x[2])).abs() < 1e-12);
-    // The neighbours extrapolate it as long as these wide funnels allow, at most for 120 ticks, and then know.
+    // The neighbours extrapolate it as long as these wide funnels allow, at most for 120 ticks, and then
+    // know.
     let summary = run.judge(&ring("", &[]), Fidelity::Loopback);
     assert_eq!(said(&run, 1).last().map(|(tick, _)| *tick), Some(521));
     assert!(
@@ -158,7 +160,8 @@ fn a_node_that_is_bounced_comes_back_with_its_stored_configuration_and_knows_the
         words.contains(&(500, Event::Started)) && words.contains(&(500, Event::SyncGap { missed: 500 })),
         "{words:?}"
     );
-    // From the next tick on it hears its neighbours. They have extrapolated it all the time, and it was never lost to them.
+    // From the next tick on it hears its neighbours. They have extrapolated it all the time, and it was never
+    // lost to them.
     let heard = |id: usize| {
         said(&run, id)
             .iter()
@@ -285,7 +288,8 @@ fn a_network_that_takes_too_long_fails_by_both() {
 
 #[test]
 fn a_network_that_never_recovers_has_not_recovered_within_any_time() {
-    // The crash of node 3 is over at once; what comes is the driven nodes' own doing, at which no tick is disturbed any more.
+    // The crash of node 3 is over at once; what comes is the driven nodes' own doing, at which no tick is
+    // disturbed any more.
     let sets = ["coupling.kind=none", "node.1.dynamics.offset=60", "expect.recovered_within=200ms"];
     let summary = judged(&ring("{ at = '300ms', kind = 'crash', node = 3 }", &sets));
     let recovered = summary.expect.iter().find(|found| found.name == "recovered_within").unwrap();
@@ -451,8 +455,9 @@ fn an_edge_of_its_own_funnel_is_gone_with_its_node() {
 const ON_CAN: &[&str] = &["bus.model=can", "bus.bitrate=1000000"];
 const CAN_FD: &[&str] = &["bus.model=can-fd", "bus.bitrate=1000000"];
 
-/// What events do on the wire is what they do without one, to the bit of each state: who is off sends nothing and hears nothing, and
-/// the links that are cut carry nothing. Who comes at a tick takes part too late for its first frame, and knows that neighbour a tick later.
+/// What events do on the wire is what they do without one, to the bit of each state: who is off sends nothing
+/// and hears nothing, and the links that are cut carry nothing. Who comes at a tick takes part too late for
+/// its first frame, and knows that neighbour a tick later.
 #[test]
 fn events_on_can_are_those_of_the_ideal_bus_where_frames_are_in_time() {
     for (events, comes) in [

@@ -1,4 +1,5 @@
-//! Memory and files of long runs: neither grows with what a node says at every tick, and memory not with time.
+//! Memory and files of long runs: neither grows with what a node says at every tick, and memory not with
+//! time.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use std::fs;
@@ -67,8 +68,8 @@ fn memory_of(text: &str, duration: &str) -> (u64, usize) {
     (most, rows.iter().filter(|&&byte| byte == b'\n').count() - 1)
 }
 
-/// What a row may cost, bytes: less than one f64 of it that is kept. Peaks of equal runs differ by several hundred kB, so that the runs
-/// have to differ by many rows.
+/// What a row may cost, bytes: less than one f64 of it that is kept. Peaks of equal runs differ by several
+/// hundred kB, so that the runs have to differ by many rows.
 const BYTES_A_ROW: u64 = 7;
 
 /// The longer run has no more memory than the shorter one but for less than an f64 per row.
@@ -122,7 +123,8 @@ fn events_of_every_tick_are_named_up_to_a_hundred_and_counted_beyond() {
     assert!(events.len() < 60_000, "{} bytes", events.len());
     let of = |words: &str| events.lines().filter(|line| line.contains(words)).count();
     assert_eq!(of("node 1 left its funnel"), 101);
-    // Every breach that a node counts is a tick; those that it names are the beginnings. None is lost: each end has a beginning.
+    // Every breach that a node counts is a tick; those that it names are the beginnings. None is lost: each
+    // end has a beginning.
     let counted = |words: &str| -> u64 {
         let line = events.lines().rfind(|line| line.contains(words)).unwrap();
         let (_, rest) = line.split_once("(the last of ").unwrap();

@@ -1,5 +1,5 @@
-//! Ways in which what is behind a serial port misbehaves, each with how `sim-host bench` ends: its exit code, its words, and within what time.
-//! It never is a defect of the program (code 4), and it never hangs.
+//! Ways in which what is behind a serial port misbehaves, each with how `sim-host bench` ends: its exit code,
+//! its words, and within what time. It never is a defect of the program (code 4), and it never hangs.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 mod boards;
@@ -17,7 +17,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A device that is no board: what it does with its line, given what it has heard since the last time; `false` unplugs it.
+/// A device that is no board: what it does with its line, given what it has heard since the last time;
+/// `false` unplugs it.
 type Device = fn(&mut Line) -> bool;
 
 /// The line of a device.
@@ -261,7 +262,8 @@ const BOARDS: [Misbehaving; 14] = [
     ),
 ];
 
-/// Waits longer for answers: of a loaded computer that runs more than this test, boards that behave are late, too.
+/// Waits longer for answers: of a loaded computer that runs more than this test, boards that behave are late,
+/// too.
 fn patient(bench: &Bench) {
     let path = bench.path("bench.toml");
     let text = fs::read_to_string(&path).unwrap();

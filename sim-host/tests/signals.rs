@@ -1,4 +1,5 @@
-//! SIGKILL, SIGTERM and SIGHUP at random moments of runs, benches and commissionings: no process, lock or half file is left.
+//! SIGKILL, SIGTERM and SIGHUP at random moments of runs, benches and commissionings: no process, lock or
+//! half file is left.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use std::fs;
@@ -111,7 +112,8 @@ fn struck(place: &Place, arguments: &[&str], signal: &str, after: Duration) -> E
     wait(&mut child)
 }
 
-/// Strikes a command at random moments with each signal, and looks at what is left. `again` is a command that has to succeed afterwards.
+/// Strikes a command at random moments with each signal, and looks at what is left. `again` is a command that
+/// has to succeed afterwards.
 fn survives(seed: u64, arguments: &[&str], latest_ms: u64, again: &[&str], check: impl Fn(&Place)) {
     let mut random = Random(SEED + seed);
     let place = Place::new();

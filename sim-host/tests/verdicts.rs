@@ -1,4 +1,5 @@
-//! Worlds in which a run must not pass, and a few in which it must: the verdict of `run`, as the library gives it.
+//! Worlds in which a run must not pass, and a few in which it must: the verdict of `run`, as the library
+//! gives it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use sim_host::interrupt::Interrupt;

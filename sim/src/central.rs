@@ -1,14 +1,17 @@
-//! Weakly-centralised coupling: `u_i = G nu_i / psi_i` with `G = max_j gamma_j(|nu_j| / psi_j)`, the same for all nodes.
+//! Weakly-centralised coupling: `u_i = G nu_i / psi_i` with `G = max_j gamma_j(|nu_j| / psi_j)`, the same for
+//! all nodes.
 //!
-//! Every node would have to know the gains of all others within the same tick, which no bus carries. So this is a simulation and
-//! nothing more: one loop over all nodes in f32, with the field, the funnel, its floor and the step of the node. In sampled form each
-//! node solves its own (*) (LAW.md 3) for a gain `gamma_j = |u_j| / |s_j|`, and with the largest of them
+//! Every node would have to know the gains of all others within the same tick, which no bus carries. So this
+//! is a simulation and nothing more: one loop over all nodes in f32, with the field, the funnel, its floor
+//! and the step of the node. In sampled form each node solves its own (*) (law.md 3) for a gain
+//! `gamma_j = |u_j| / |s_j|`, and with the largest of them
 //!
 //! ```text
 //! psi_i u_i / G + b_i u_i = r_i
 //! ```
 //!
-//! `r` is that of law (*), without a look back: that (**) is stable with a gain that is common to all has not been shown.
+//! `r` is that of law (*), without a look back: that (**) is stable with a gain that is common to all has not
+//! been shown.
 
 use crate::engine::{NodeEvent, SimField};
 use crate::noise::Noise;
@@ -102,8 +105,8 @@ impl Central {
         }
     }
 
-    /// Runs one tick and gives what the nodes saw, by index and then by component. Once a state is beyond its limit, everything
-    /// stays as it was seen last.
+    /// Runs one tick and gives what the nodes saw, by index and then by component. Once a state is beyond its
+    /// limit, everything stays as it was seen last.
     pub fn advance(&mut self) -> &[Observation<f32>] {
         self.stood_still = self.stopped;
         if !self.stopped {
@@ -256,7 +259,8 @@ impl Member {
         }
     }
 
-    /// The gain `|u| / |s|` that the node would use by itself, 1/s times state units; at rest the slope of `mu` at zero.
+    /// The gain `|u| / |s|` that the node would use by itself, 1/s times state units; at rest the slope of
+    /// `mu` at zero.
     fn gain(&self) -> f32 {
         let law = &self.params.law.gain;
         let gamma = |part: &Part| {

@@ -11,10 +11,10 @@ use std::fmt;
 
 /// States beyond this are refused by every node, state units.
 const STATE_LIMIT: f32 = 1e9;
-/// How the nodes of a run are driven.
+/// Drive of the nodes of a run: what makes them tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drive {
-    /// What makes them tick.
+    /// Source of the nodes' ticks.
     pub tick_source: TickSource,
     /// Ticks between telemetry frames; 0 is none.
     pub telemetry_every: u32,
@@ -69,8 +69,8 @@ impl std::error::Error for Unfit {}
 /// One configuration per node, by index.
 ///
 /// # Errors
-/// A node has more sinusoids or neighbours, or a longer tick, than a configuration has room for, or the coupling is not for
-/// nodes.
+/// A node has more sinusoids or neighbours, or a longer tick, than a configuration has room for, or the
+/// coupling is not for nodes.
 pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
     let too_long = Unfit::TooMuch { node: 1, what: "nanoseconds in a tick", limit: u32::MAX as usize };
     let time @ TimeSpec { tick_ns, round, .. } = scenario.time;
@@ -122,7 +122,8 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
     scenario.nodes.iter().enumerate().map(config).collect()
 }
 
-/// The same for weakly-centralised coupling, which is simulated with the parameters of node-wise coupling.
+/// Configurations for weakly centralised coupling, which is simulated with the parameters of node-wise
+/// coupling.
 ///
 /// # Errors
 /// As [`node_configs`].
@@ -142,7 +143,7 @@ fn edge_counts(scenario: &Scenario) -> Vec<u8> {
     counts
 }
 
-/// Who accepts the frames of each node, by index: its neighbours.
+/// Nodes that accept the frames of each node, by index: its neighbours.
 pub fn listeners(scenario: &Scenario) -> Vec<Vec<usize>> {
     let mut listeners = vec![Vec::new(); scenario.nodes.len()];
     for edge in &scenario.graph.edges {
@@ -197,7 +198,8 @@ fn program(dynamics: &Dynamics) -> Program<f32> {
     }
 }
 
-/// The vector field as it travels; `None` where there is no room for it. Beside a program it is its sinusoids and nothing more.
+/// The vector field as it travels; `None` where there is no room for it. Beside a program it is its sinusoids
+/// and nothing more.
 fn field(dynamics: &Dynamics) -> Option<Field<f32>> {
     match dynamics {
         Dynamics::Affine(affine) => affine_field(affine, &affine.sines),

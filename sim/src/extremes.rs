@@ -1,7 +1,8 @@
 //! Largest and smallest of numbers where one that is not a number is never lost.
 //!
-//! `f64::max` drops a NaN, so that a fold by it calls a network that has diverged the best of all. Here a NaN is the largest and the
-//! smallest of all: whoever compares the result with a limit finds that it does not hold.
+//! `f64::max` drops a NaN, so that a fold by it calls a network that has diverged the best of all. Here a NaN
+//! is the largest and the smallest of all: whoever compares the result with a limit finds that it does not
+//! hold.
 
 /// The larger of two; NaN where one of them is.
 #[must_use]

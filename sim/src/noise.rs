@@ -5,7 +5,8 @@ use crate::scenario::Scenario;
 use funnelnet_protocol::message::Message;
 use rand_pcg::Pcg64;
 
-/// Gaussian noise on the states that nodes send: one stream per node, one draw per frame, in the order of the frames.
+/// Gaussian noise on the states that nodes send: one stream per node, one draw per frame, in the order of the
+/// frames.
 #[derive(Clone, Debug, Default)]
 pub struct Noise {
     /// Standard deviation (state units) and stream, by index; empty where there is no noise at all.
@@ -38,7 +39,7 @@ impl Noise {
         }
     }
 
-    /// What others measure of the state `x` (state units) of node `index`.
+    /// State that others measure for the state `x` (state units) of node `index`.
     pub fn measure(&mut self, index: usize, x: f32) -> f32 {
         match self.nodes.get_mut(index) {
             Some((deviation, stream)) if *deviation > 0.0 => {

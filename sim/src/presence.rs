@@ -1,6 +1,7 @@
-//! What is known of a node at a tick. A last value that stands in for a measurement must not be judged as one.
+//! What is known of a node at a tick. A last value that stands in for a measurement must not be judged as
+//! one.
 
-/// What is known of a node at a tick.
+/// Presence of a node at a tick, as far as it is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Presence {
     /// It has run the tick, and its state there is known.

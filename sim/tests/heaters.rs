@@ -1,5 +1,5 @@
-//! The worked example of the book in loopback: three heaters that differ, each behind the plant that it has on a board
-//! (`docs/book/src/your-own-test.md`).
+//! The worked example of the book in loopback: three heaters that differ, each behind the plant that it has
+//! on a board (`docs/book/src/your-own-test.md`).
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::VectorField;
@@ -138,7 +138,8 @@ fn a_broken_wire_stops_its_node_with_the_heater_off() {
     assert!(blocks[0].drive > 0.0 && blocks[2].drive > 0.0);
 }
 
-/// Its power fails for 2 s: the heater is off meanwhile, and the node is one of its neighbours again afterwards.
+/// Its power fails for 2 s: the heater is off meanwhile, and the node is one of its neighbours again
+/// afterwards.
 #[test]
 fn a_board_without_power_heats_nothing() {
     let mut drives = Vec::new();

@@ -1,5 +1,5 @@
-//! Flash that cannot be changed while it is looked at: a map repairs what it reads. One type for both uses, since every
-//! other one is some 10 KiB of map more in the image.
+//! Flash that cannot be changed while it is looked at: a map repairs what it reads. One type for both uses,
+//! since every other one is some 10 KiB of map more in the image.
 
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,

@@ -1,12 +1,14 @@
 //! How a configuration is written, and how older firmware wrote it.
 //!
-//! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has gained since is a number, a `bool`
-//! or a list, that means "as before" at 0, or empty, and is nothing but zero bytes then. So an older configuration is read as if its missing bytes were zeros.
+//! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has
+//! gained since is a number, a `bool` or a list, that means "as before" at 0, or empty, and is nothing but
+//! zero bytes then. So an older configuration is read as if its missing bytes were zeros.
 
 use funnelnet_protocol::{NodeConfig, Refusal};
 
-/// What is written now; the number and what it stands for are in the commit record. 1 was the first. A field more at the end
-/// of `NodeConfig` changes the bytes, and needs a new number, an arm in `missing` and golden bytes in tests/layout.rs.
+/// What is written now; the number and what it stands for are in the commit record. 1 was the first. A field
+/// more at the end of `NodeConfig` changes the bytes, and needs a new number, an arm in `missing` and golden
+/// bytes in tests/layout.rs.
 pub const LAYOUT: u8 = 4;
 
 /// Whether a key can be beside the configuration.

@@ -8,15 +8,17 @@
 //! | 2 | the key, where there is one |
 //! | 1 | the [`commit`](record::Commit): layout, epoch, CRC-32 over all of them; written last |
 //!
-//! [`Store::stage`] erases the half that is not current and writes a configuration there, with the key of the current one.
-//! [`Store::commit`] adds the commit record with a larger epoch, which makes that half the current one: a short write and no
-//! erase. Nothing ever writes or erases the current half, but for what a new key or a blank node has replaced, so a power
-//! cut leaves the old configuration or the new one, whatever an interrupted write or erase leaves in the other half.
+//! [`Store::stage`] erases the half that is not current and writes a configuration there, with the key of the
+//! current one. [`Store::commit`] adds the commit record with a larger epoch, which makes that half the
+//! current one: a short write and no erase. Nothing ever writes or erases the current half, but for what a
+//! new key or a blank node has replaced, so a power cut leaves the old configuration or the new one, whatever
+//! an interrupted write or erase leaves in the other half.
 //!
-//! Why not one map over the whole region: `sequential-storage` then moves live records out of a page before it erases
-//! that page, and takes up an interrupted move from the page again. That is right where an erase begins at the front. Cells
-//! erase in any order: where a page's marks survive the cut and its records do not, they are lost (3 of 39,144 cut points of 29
-//! configurations, `sequential-storage` 8.0.2, 2026-11-24, with the flash of tests/flash).
+//! Why not one map over the whole region: `sequential-storage` then moves live records out of a page before
+//! it erases that page, and takes up an interrupted move from the page again. That is right where an erase
+//! begins at the front. Cells erase in any order: where a page's marks survive the cut and its records do
+//! not, they are lost (3 of 39,144 cut points of 29 configurations, `sequential-storage` 8.0.2, 2026-11-24,
+//! with the flash of tests/flash).
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -46,12 +48,13 @@ const CONFIG: u8 = 0;
 const COMMIT: u8 = 1;
 const KEY: u8 = 2;
 
-/// Longest configuration, bytes: the longest body of a CONFIGURE and the one byte of the `Option` (`the_longest_fits`, tests/layout.rs).
+/// Longest configuration, bytes: the longest body of a CONFIGURE and the one byte of the `Option`
+/// (`the_longest_fits`, tests/layout.rs).
 pub const MAX_CONFIG: usize = MAX_BODY + 1;
 /// Room for a configuration and its key, in whole words of any flash (32 bytes).
 const BUFFER: usize = (MAX_CONFIG + 1).next_multiple_of(32);
-/// How often a commit record is read before it counts: a cell that an interrupted write or erase has left in between reads one way
-/// now and another way later, and what counts at one start has to count at the next.
+/// How often a commit record is read before it counts: a cell that an interrupted write or erase has left in
+/// between reads one way now and another way later, and what counts at one start has to count at the next.
 const READS: usize = 3;
 /// Smallest page, bytes: all records fit into the first one, so that no map ever moves a record.
 pub const MIN_PAGE: usize = 2048;
@@ -107,18 +110,20 @@ pub struct Store<S> {
 }
 
 impl<S: NorFlash> Store<S> {
-    /// A store in `region` of `flash` (byte addresses of the driver) that nobody has looked into: for [`Store::find`], once it is where it
-    /// stays. What it is moved through on its way there is stack, 1.4 KiB each time.
+    /// A store in `region` of `flash` (byte addresses of the driver) that nobody has looked into: for
+    /// [`Store::find`], once it is where it stays. What it is moved through on its way there is stack, 1.4
+    /// KiB each time.
     pub const fn new(flash: S, region: Range<u32>) -> Self {
         Self { flash, region, current: None, staged: None, buffer: [0; BUFFER], seen: 0 }
     }
 
-    /// Finds the current configuration; reads only. A stage that was not committed is no longer there. Flash that holds anything else is a
-    /// store without a configuration, and a half that the driver cannot read is as one without a record.
+    /// Finds the current configuration; reads only. A stage that was not committed is no longer there. Flash
+    /// that holds anything else is a store without a configuration, and a half that the driver cannot read is
+    /// as one without a record.
     ///
     /// # Errors
-    /// `Region` where it does not consist of at least [`MIN_PAGES`] whole pages, an even number, of at least [`MIN_PAGE`]
-    /// bytes.
+    /// `Region` where it does not consist of at least [`MIN_PAGES`] whole pages, an even number, of at least
+    /// [`MIN_PAGE`] bytes.
     pub async fn find(&mut self) -> Result<(), Error<S::Error>> {
         check_region::<S>(&self.region)?;
         let _ = self.look().await;
@@ -143,8 +148,9 @@ impl<S: NorFlash> Store<S> {
     /// Puts the current configuration into `room`; `None` where there is none.
     ///
     /// # Errors
-    /// `Newer` for one that later firmware has stored, `Corrupt` for one that has changed since it was committed, `Flash`. None of
-    /// them prevents a new one from being staged and committed. The room is empty then.
+    /// `Newer` for one that later firmware has stored, `Corrupt` for one that has changed since it was
+    /// committed, `Flash`. None of them prevents a new one from being staged and committed. The room is empty
+    /// then.
     pub async fn load(&mut self, room: &mut Option<NodeConfig>) -> Result<(), Error<S::Error>> {
         *room = None;
         let Some((half, commit)) = self.current else { return Ok(()) };
@@ -152,7 +158,8 @@ impl<S: NorFlash> Store<S> {
         layout::read(commit.layout, bytes, room).map_err(|_| Error::Corrupt)
     }
 
-    /// The key beside the current configuration, which may be that of a blank node; `None` where there is none.
+    /// The key beside the current configuration, which may be that of a blank node; `None` where there is
+    /// none.
     ///
     /// # Errors
     /// As for [`Store::load`].
@@ -161,16 +168,18 @@ impl<S: NorFlash> Store<S> {
         Ok(self.committed(half, commit).await?.0)
     }
 
-    /// Writes what is to be beside what is current, which stays. A key that cannot be read any more, since its record is damaged or of later
-    /// firmware, does not come along.
+    /// Writes what is to be beside what is current, which stays. A key that cannot be read any more, since
+    /// its record is damaged or of later firmware, does not come along.
     ///
     /// # Errors
-    /// `Flash`, `Corrupt` where the flash does not keep what is written; with a key, too, what [`Store::load`] fails with. Nothing is
-    /// staged then.
+    /// `Flash`, `Corrupt` where the flash does not keep what is written; with a key, too, what
+    /// [`Store::load`] fails with. Nothing is staged then.
     pub async fn stage(&mut self, change: Change<'_>) -> Result<(), Error<S::Error>> {
-        // A commit that has failed may be there all the same. Then it is what counts, and its half must not be erased.
+        // A commit that has failed may be there all the same. Then it is what counts, and its half must not
+        // be erased.
         match self.look().await {
-            // Erased is what it is going to be. The other half could hold what counts more than anything that is written now.
+            // Erased is what it is going to be. The other half could hold what counts more than anything that
+            // is written now.
             Some((half, _)) if half == self.target() => {}
             Some((_, error)) => return Err(error),
             None => {}
@@ -200,13 +209,15 @@ impl<S: NorFlash> Store<S> {
         layout::read(LAYOUT, bytes, room).map_err(|_| Error::Corrupt)
     }
 
-    /// Makes the staged configuration the current one. A power cut leaves the one or the other. After a key or a blank node the half of
-    /// before is erased: neither an old key nor what a blank node was can be read from the flash any more.
+    /// Makes the staged configuration the current one. A power cut leaves the one or the other. After a key
+    /// or a blank node the half of before is erased: neither an old key nor what a blank node was can be read
+    /// from the flash any more.
     ///
     /// # Errors
-    /// `NotStaged`; `Epoch` unless `epoch` is larger than the [present one](Self::epoch); `Corrupt`, `Flash`: then the old
-    /// one stays until the next [`Store::open`] or [`Store::stage`], which finds the one or the other, since the record may be written; or
-    /// the new one counts, and the old half could not be erased, which the same change once more makes up for.
+    /// `NotStaged`; `Epoch` unless `epoch` is larger than the [present one](Self::epoch); `Corrupt`, `Flash`:
+    /// then the old one stays until the next [`Store::open`] or [`Store::stage`], which finds the one or the
+    /// other, since the record may be written; or the new one counts, and the old half could not be erased,
+    /// which the same change once more makes up for.
     pub async fn commit(&mut self, epoch: u32) -> Result<(), Error<S::Error>> {
         if epoch <= self.epoch() {
             return Err(Error::Epoch { present: self.epoch() });
@@ -265,7 +276,8 @@ impl<S: NorFlash> Store<S> {
         self.staged = None;
         let half = self.target();
         if self.current.is_none() {
-            // A record in there that could not be read now would count for more than the first one of a new row.
+            // A record in there that could not be read now would count for more than the first one of a new
+            // row.
             self.erase(half.other()).await?;
         }
         self.erase(half).await?;
@@ -330,8 +342,8 @@ impl<S: NorFlash> Store<S> {
         }
     }
 
-    /// The commit record of a half; `None`, too, where not all that leads to it reads the same each time: a map that reads a record wrong
-    /// reads it once more, and says nothing of it.
+    /// The commit record of a half; `None`, too, where not all that leads to it reads the same each time: a
+    /// map that reads a record wrong reads it once more, and says nothing of it.
     async fn read_commit(&mut self, half: Half) -> Result<Option<Commit>, Error<S::Error>> {
         let mut first = None;
         for _ in 0..READS {
@@ -346,8 +358,8 @@ impl<S: NorFlash> Store<S> {
         Ok(first.map(|(commit, _)| commit))
     }
 
-    /// A record, `None` where there is none that can be read. Never writes: repairs are for a half that is going to be erased
-    /// anyway.
+    /// A record, `None` where there is none that can be read. Never writes: repairs are for a half that is
+    /// going to be erased anyway.
     async fn read(&mut self, half: Half, key: u8) -> Result<Option<&[u8]>, Error<S::Error>> {
         let config = MapConfig::try_new(self.range(half)).map_err(|_| Error::Region)?;
         let flash = Guard { flash: &mut self.flash, may_change: false, seen: &mut self.seen };

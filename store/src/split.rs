@@ -1,5 +1,5 @@
-//! Flash with few, large erase pages, each shown as several smaller ones: a store wants two pages for each half, and erases a half as
-//! a whole.
+//! Flash with few, large erase pages, each shown as several smaller ones: a store wants two pages for each
+//! half, and erases a half as a whole.
 
 use core::fmt;
 

@@ -1,7 +1,7 @@
 //! What a node's session asks of its storage, in one step.
 //!
-//! One function for all of it, with one place where something is staged and one where it is committed: each further one is some
-//! kilobytes of state machine in the image (docs/notes/2026-11-25-real-nodes-2.md).
+//! One function for all of it, with one place where something is staged and one where it is committed: each
+//! further one is some kilobytes of state machine in the image (docs/notes/2026-11-25-real-nodes-2.md).
 
 use embedded_storage_async::nor_flash::NorFlash;
 use funnelnet_node::Task;

@@ -1,5 +1,5 @@
-//! A flash that fails once, at any access of a commit: what is read after the restart is the old configuration or the new one, and the
-//! failure is told either way.
+//! A flash that fails once, at any access of a commit: what is read after the restart is the old
+//! configuration or the new one, and the failure is told either way.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod configs;
@@ -136,7 +136,8 @@ fn failed_commit(does: bool, access: u32) -> Option<Store<Flaky>> {
     Some(store)
 }
 
-/// Every access of a commit fails once; how often the old and the new configuration is there at the next start.
+/// Every access of a commit fails once; how often the old and the new configuration is there at the next
+/// start.
 fn every_failure(does: bool) -> (u32, u32) {
     let (mut old, mut new) = (0, 0);
     for store in (0..).map_while(|access| failed_commit(does, access)) {

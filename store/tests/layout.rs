@@ -19,7 +19,8 @@ use sequential_storage::map::{MapConfig, MapStorage};
 type Chip = Flash<8, 2048>;
 const REGION: core::ops::Range<u32> = 0..4 * 2048;
 
-/// `small(3)` of layout 1, epoch 5: its configuration and its commit record, written down on 2026-11-24 and never to be changed.
+/// `small(3)` of layout 1, epoch 5: its configuration and its commit record, written down on 2026-11-24 and
+/// never to be changed.
 const CONFIG_1: &str = concat!(
     "0103c0843d0001000040400024744901000080bf010000003f0000000000803f0000803f01000020",
     "410002040000803f02050000803f020302",
@@ -33,7 +34,8 @@ const CONFIG_2: &str = concat!(
 );
 const COMMIT_2: &str = "02050000007c467448";
 
-/// [`guarded`] and [`KEY`] of layout 3, epoch 5, written down on 2026-11-25 and never to be changed. The configuration is that of layout 2.
+/// [`guarded`] and [`KEY`] of layout 3, epoch 5, written down on 2026-11-25 and never to be changed. The
+/// configuration is that of layout 2.
 const KEY_3: &str = "000102030405060708090a0b0c0d0e0f";
 const COMMIT_3: &str = "03050000007b47df6b";
 const COMMIT_3_WITHOUT_KEY: &str = "0305000000f6fcbcb3";
@@ -220,7 +222,8 @@ fn what_is_staged_can_be_read_and_is_not_committed_once_it_has_changed() {
     assert_eq!((now(store.commit(1)), now(load(&mut store))), (Err(Error::Corrupt), Ok(None)));
 }
 
-/// Layout 1 lacks three fields: neither a record that has one of them nor one that lacks four is of that layout. A blank node lacks none.
+/// Layout 1 lacks three fields: neither a record that has one of them nor one that lacks four is of that
+/// layout. A blank node lacks none.
 #[test]
 fn an_older_layout_is_read_as_it_was_written_and_not_otherwise() {
     let good = bytes(CONFIG_1);
@@ -260,7 +263,8 @@ fn a_configuration_that_is_not_the_committed_one_is_refused() {
     }
 }
 
-/// In the configuration it is a damaged one; in the commit record it is as if that had never been finished. Padding does not count.
+/// In the configuration it is a damaged one; in the commit record it is as if that had never been finished.
+/// Padding does not count.
 #[test]
 fn a_bit_that_flips_in_the_flash_never_gives_another_configuration() {
     let flash = written(&bytes(CONFIG_1), &bytes(COMMIT_1));

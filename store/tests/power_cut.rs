@@ -1,5 +1,5 @@
-//! The power fails after every single byte of every stage and commit, and at eight moments of every erase: what is read after the
-//! restart is the old configuration or the new one, and the next one can be stored.
+//! The power fails after every single byte of every stage and commit, and at eight moments of every erase:
+//! what is read after the restart is the old configuration or the new one, and the next one can be stored.
 #![allow(clippy::large_enum_variant, clippy::unwrap_used, clippy::panic, clippy::reversed_empty_ranges)]
 
 mod configs;
@@ -72,7 +72,8 @@ fn put<F: Chip>(flash: F, change: &Put) -> (Result<(), Fault>, F) {
     (done, store.release())
 }
 
-/// Writes of a node's life: the first ones, equal ones, longer and shorter ones, blank in between, keys among them.
+/// Writes of a node's life: the first ones, equal ones, longer and shorter ones, blank in between, keys among
+/// them.
 fn life() -> Vec<Put> {
     vec![
         Put::Config(small(1)),
@@ -126,8 +127,8 @@ fn every_cut<F: Chip>() -> (u64, u64) {
 
 #[test]
 fn every_cut_leaves_the_old_configuration_or_the_new_one() {
-    // Words and pages of the STM32G4, the nRF52 and the RP2040; then those of the STM32F4, whose pages are of 128 KiB, so that the store
-    // is shown each one as two.
+    // Words and pages of the STM32G4, the nRF52 and the RP2040; then those of the STM32F4, whose pages are of
+    // 128 KiB, so that the store is shown each one as two.
     let counted = [
         every_cut::<Flash<8, 2048>>(),
         every_cut::<Flash<4, 4096>>(),
@@ -177,7 +178,8 @@ fn epochs_grow() {
 
 #[test]
 fn flash_full_of_anything_is_a_store_without_a_configuration() {
-    // First word, middle and last word of each page. The last one is what the map would repair: an interrupted erase.
+    // First word, middle and last word of each page. The last one is what the map would repair: an
+    // interrupted erase.
     for [first, middle, last] in [[0x00; 3], [0x55; 3], [0xFF; 3], [0x00, 0x55, 0xFF], [0xFF, 0x55, 0x00]] {
         let mut flash = Flash::<8, 2048>::new(6);
         for page in flash.bytes.chunks_mut(2048).skip(1).take(4) {

@@ -1,4 +1,5 @@
-//! The book and the README against the repository: every scenario has a page with its command and its figure, and no link is dead.
+//! The book and the README against the repository: every scenario has a page with its command and its figure,
+//! and no link is dead.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use std::fs;

@@ -1,5 +1,5 @@
-//! An hour of virtual time in a broken world: frames are lost, doubled and spoilt, nodes fall silent, restart and are unplugged. Every tick
-//! of every node is recorded as it was, or named as what is not known of it.
+//! An hour of virtual time in a broken world: frames are lost, doubled and spoilt, nodes fall silent, restart
+//! and are unplugged. Every tick of every node is recorded as it was, or named as what is not known of it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::{Event, Observation};

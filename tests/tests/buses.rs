@@ -60,7 +60,8 @@ fn one_per_cent_of_error_frames_at_most_doubles_the_reference_error() {
     }
 }
 
-/// A run with somebody who sees all that happens on the bus: the events, the hash of the states, the utilisation.
+/// A run with somebody who sees all that happens on the bus: the events, the hash of the states, the
+/// utilisation.
 fn tapped(scenario: &Scenario, noise: impl Noise) -> (Vec<Event>, u64, f64) {
     let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
     let configs = node_configs(scenario, drive).unwrap();
@@ -151,7 +152,8 @@ fn a_run_and_its_log_are_the_same_twice() {
     }
 }
 
-/// A state takes 120 us on a line of 1 Mbit/s, and by a hub that and 120 us for each neighbour: all within the tick.
+/// A state takes 120 us on a line of 1 Mbit/s, and by a hub that and 120 us for each neighbour: all within
+/// the tick.
 #[test]
 fn serial_lines_that_are_fast_enough_give_the_bits_of_the_ideal_bus() {
     let ideal = states(&five(&[]));
@@ -191,7 +193,8 @@ fn frames_that_are_computed_in_time_change_nothing() {
     assert_ne!(states(&five(&["agent.compute=700us", "bus.model=can"])), ideal);
 }
 
-/// Nineteen frames come while node 1 computes, twice as many while edges are announced; its driver holds sixteen.
+/// Nineteen frames come while node 1 computes, twice as many while edges are announced; its driver holds
+/// sixteen.
 #[test]
 fn a_node_that_computes_for_long_has_no_room_for_all_frames() {
     let sets = ["graph={kind='complete',nodes=20}", "time.tick=10ms", "time.duration=1s", "bus.model=can"];

@@ -12,7 +12,8 @@ use sim_host::run::Fidelity;
 use sim_host::scenario::Scenario;
 use system_tests::{run, scenario};
 
-/// What a run shows: the states of all nodes at each tick, the largest ratio, the utilisation, errors on the bus.
+/// What a run shows: the states of all nodes at each tick, the largest ratio, the utilisation, errors on the
+/// bus.
 struct Seen {
     states: Vec<Vec<f64>>,
     ratio: f64,
@@ -87,8 +88,8 @@ fn five_agents_on_a_fast_bus_have_the_bits_of_the_ideal_one() {
     }
 }
 
-/// At 500 kbit/s and 1 kHz the bus is busy for 90 % of the time. Where a node announces something beside its state, a state comes a tick late;
-/// with errors more of them do. The funnel bears it.
+/// At 500 kbit/s and 1 kHz the bus is busy for 90 % of the time. Where a node announces something beside its
+/// state, a state comes a tick late; with errors more of them do. The funnel bears it.
 #[test]
 fn on_a_nearly_full_bus_some_states_are_late_and_the_funnel_holds() {
     let scenario = scenario("five-agents.toml", &[]);
@@ -134,7 +135,8 @@ fn the_same_noise_gives_the_same_run() {
     assert_eq!(runs[0].utilisation.to_bits(), runs[1].utilisation.to_bits());
 }
 
-/// Nearly every frame is spoilt: controllers go off the bus, and their nodes stop, say why, and do not drive on.
+/// Nearly every frame is spoilt: controllers go off the bus, and their nodes stop, say why, and do not drive
+/// on.
 #[test]
 fn a_node_that_its_bus_has_lost_stops_with_a_fault() {
     let sets = ["bus.model=can", "bus.bit_errors=0.03", "time.duration=2s", "expect.stopped='any'"];

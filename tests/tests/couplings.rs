@@ -88,7 +88,8 @@ fn each_coupling_follows_the_emergent_dynamics_of_its_own() {
     }
 }
 
-/// `x' = f + G nu / psi` with the paper's `G = max_j gamma_j(|nu_j| / psi_j)` as it stands, by Euler steps of `step` (s).
+/// `x' = f + G nu / psi` with the paper's `G = max_j gamma_j(|nu_j| / psi_j)` as it stands, by Euler steps of
+/// `step` (s).
 fn weakly_centralised(scenario: &Scenario, step: f64) -> Vec<f64> {
     let mut x = scenario.initial_states();
     let steps = (scenario.time.end_s() / step).round() as u64;

@@ -1,4 +1,5 @@
-//! Economic dispatch (scenarios/economic-dispatch.toml): what the network finds, against the optimum of the same numbers.
+//! Economic dispatch (scenarios/economic-dispatch.toml): what the network finds, against the optimum of the
+//! same numbers.
 
 #![allow(clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 

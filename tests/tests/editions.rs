@@ -1,4 +1,5 @@
-//! The law of the second edition against the one before it, on the shipped node: damping that knows the graph, and lost frames.
+//! The law of the second edition against the one before it, on the shipped node: damping that knows the
+//! graph, and lost frames.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 #![allow(
     clippy::approx_constant,
@@ -41,7 +42,8 @@ fn draw(name: &str, seed: u64, sets: &[&str]) -> Scenario {
     scenario
 }
 
-/// The states of all nodes every so many ticks, on a bus that neither loses nor delays, without going through its bytes.
+/// The states of all nodes every so many ticks, on a bus that neither loses nor delays, without going through
+/// its bytes.
 fn states<F: Real>(scenario: &Scenario, edition: Edition, every: u64) -> Vec<Vec<f64>> {
     let mut nodes: Vec<Node<F>> = nodes(&configs(scenario, TickSource::Timer, edition), edition);
     let (listeners, mut said) = (listeners(scenario), Vec::new());
@@ -121,7 +123,8 @@ fn ratio(scenario: &Scenario, edition: Edition) -> f64 {
     most
 }
 
-/// At 30 % loss the narrow funnels are left by no more than before: an extrapolated edge sets the look back to zero.
+/// At 30 % loss the narrow funnels are left by no more than before: an extrapolated edge sets the look back
+/// to zero.
 #[test]
 #[ignore = "minutes: ./ci.sh extended"]
 fn lost_frames_cost_no_more_than_before() {

@@ -1,4 +1,5 @@
-//! The worked example of the book, run as it is: three heaters that differ, behind the code that a node with a plant has on a board.
+//! The worked example of the book, run as it is: three heaters that differ, behind the code that a node with
+//! a plant has on a board.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use sim_host::run::{Fidelity, Outcome, RunOptions, simulate};

@@ -1,7 +1,8 @@
-//! An hour of node time: five timer-driven nodes in one emulated machine whose time runs ahead while they sleep.
+//! An hour of node time: five timer-driven nodes in one emulated machine whose time runs ahead while they
+//! sleep.
 //!
-//! Against the same scenario in loopback: a tick too many or too few, a funnel of another tick, or a frame that nobody counted,
-//! and this fails. `./ci.sh parity` runs it.
+//! Against the same scenario in loopback: a tick too many or too few, a funnel of another tick, or a frame
+//! that nobody counted, and this fails. `./ci.sh parity` runs it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_protocol::Refusal;
@@ -138,7 +139,8 @@ fn an_hour_of_node_time_is_the_hour_of_the_simulator() {
     let hour = emulated(&scenario);
     // The funnel and the law: every state of every tick.
     assert_eq!(format!("{:016x}", hour.hash), loopback.hash.unwrap().to_string());
-    // The time base: an hour and the half period after which the first states were carried, as the hardware counts it too.
+    // The time base: an hour and the half period after which the first states were carried, as the hardware
+    // counts it too.
     let expected_us = u64::from(ticks) * 20_000 + 10_000;
     assert!(hour.elapsed_us.abs_diff(expected_us) <= 200, "{} us", hour.elapsed_us);
     assert!((hour.counts / COUNTS_PER_US).abs_diff(hour.elapsed_us) <= 200, "{} counts", hour.counts);
@@ -148,7 +150,8 @@ fn an_hour_of_node_time_is_the_hour_of_the_simulator() {
     for (report, loopback) in hour.reports.iter().zip(&loopback.counters) {
         let counters = &report.counters;
         assert_eq!(counters.sent, ticks + 1 + 2);
-        // A bus carries everything to everybody: two neighbours' frames, the edges of all, and states of strangers, which are refused.
+        // A bus carries everything to everybody: two neighbours' frames, the edges of all, and states of
+        // strangers, which are refused.
         let strangers = 2 * (ticks + 1);
         assert_eq!(
             counters.accepted + counters.refused.iter().sum::<u32>(),

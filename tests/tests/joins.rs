@@ -1,5 +1,5 @@
-//! LAW.md 9: a node comes to a network that runs, far from where the others are, with a plant that it cannot set, or without one. Every state
-//! through the bytes of a frame; the plant is the node's own field in f64.
+//! law.md 9: a node comes to a network that runs, far from where the others are, with a plant that it cannot
+//! set, or without one. Every state through the bytes of a frame; the plant is the node's own field in f64.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::{Action, Event, InputRange, Node, Params, PlantSetup};
@@ -38,9 +38,11 @@ struct World {
 struct Joined {
     /// Ticks from when it came to when it spoke.
     spoke: u64,
-    /// The largest true ratio of the others from when it came to a tenth of a second after it has spoken, without its edges.
+    /// The largest true ratio of the others from when it came to a tenth of a second after it has spoken,
+    /// without its edges.
     others: f64,
-    /// The same with its edges from when it speaks on, for as long as it is watched: a node at the mean of its neighbours pulls them together.
+    /// The same with its edges from when it speaks on, for as long as it is watched: a node at the mean of
+    /// its neighbours pulls them together.
     with_edges: f64,
     /// Its largest input, state units / s.
     input: f64,
@@ -200,7 +202,8 @@ fn a_plant_fifty_away_joins_within_what_its_actuator_can_do() {
     }
 }
 
-/// It closes a path whose ends are several funnels apart at most times, and waits for one at which they are not: its coming throws nobody out.
+/// It closes a path whose ends are several funnels apart at most times, and waits for one at which they are
+/// not: its coming throws nobody out.
 #[test]
 fn a_virtual_node_joins_when_its_coming_is_no_jump() {
     for (end, comes) in [0.02, 0.2].into_iter().flat_map(|end| (0..8).map(move |n| (end, 2_700 + 330 * n))) {

@@ -1,5 +1,6 @@
-//! The elected leader (paper, Section "Electing a leader by designing psi"): its deviation from its free motion falls with the factor
-//! K by which its funnel is wider, and stays below `mu(4 / K)`, for a field that contracts by nearly 1/s.
+//! The elected leader (paper, Section "Electing a leader by designing psi"): its deviation from its free
+//! motion falls with the factor K by which its funnel is wider, and stays below `mu(4 / K)`, for a field that
+//! contracts by nearly 1/s.
 
 use funnelnet_law::emergent::runge_kutta;
 use funnelnet_law::gain::{GainFunction, Reciprocal};

@@ -1,5 +1,5 @@
-//! Emulated nodes on lines to each other: states go from neighbour to neighbour and nowhere else, commands and SYNC from line to line.
-//! `./ci.sh parity` runs it.
+//! Emulated nodes on lines to each other: states go from neighbour to neighbour and nowhere else, commands
+//! and SYNC from line to line. `./ci.sh parity` runs it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_protocol::NodeConfig;
@@ -179,8 +179,8 @@ impl Network {
         Self { nodes, configs, degrees, neighbours, _folder: folder }
     }
 
-    /// Waits until all have accepted everything that belongs to `ticks` ticks: the start, each SYNC once, of each neighbour its states and, one
-    /// per tick, its edges.
+    /// Waits until all have accepted everything that belongs to `ticks` ticks: the start, each SYNC once, of
+    /// each neighbour its states and, one per tick, its edges.
     fn settle(&mut self, ticks: u32) {
         for index in 0..self.nodes.len() {
             let expected = self.expected(index, ticks);
@@ -256,7 +256,8 @@ fn a_ring_with_a_host_on_one_node_runs_the_bits_of_loopback() {
     network.assert_stopped();
 }
 
-/// A chain with a host on each node; noise on a line of the second one, and a line of the third that takes nothing.
+/// A chain with a host on each node; noise on a line of the second one, and a line of the third that takes
+/// nothing.
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
 fn noise_and_a_line_that_is_stuck_hold_up_no_other() {
@@ -284,7 +285,8 @@ fn noise_and_a_line_that_is_stuck_hold_up_no_other() {
     chatter.join().unwrap();
 }
 
-/// Both ends of a pipe for QEMU, of which the one that the node writes to is full for as long as the file is open.
+/// Both ends of a pipe for QEMU, of which the one that the node writes to is full for as long as the file is
+/// open.
 fn full_pipe(path: &Path) -> File {
     let [to_node, from_node] = ["in", "out"].map(|end| path.with_extension(end));
     let made = Process::new("mkfifo").args([&to_node, &from_node]).status().unwrap();
@@ -323,7 +325,8 @@ fn the_faults_of_all_reach_every_host_once() {
     }
 }
 
-/// Whose faults come on a node's line, `count` at most within `limit`. Past the `Link`, which drops those of other nodes.
+/// Whose faults come on a node's line, `count` at most within `limit`. Past the `Link`, which drops those of
+/// other nodes.
 fn faults(node: &Node, count: usize, limit: Duration) -> Vec<u8> {
     let (mut line, mut deframer) = (node.link.reader().unwrap(), Deframer::<MAX_FRAME>::new());
     let (mut sources, begin) = (Vec::new(), Instant::now());

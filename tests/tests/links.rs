@@ -85,7 +85,8 @@ fn on_can_what_a_link_disturbs_is_an_error_frame_and_no_loss() {
         let noisy = five(&[model, "time.tick=2500us", "link=[{between=[1,2],corrupt=0.05}]"]);
         assert_eq!(states(&noisy), states(&ideal));
         let more = bus(&noisy).utilisation / bus(&quiet).utilisation;
-        // One frame in twenty of two nodes of five, half of each and an error frame longer. Of one in nine, whose errors count eight, nodes would go off the bus.
+        // One frame in twenty of two nodes of five, half of each and an error frame longer. Of one in nine,
+        // whose errors count eight, nodes would go off the bus.
         assert!((1.005..1.03).contains(&more), "{more}");
         assert_eq!((bus(&noisy).sent, bus(&noisy).lost), (bus(&quiet).sent, 0));
     }
@@ -124,12 +125,14 @@ fn links_are_random_by_the_seed_alone() {
     }
 }
 
-/// Frames of eight bytes whose data are fast: in time, as on the ideal bus, and the bus as busy as their lengths say.
+/// Frames of eight bytes whose data are fast: in time, as on the ideal bus, and the bus as busy as their
+/// lengths say.
 #[test]
 fn can_fd_has_the_bits_of_the_ideal_bus_and_a_lower_load() {
     let (ideal, can, fd) = (five(&[]), five(&["bus.model=can"]), five(&["bus.model=can-fd"]));
     assert_eq!(states(&fd), states(&ideal));
-    // 11-bit identifier, eight bytes, CRC-17: 29 bits at 1 Mbit/s, and 97 to 113 at 2 Mbit/s, five times in each ms.
+    // 11-bit identifier, eight bytes, CRC-17: 29 bits at 1 Mbit/s, and 97 to 113 at 2 Mbit/s, five times in
+    // each ms.
     let (low, high) = (5.0 * (29.0 + 97.0 / 2.0) * 1e-3, 5.0 * (33.0 + 113.0 / 2.0) * 1e-3);
     assert!((low..high).contains(&bus(&fd).utilisation), "{}", bus(&fd).utilisation);
     assert!(bus(&fd).utilisation < bus(&can).utilisation);

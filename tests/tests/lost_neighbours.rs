@@ -5,7 +5,8 @@ use funnelnet_protocol::message::FaultCode;
 use sim_host::run::Fidelity;
 use system_tests::{run, scenario};
 
-/// The nodes that stopped, in order of time, with why and at which tick. On the path 1-2-3-4-5 node 3 leaves its state limit.
+/// The nodes that stopped, in order of time, with why and at which tick. On the path 1-2-3-4-5 node 3 leaves
+/// its state limit.
 fn stopped(lost_neighbours: &str) -> Vec<(usize, FaultCode, u64)> {
     let settings =
         ["time.duration=200ms", "coupling.kind=none", "node.3.dynamics.slope=200", lost_neighbours];
@@ -25,7 +26,8 @@ fn a_node_that_stops_stops_those_that_cannot_do_without_it() {
     assert_eq!(code, limit);
     // Two of two: the inner nodes have another neighbour left.
     assert_eq!(stopped("safety.lost_neighbours=2"), none);
-    // One: it spreads, node by node, each a tick after the one before, which says that it has stopped: nobody extrapolates it.
+    // One: it spreads, node by node, each a tick after the one before, which says that it has stopped: nobody
+    // extrapolates it.
     let spread = stopped("safety.lost_neighbours=1");
     let step = spread[1].2 - at;
     assert!((1..3).contains(&step), "{spread:?}");

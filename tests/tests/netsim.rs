@@ -1,5 +1,5 @@
-//! One readable table of what the simulator does, line by line: graph, funnel, loss and latency in, figures out. Everything
-//! is deterministic, so nothing is allowed to change unnoticed.
+//! One readable table of what the simulator does, line by line: graph, funnel, loss and latency in, figures
+//! out. Everything is deterministic, so nothing is allowed to change unnoticed.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use sim_host::number_format::significant;
@@ -28,7 +28,8 @@ const CONFIGURATIONS: &[(&str, End, f64, u32, u32)] = &[
     ("complete", WIDE, 0.0, 0, 0),
     ("ring", NARROW, 0.0, 0, 0),
     ("ring", NARROW, 0.1, 0, 0),
-    // Known limit: a delay of a whole tick more than the law is made for drives nodes into their state limit here.
+    // Known limit: a delay of a whole tick more than the law is made for drives nodes into their state limit
+    // here.
     ("ring", NARROW, 0.0, 1500, 0),
     ("path", NARROW, 0.0, 0, 0),
     ("star", NARROW, 0.0, 0, 0),
@@ -78,7 +79,8 @@ fn figures(summary: &Summary, outcome: &Outcome) -> String {
         significant(funnel.max_ratio, 4),
         funnel.breaches,
         significant(sync.final_spread, 4),
-        // Two digits: the reference is f64 arithmetic of a solver, which need not be the same to the last bit.
+        // Two digits: the reference is f64 arithmetic of a solver, which need not be the same to the last
+        // bit.
         summary.reference.unwrap().max_error,
         bus.sent,
         bus.lost,

@@ -1,4 +1,4 @@
-//! LAW.md 9: what edges that go and come back do to a network, against the law before the second edition.
+//! law.md 9: what edges that go and come back do to a network, against the law before the second edition.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::params::NEWCOMER_PATIENCE;
@@ -17,7 +17,8 @@ fn cases(seeds: u64) -> impl Iterator<Item = Case> {
     })
 }
 
-/// A case under an outage: the law before, the one now, and the largest input of the run that nothing disturbs.
+/// A case under an outage: the law before, the one now, and the largest input of the run that nothing
+/// disturbs.
 struct Compared {
     case: Case,
     today: Seen,
@@ -30,7 +31,8 @@ fn compare(case: Case, outage: Outage, calm_input: f64) -> Compared {
     Compared { case, today, second, calm_input }
 }
 
-/// Prints the figures of an outage, and every case that is worse than before; gives the mean shares of node-ticks outside, before and now.
+/// Prints the figures of an outage, and every case that is worse than before; gives the mean shares of
+/// node-ticks outside, before and now.
 fn table(outage: Outage, compared: &[Compared]) -> (f64, f64) {
     let mean = |of: &dyn Fn(&Compared) -> f64| compared.iter().map(of).sum::<f64>() / compared.len() as f64;
     let most = |of: &dyn Fn(&Compared) -> f64| compared.iter().map(of).fold(0.0, f64::max);
@@ -106,7 +108,8 @@ fn halves_that_part_are_no_worse_than_before_and_soon_inside_again() {
 /// Seeds of the table of times of extrapolation, which has many columns.
 const FEW_SEEDS: u64 = 2;
 
-/// What a longer extrapolation of silent neighbours gives and takes: outages of links on one side, crashes on the other.
+/// What a longer extrapolation of silent neighbours gives and takes: outages of links on one side, crashes on
+/// the other.
 #[test]
 #[ignore = "minutes: ./ci.sh extended"]
 fn no_time_of_extrapolation_serves_both_silent_links_and_crashed_nodes() {
@@ -142,8 +145,9 @@ fn a_restart_with_a_goodbye_is_no_worse_than_before_and_soon_inside_again() {
     }
 }
 
-/// Here nodes are outside for longer than before: those that stay follow one that is gone for as long as the funnel allows, and not for ten ticks.
-/// They are not further outside, their inputs are smaller, and they are inside again as soon.
+/// Here nodes are outside for longer than before: those that stay follow one that is gone for as long as the
+/// funnel allows, and not for ten ticks. They are not further outside, their inputs are smaller, and they are
+/// inside again as soon.
 #[test]
 #[ignore = "minutes: ./ci.sh extended"]
 fn a_restart_takes_nobody_further_outside_than_before() {
@@ -157,10 +161,12 @@ fn a_restart_takes_nobody_further_outside_than_before() {
     }
 }
 
-/// Ticks after which a node that was away has spoken, and everybody is inside: it waits for a time at which its coming throws nobody out.
+/// Ticks after which a node that was away has spoken, and everybody is inside: it waits for a time at which
+/// its coming throws nobody out.
 const WAITS: u64 = NEWCOMER_PATIENCE as u64 + 10;
 
-/// A restart after 0.1 s and after 2 s: the cases, and the share of node-ticks outside today and by the second edition.
+/// A restart after 0.1 s and after 2 s: the cases, and the share of node-ticks outside today and by the
+/// second edition.
 fn restarts(calm: &[(Case, f64)], kind: fn(u64) -> Outage) -> Vec<(Outage, Vec<Compared>, f64, f64)> {
     let tabled = |ms| {
         let outage = kind(ms);

@@ -1,4 +1,5 @@
-//! The promise of the project: the same scenario gives the same bits in the simulator and on emulated Cortex-M4F nodes.
+//! The promise of the project: the same scenario gives the same bits in the simulator and on emulated
+//! Cortex-M4F nodes.
 
 use sim_host::run::{Fidelity, Outcome};
 use sim_host::scenario::Scenario;
@@ -95,8 +96,9 @@ fn also_with_schedules_noise_and_breaches() {
     let noisy = ["time.duration=300ms", schedule, "agent.noise=0.02"];
     let reopen = "coupling.on_breach={kind='reopen',margin=1.5,rate=20}";
     assert_parity(&scenario("five-agents.toml", &[&noisy[..], &[reopen]].concat()));
-    // Neighbours drop the edge to a node that says it has stopped: the other two stay inside.
-    // Short: a node that has stopped takes a frame of 256 ticks later for an old one in CAN's 8 bits, not in the 16 of a serial line.
+    // Neighbours drop the edge to a node that says it has stopped: the other two stay inside. Short: a node
+    // that has stopped takes a frame of 256 ticks later for an old one in CAN's 8 bits, not in the 16 of a
+    // serial line.
     let stop = ["coupling.on_breach=stop", "time.duration=200ms"];
     let emulator = assert_parity(&scenario("five-agents.toml", &[&noisy[1..], &stop].concat()));
     let stopped = emulator.counters.iter().filter(|counters| counters.ticks < 201).count();

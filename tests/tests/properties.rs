@@ -1,5 +1,5 @@
-//! What holds on every network: random connected weighted graphs, mixed gains, mixed funnels, affine fields. The f32 node
-//! behind the loopback engine, every state through a CAN frame.
+//! What holds on every network: random connected weighted graphs, mixed gains, mixed funnels, affine fields.
+//! The f32 node behind the loopback engine, every state through a CAN frame.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_law::emergent::runge_kutta;
@@ -153,7 +153,8 @@ fn apart(left: &[Row], right: &[Row], to: &[usize], column: fn(&Row) -> &[f64]) 
     left.iter().zip(right).map(of_row).max_by(f64::total_cmp).unwrap()
 }
 
-/// The paper's bounds on every state (Lemma finite): solutions of `max_i f_i` and `min_i f_i` from the extreme states.
+/// The paper's bounds on every state (Lemma finite): solutions of `max_i f_i` and `min_i f_i` from the
+/// extreme states.
 fn extremes(scenario: &Scenario) -> Vec<(f64, f64)> {
     const SUBSTEPS: u64 = 4;
     let tick = scenario.time.tick_s();
@@ -182,7 +183,8 @@ fn cases(count: u32) -> ProptestConfig {
 proptest! {
     #![proptest_config(cases(24))]
 
-    /// What one end of an edge pulls by, the other is pulled by; the rest is the rounding of the sums and of the carry.
+    /// What one end of an edge pulls by, the other is pulled by; the rest is the rounding of the sums and of
+    /// the carry.
     #[test]
     fn diffusive_terms_add_up_to_nothing(scenario in network()) {
         let degrees: f64 = scenario.graph.degrees().iter().sum();
@@ -208,8 +210,9 @@ proptest! {
         }
     }
 
-    /// `check` knows how fast the fields drift apart, not how fast neighbours still move in the first hundredths of a second, when the
-    /// coupling itself moves them. Of 20,000 networks some ten passed 1, by up to 1.13 there and by up to 1.02 later.
+    /// `check` knows how fast the fields drift apart, not how fast neighbours still move in the first
+    /// hundredths of a second, when the coupling itself moves them. Of 20,000 networks some ten passed 1, by
+    /// up to 1.13 there and by up to 1.02 later.
     #[test]
     fn the_funnel_is_kept_at_the_tick_that_check_asks_for(scenario in network()) {
         let outcome = simulate(&with_the_tick_of_check(&scenario));
@@ -257,7 +260,8 @@ fn the_tick_is_the_one_that_check_asks_for() {
 /// A ratio `|nu| / psi`, and the tick that has it.
 type Ratio = (f64, u64);
 
-/// The largest `|nu| / psi` of a run before tick `from` and from there on. Without rows, predictions and verdicts, which would take most of the time.
+/// The largest `|nu| / psi` of a run before tick `from` and from there on. Without rows, predictions and
+/// verdicts, which would take most of the time.
 fn ratios(scenario: &Scenario, from: u64) -> (Ratio, Ratio) {
     let drive = Drive { tick_source: TickSource::Timer, telemetry_every: 0, is_simulated: true };
     let node = |config: &NodeConfig| Node::new(Params::new(config).unwrap(), &config.neighbours);
@@ -306,8 +310,9 @@ impl std::fmt::Display for Left {
     }
 }
 
-/// How many networks are tried says FUNNEL_NETWORKS, and which is the first of them FUNNEL_FIRST. With a guard of 5 % none is outside later than a hundred ticks after its start; what
-/// happens before is counted. With a slow start of 10 ms and a guard of 10 % all but two in 20,000 are inside from the first tick on.
+/// How many networks are tried says FUNNEL_NETWORKS, and which is the first of them FUNNEL_FIRST. With a
+/// guard of 5 % none is outside later than a hundred ticks after its start; what happens before is counted.
+/// With a slow start of 10 ms and a guard of 10 % all but two in 20,000 are inside from the first tick on.
 #[test]
 #[ignore = "minutes: ./ci.sh extended"]
 fn with_a_guard_no_network_is_outside_after_its_start_and_with_a_slow_start_none_at_all() {

@@ -1,5 +1,6 @@
-//! Parity where there is no emulator: the loopback engine (CAN frames, timer) and sessions behind serial lines (SYNC,
-//! telemetry) that the real conductor drives in virtual time. What is left for `parity.rs` is the target: its compiler, FPU and UART.
+//! Parity where there is no emulator: the loopback engine (CAN frames, timer) and sessions behind serial
+//! lines (SYNC, telemetry) that the real conductor drives in virtual time. What is left for `parity.rs` is
+//! the target: its compiler, FPU and UART.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::Observation;

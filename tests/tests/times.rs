@@ -1,4 +1,5 @@
-//! What a row is of: with rounds, and with a slow start, in which network time is not the count of ticks (LAW.md 5 and 7).
+//! What a row is of: with rounds, and with a slow start, in which network time is not the count of ticks
+//! (law.md 5 and 7).
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
 use sim_host::check::check;
@@ -11,7 +12,8 @@ fn nearly(left: f64, right: f64, error: f64) -> bool {
     (left - right).abs() < error
 }
 
-/// Each row's states follow from those of the row before it by its inputs, held, and steps of `step` s of the fields.
+/// Each row's states follow from those of the row before it by its inputs, held, and steps of `step` s of the
+/// fields.
 fn rows_follow(scenario: &Scenario, rows: &[Row], step: f64) {
     for pair in rows.windows(2) {
         let [row, next] = pair else { continue };
@@ -139,7 +141,8 @@ fn events_happen_at_network_time() {
     assert_eq!(gone.t, 0.03);
     let (calm, rows) = (slowly(&[], Expect::default()).1.rows, outcome.rows);
     let first = calm.iter().zip(&rows).find(|(calm, row)| calm.u[0] != row.u[0]).unwrap();
-    // The state of 5 ms is the last that node 1 hears; it takes that of the next tick for granted, and its law looks back no more.
+    // The state of 5 ms is the last that node 1 hears; it takes that of the next tick for granted, and its
+    // law looks back no more.
     assert!(nearly(first.0.t, 5e-3, 0.26e-3), "{}", first.0.t);
 }
 

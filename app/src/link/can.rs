@@ -15,7 +15,8 @@ use super::serial::Serial;
 use super::{Health, Input, Link};
 use crate::clock::Clock;
 
-/// Received frames that are taken one after the other before anything else has its turn: the line, frames to send.
+/// Received frames that are taken one after the other before anything else has its turn: the line, frames to
+/// send.
 const IN_A_ROW: u8 = 16;
 
 /// A received data frame with an 11-bit identifier.
@@ -45,7 +46,8 @@ impl Received {
 
 /// What a controller has done.
 pub enum Exchange {
-    /// It has received a frame; `None` for one that is not of this plane (29-bit identifier, remote frame) and of which nobody keeps count.
+    /// It has received a frame; `None` for one that is not of this plane (29-bit identifier, remote frame)
+    /// and of which nobody keeps count.
     Received(Option<Received>),
     /// It has received a frame that the node refuses, and counts, for this reason.
     Refused(Refusal),
@@ -81,20 +83,22 @@ pub trait Controller {
     /// Begins the recovery from bus-off; it must never happen by itself.
     fn restart(&mut self);
 
-    /// Frames that were received and lost, and errors on the bus of which no [exchange](Self::exchange) tells, both since the start.
+    /// Frames that were received and lost, and errors on the bus of which no [exchange](Self::exchange)
+    /// tells, both since the start.
     fn losses(&self) -> Losses {
         Losses::default()
     }
 
-    /// Lets in what these filters pass, from now on; what passes both the old ones and these is never missed. More than that only where
-    /// there is no room for them. Without this, it lets in everything.
+    /// Lets in what these filters pass, from now on; what passes both the old ones and these is never missed.
+    /// More than that only where there is no room for them. Without this, it lets in everything.
     fn listen(&mut self, _filters: Filters<'_>) {}
 }
 
 /// The frames that a controller sends.
 pub type FrameOf<C> = <<C as Controller>::Format as Format>::Frame;
 
-/// A node with its real-time plane on CAN. CTRL and SYNC may also come on the serial line; a FAULT goes out on both.
+/// A node with its real-time plane on CAN. CTRL and SYNC may also come on the serial line; a FAULT goes out
+/// on both.
 pub struct CanNode<C: Controller, U> {
     controller: C,
     service: Serial<U>,

@@ -1,5 +1,5 @@
-//! What carries frames between a session and the world: a serial line ([`serial`]), one and others to neighbours ([`peers`]), or CAN with
-//! a serial line for the service plane ([`can`]).
+//! What carries frames between a session and the world: a serial line ([`serial`]), one and others to
+//! neighbours ([`peers`]), or CAN with a serial line for the service plane ([`can`]).
 
 pub mod can;
 mod outgoing;
@@ -45,8 +45,8 @@ pub trait Link {
     /// The next input at `now` (ns), without waiting.
     fn next(&mut self, now: u64) -> Option<Input<'_>>;
 
-    /// Takes a frame of the real-time plane to send, at `now` (ns). Frames are not queued: of two with the same identifier that wait, the
-    /// latest wins.
+    /// Takes a frame of the real-time plane to send, at `now` (ns). Frames are not queued: of two with the
+    /// same identifier that wait, the latest wins.
     async fn send(&mut self, message: &Message, now: u64);
 
     /// Sends a frame of the service plane, which comes from the node `source`, 0 while blank.
@@ -55,6 +55,7 @@ pub trait Link {
     /// How the link is doing.
     fn health(&self) -> Health;
 
-    /// Has a controller let in what these filters pass, and more only where it has no room for them. Most links bring nothing else anyway.
+    /// Has a controller let in what these filters pass, and more only where it has no room for them. Most
+    /// links bring nothing else anyway.
     fn listen(&mut self, _filters: Filters<'_>) {}
 }

@@ -11,8 +11,9 @@ use super::serial::{MAX_REPLY, Serial, encode_reply};
 
 /// A frame that leaves, and one that waits behind it. Drivers have a buffer, too, that holds more.
 ///
-/// Telemetry is said where there is room for it at once; whatever else there is may wait behind it, so that a host that has asked for more
-/// telemetry than its line can carry is answered all the same. What then has no room is counted.
+/// Telemetry is said where there is room for it at once; whatever else there is may wait behind it, so that a
+/// host that has asked for more telemetry than its line can carry is answered all the same. What then has no
+/// room is counted.
 pub struct Outgoing {
     frame: [u8; MAX_REPLY],
     /// Bytes of `frame` that are not written yet.

@@ -1,4 +1,5 @@
-//! A serial line to a host, with both planes, and serial lines to neighbours, one each (protocol/README.md, "Nodes on lines to each other").
+//! A serial line to a host, with both planes, and serial lines to neighbours, one each (protocol/README.md,
+//! "Nodes on lines to each other").
 
 use core::future::pending;
 use core::ops::Range;
@@ -23,9 +24,11 @@ use crate::clock::Clock;
 /// A line to a neighbour, which carries the real-time plane alone.
 type PeerLine<R, W> = Line<R, W, MAX_REAL_TIME_FRAME, MAX_REAL_TIME_FRAME>;
 
-/// A node with a line to a host and `PEERS` lines to neighbours, on UARTs whose `read` and `write` lose nothing when they are dropped.
+/// A node with a line to a host and `PEERS` lines to neighbours, on UARTs whose `read` and `write` lose
+/// nothing when they are dropped.
 ///
-/// A frame of the real-time plane waits for each line by itself, so that none holds up another. A reply waits for the host's line alone.
+/// A frame of the real-time plane waits for each line by itself, so that none holds up another. A reply waits
+/// for the host's line alone.
 pub struct Peers<HR, HW, R, W, const PEERS: usize> {
     host: Line<HR, HW, MAX_FRAME, MAX_REPLY>,
     peers: [PeerLine<R, W>; PEERS],
@@ -34,7 +37,8 @@ pub struct Peers<HR, HW, R, W, const PEERS: usize> {
 }
 
 impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R, W, PEERS> {
-    /// A node on these UARTs: of each the half that writes and the half that reads. It is large, as `forwarder` is, and made in `place`.
+    /// A node on these UARTs: of each the half that writes and the half that reads. It is large, as
+    /// `forwarder` is, and made in `place`.
     ///
     /// # Panics
     /// `place` is taken.
@@ -81,7 +85,8 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Peers<HR, HW, R
         peers || self.host.reading.receiving.has_bytes()
     }
 
-    /// The next thing that neighbours have said. Before the host: a state goes before the SYNC that came after it.
+    /// The next thing that neighbours have said. Before the host: a state goes before the SYNC that came
+    /// after it.
     fn next_of_peers(&mut self, now: u64) -> Option<Result<Message, Refusal>> {
         let Self { peers, forwarder, .. } = self;
         for (peer, line) in peers.iter_mut().zip(HOST_LINE + 1..) {
@@ -153,7 +158,8 @@ impl<HR: Read, HW: Write, R: Read, W: Write, const PEERS: usize> Link for Peers<
     }
 }
 
-/// Buffers of a driver, for a line to a neighbour. A longer one to send would hold values that are not the latest any more; the one to receive is 5 ms at 1 Mbit/s.
+/// Buffers of a driver, for a line to a neighbour. A longer one to send would hold values that are not the
+/// latest any more; the one to receive is 5 ms at 1 Mbit/s.
 pub struct PeerBuffers {
     transmit: [u8; 64],
     receive: [u8; 512],
@@ -169,7 +175,8 @@ impl PeerBuffers {
     }
 }
 
-/// Whether a message of `now` (ns) is for the node. It goes into the log where there was no room to pass it on.
+/// Whether a message of `now` (ns) is for the node. It goes into the log where there was no room to pass it
+/// on.
 fn hear<const PEERS: usize>(
     forwarder: &mut Forwarder<PEERS>,
     line: usize,
@@ -240,7 +247,8 @@ impl<W: Write, const LONGEST: usize> Writing<W, LONGEST> {
         self.left.is_empty()
     }
 
-    /// Writes what there is room for: the rest of a frame, then what waits in `forwarder` for the line with this number.
+    /// Writes what there is room for: the rest of a frame, then what waits in `forwarder` for the line with
+    /// this number.
     fn write_from<const PEERS: usize>(&mut self, line: usize, forwarder: &mut Forwarder<PEERS>) {
         while !self.is_idle() || self.load(forwarder.take(line)) {
             if poll_once(self.write()).is_pending() {
@@ -259,7 +267,8 @@ impl<W: Write, const LONGEST: usize> Writing<W, LONGEST> {
         !self.is_idle()
     }
 
-    /// Waits until some of the frame is written; for ever where there is none. What is lost of a frame fails its check at the receiver.
+    /// Waits until some of the frame is written; for ever where there is none. What is lost of a frame fails
+    /// its check at the receiver.
     async fn write(&mut self) {
         let Some(bytes) = self.frame.get(self.left.clone()).filter(|bytes| !bytes.is_empty()) else {
             return pending().await;

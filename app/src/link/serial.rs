@@ -19,8 +19,8 @@ pub(super) const MAX_REPLY: usize = MAX_RAW + 2;
 
 /// Frames on a UART whose `read` loses nothing when it is dropped.
 ///
-/// A send waits until the driver has room. Latest value wins all the same, since the session makes a frame only when the one
-/// before it has been taken.
+/// A send waits until the driver has room. Latest value wins all the same, since the session makes a frame
+/// only when the one before it has been taken.
 pub struct Serial<U> {
     pub(super) uart: U,
     receiving: Receiving<MAX_FRAME>,

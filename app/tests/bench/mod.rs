@@ -1,4 +1,5 @@
-//! Nodes in one thread, by a clock that leaps from alarm to alarm: their lines, a CAN bus, and what may go wrong with them.
+//! Nodes in one thread, by a clock that leaps from alarm to alarm: their lines, a CAN bus, and what may go
+//! wrong with them.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use embedded_io_async::{ErrorType, Read, Write};

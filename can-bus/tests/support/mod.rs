@@ -59,7 +59,8 @@ impl Random {
     }
 }
 
-/// A line for a judge: identifier, whether it is extended, remote, FD, switches, is of a passive sender; length; data.
+/// A line for a judge: identifier, whether it is extended, remote, FD, switches, is of a passive sender;
+/// length; data.
 pub fn line(frame: &Frame, passive: bool) -> String {
     let (id, extended) = match frame.id() {
         Id::Base(id) => (u32::from(id), 0),

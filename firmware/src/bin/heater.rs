@@ -1,5 +1,5 @@
-//! A heater on a Raspberry Pi Pico: sensor on GP26 (ADC 0), heater's transistor on GP20 (PWM 2A), UART 0 on GP0/GP1, the log by RTT.
-//! Its plant is `src/heater.rs`. docs/book/src/your-own-node.md
+//! A heater on a Raspberry Pi Pico: sensor on GP26 (ADC 0), heater's transistor on GP20 (PWM 2A), UART 0 on
+//! GP0/GP1, the log by RTT. Its plant is `src/heater.rs`. docs/book/src/your-own-node.md
 #![no_std]
 #![no_main]
 

@@ -1,7 +1,8 @@
-//! The heater of `src/heater.rs` on the emulated board, which has no converter: a simulated block stands behind the same two traits.
+//! The heater of `src/heater.rs` on the emulated board, which has no converter: a simulated block stands
+//! behind the same two traits.
 //!
-//! The block differs from its model, and from node to node. Its time is that of the ticks: a sample lets one period pass, so that a run in
-//! lockstep is the same on a slow machine.
+//! The block differs from its model, and from node to node. Its time is that of the ticks: a sample lets one
+//! period pass, so that a run in lockstep is the same on a slow machine.
 #![no_std]
 #![no_main]
 

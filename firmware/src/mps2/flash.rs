@@ -1,4 +1,5 @@
-//! Flash, played by RAM that survives a reset of the emulated board: 2 KiB pages, words of 8 bytes, as the STM32G4 has.
+//! Flash, played by RAM that survives a reset of the emulated board: 2 KiB pages, words of 8 bytes, as the
+//! STM32G4 has.
 //!
 //! RAM begins as zeros, so bits are kept inverted: a new board's flash is erased.
 

@@ -109,8 +109,8 @@ fn in_use(number: usize) -> Option<Port> {
     critical_section::with(|token| IN_USE.borrow(token).get(number)?.get())
 }
 
-/// A UART. Reading never fails: what is lost is counted ([`Port::lost`]), and the frame it belonged to fails its
-/// check. Dropping a pending `read` or `write` loses nothing.
+/// A UART. Reading never fails: what is lost is counted ([`Port::lost`]), and the frame it belonged to fails
+/// its check. Dropping a pending `read` or `write` loses nothing.
 pub struct Uart {
     receiver: Receiver,
     transmitter: Transmitter,
@@ -123,7 +123,8 @@ pub struct Receiver(Port);
 pub struct Transmitter(Port);
 
 impl Uart {
-    /// The one UART of `port`, set to `bit_rate` in bit/s (at most [`CLOCK_HZ`] / 16), or `None` if it is taken.
+    /// The one UART of `port`, set to `bit_rate` in bit/s (at most [`CLOCK_HZ`] / 16), or `None` if it is
+    /// taken.
     pub fn take(port: Port, bit_rate: u32) -> Option<Self> {
         let before =
             critical_section::with(|token| Some(IN_USE.borrow(token).get(port.number)?.replace(Some(port))));

@@ -1,4 +1,5 @@
-//! The CMSDK APB watchdog: its first timeout is an NMI, which leaves the cause for the next start; its second one resets.
+//! The CMSDK APB watchdog: its first timeout is an NMI, which leaves the cause for the next start; its second
+//! one resets.
 
 use cortex_m_rt::exception;
 use funnelnet_protocol::service::ResetCause;

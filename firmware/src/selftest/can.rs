@@ -13,8 +13,9 @@ const STATES: u32 = 50;
 /// The neighbour that it plays.
 const NEIGHBOUR: u16 = 2;
 
-/// Takes every frame at once, answers each state with the same one from a neighbour, goes off the bus after [`STATES`], and comes
-/// back when it is restarted. It logs what is not a state, and the length of the first state.
+/// Takes every frame at once, answers each state with the same one from a neighbour, goes off the bus after
+/// [`STATES`], and comes back when it is restarted. It logs what is not a state, and the length of the first
+/// state.
 pub struct Scripted<F> {
     answer: Option<Received>,
     states: u32,

@@ -1,7 +1,8 @@
 //! A network for an hour: five nodes with their own timers, in one machine, on a bus that this program plays.
 //!
-//! The host sends the configurations, and compares what comes back with the same scenario in loopback. Integers are
-//! little-endian. To the node: period in us u32, ticks u32, then [`NODES`] CONFIGURE frames. From it: [`Seen`], then a REPORT of each.
+//! The host sends the configurations, and compares what comes back with the same scenario in loopback.
+//! Integers are little-endian. To the node: period in us u32, ticks u32, then [`NODES`] CONFIGURE frames.
+//! From it: [`Seen`], then a REPORT of each.
 
 use embassy_futures::join::join5;
 use embassy_futures::select::{Either, select};

@@ -21,13 +21,14 @@ use funnelnet_app::link::can::{Controller, Exchange};
 const LONGEST: u8 = 8;
 /// Places of a receive FIFO.
 const PLACES: usize = 3;
-/// Banks of CAN 1, with two filters each, beside the last one, which lets everything in while the others change.
+/// Banks of CAN 1, with two filters each, beside the last one, which lets everything in while the others
+/// change.
 const BANKS: usize = 13;
 /// Readings of a register to wait for the initialization mode at most, some 50 us.
 const LONGEST_WAIT: u32 = 1000;
 
-/// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to `seg2`, and by four quanta at
-/// most.
+/// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to
+/// `seg2`, and by four quanta at most.
 #[allow(clippy::expect_used)] // at compile time
 pub const fn timing(prescaler: u8, seg1: u8, seg2: u8) -> NominalBitTiming {
     let prescaler = NonZeroU16::new(prescaler as u16);
@@ -47,13 +48,16 @@ pub struct BxCan {
 }
 
 impl BxCan {
-    /// Starts the controller with this bit timing. It takes part after 11 recessive bits, for which this does not wait.
+    /// Starts the controller with this bit timing. It takes part after 11 recessive bits, for which this does
+    /// not wait.
     pub fn start(mut can: Can<'static>, timing: NominalBitTiming) -> Self {
         begin_filters();
-        // Frames of one identifier leave in order. Retransmission stays as it is, on: embassy's setter for it is inverted.
+        // Frames of one identifier leave in order. Retransmission stays as it is, on: embassy's setter for it
+        // is inverted.
         can.set_tx_fifo_scheduling(true);
         drop(can.modify_config().set_bit_timing(timing));
-        // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`] does not.
+        // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`]
+        // does not.
         let (transmit, _) = can.split();
         // What `enable` does, but for automatic recovery from bus-off, which the node must decide.
         pac::CAN1.mcr().modify(|reg| reg.set_sleep(false));
@@ -96,9 +100,11 @@ impl Controller for BxCan {
     }
 
     fn restart(&mut self) {
-        // Entering and leaving the initialization mode is what starts the recovery (RM0390, bus-off recovery).
+        // Entering and leaving the initialization mode is what starts the recovery (RM0390, bus-off
+        // recovery).
         pac::CAN1.mcr().modify(|reg| reg.set_inrq(true));
-        // Without traffic of its own it enters at once. If it does not, this restart fails, and another follows.
+        // Without traffic of its own it enters at once. If it does not, this restart fails, and another
+        // follows.
         let entered = |_: &u32| pac::CAN1.msr().read().inak();
         let _ = (0..LONGEST_WAIT).find(entered);
         pac::CAN1.mcr().modify(|reg| reg.set_inrq(false));
@@ -145,13 +151,15 @@ fn set_bank(bank: usize, first: Filter, second: Filter) {
     bank.fr2().write(|reg| reg.0 = halves(second));
 }
 
-/// Identifier and mask as a filter of 16 bits has them (RM0390, filter bank scale and mode): data frames with identifiers of 11 bits.
+/// Identifier and mask as a filter of 16 bits has them (RM0390, filter bank scale and mode): data frames with
+/// identifiers of 11 bits.
 fn halves(Filter { id, mask }: Filter) -> u32 {
     const DATA_AND_SHORT: u32 = 0b11 << 3;
     u32::from(id) << 5 | (u32::from(mask) << 5 | DATA_AND_SHORT) << 16
 }
 
-/// Takes frames out of the controller. It goes after embassy's handler, which masks the interrupt until somebody has.
+/// Takes frames out of the controller. It goes after embassy's handler, which masks the interrupt until
+/// somebody has.
 pub struct TakeFrames;
 
 #[allow(unsafe_code)] // Handlers of interrupts are unsafe to call.
@@ -189,7 +197,8 @@ fn take() {
     received::put(id, place.rdtr().read().dlc().min(LONGEST), data);
 }
 
-/// Counts errors on the bus. It goes before embassy's handler, which would mask the interrupt at the first one.
+/// Counts errors on the bus. It goes before embassy's handler, which would mask the interrupt at the first
+/// one.
 pub struct CountErrors;
 
 #[allow(unsafe_code)] // Handlers of interrupts are unsafe to call.

@@ -24,7 +24,8 @@ type Format = funnelnet_link::Fd;
 #[cfg(not(feature = "can-fd"))]
 type Format = funnelnet_link::Classic;
 
-/// Words of message RAM per place of a receive FIFO (RM0440, message RAM): identifier, kind and length, 64 bytes.
+/// Words of message RAM per place of a receive FIFO (RM0440, message RAM): identifier, kind and length, 64
+/// bytes.
 const PLACE_WORDS: usize = 18;
 /// Places of the FIFO.
 const PLACES: usize = 3;
@@ -36,11 +37,13 @@ const FILTERS: usize = 28;
 pub struct FdTiming {
     /// Timing of the data phase.
     pub data: DataBitTiming,
-    /// Offset of the secondary sample point, clock periods: that of the sample point from the start of the bit.
+    /// Offset of the secondary sample point, clock periods: that of the sample point from the start of the
+    /// bit.
     pub delay_offset: u8,
 }
 
-/// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to `seg2`.
+/// A bit of `prescaler * (1 + seg1 + seg2)` clock periods, sampled after `seg1`; edges move it by up to
+/// `seg2`.
 #[allow(clippy::expect_used)] // at compile time
 pub const fn timing(prescaler: u8, seg1: u8, seg2: u8) -> NominalBitTiming {
     let prescaler = NonZeroU16::new(prescaler as u16);
@@ -72,7 +75,8 @@ pub struct FdCan {
 }
 
 impl FdCan {
-    /// Starts the controller. Without timings of CAN FD it sends classic frames, and takes those of CAN FD for errors.
+    /// Starts the controller. Without timings of CAN FD it sends classic frames, and takes those of CAN FD
+    /// for errors.
     pub fn start(
         mut configurator: CanConfigurator<'static>,
         nominal: NominalBitTiming,
@@ -92,7 +96,8 @@ impl FdCan {
         if let Some(timing) = fd {
             compensate_delay(timing.delay_offset);
         }
-        // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`] does not.
+        // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`]
+        // does not.
         let (transmit, _, _) = can.split();
         Self { transmit, fd: fd.is_some() }
     }
@@ -140,7 +145,8 @@ impl Handler<FDCAN1_IT0> for TakeFrames {
     }
 }
 
-/// Takes the frame at this place of the FIFO, unless it is none of the plane: one with a 29-bit identifier, a remote frame.
+/// Takes the frame at this place of the FIFO, unless it is none of the plane: one with a 29-bit identifier, a
+/// remote frame.
 fn take(place: u8) {
     let at = usize::from(place) * PLACE_WORDS;
     let [head, kind] = [at, at + 1].map(fifo_word);
@@ -182,7 +188,8 @@ fn set_filter(place: usize, filter: Option<Filter>) {
     }
 }
 
-/// The error counters; the errors since the last reading are added to those counted. Whoever reads the register takes them.
+/// The error counters; the errors since the last reading are added to those counted. Whoever reads the
+/// register takes them.
 fn error_counters() -> (u8, u8) {
     let counters = pac::FDCAN1.ecr().read();
     received::note_errors(counters.cel().into());

@@ -1,4 +1,5 @@
-//! CAN frames between the interrupt handler that takes them out of the controller and the node, and what is lost on the way.
+//! CAN frames between the interrupt handler that takes them out of the controller and the node, and what is
+//! lost on the way.
 //!
 //! embassy's own queues drop what they have no room for and tell nobody, so its drivers run without one here.
 

@@ -1,8 +1,9 @@
-//! The first four sectors of an STM32F4's flash, 16 KiB each, with two traps of embassy-stm32 0.6 worked round: its driver of the whole flash
-//! knows only the largest size of a sector, and erases byte by byte, since every write leaves PSIZE at 8 bits.
+//! The first four sectors of an STM32F4's flash, 16 KiB each, with two traps of embassy-stm32 0.6 worked
+//! round: its driver of the whole flash knows only the largest size of a sector, and erases byte by byte,
+//! since every write leaves PSIZE at 8 bits.
 //!
-//! Longest erase of a sector (data sheet): 500 ms by words, 800 ms by bytes. Single bank: the core stands still meanwhile. embassy leaves
-//! the data cache off, so that nothing stale is read afterwards.
+//! Longest erase of a sector (data sheet): 500 ms by words, 800 ms by bytes. Single bank: the core stands
+//! still meanwhile. embassy leaves the data cache off, so that nothing stale is read afterwards.
 
 use embassy_stm32::flash::{self, Bank1Region1, Blocking, Flash};
 use embassy_stm32::pac::FLASH;

@@ -6,13 +6,13 @@ use crate::math::Real;
 use crate::program::{MAX_CONSTANTS, MAX_OPERATIONS, Operation, Program, Surroundings, run};
 use heapless::Vec;
 
-/// Inputs from outside that a program may name: those of a simulation. Of a node there are none.
+/// Inputs from outside that a program may name. Simulations have them, nodes do not.
 pub trait Inputs<F> {
     /// The input with this index at `t = half_ticks T / 2`.
     fn value(&self, index: usize, half_ticks: u64) -> F;
 }
 
-/// No inputs.
+/// Absence of inputs, as on a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NoInputs;
 
@@ -43,8 +43,9 @@ pub enum PreparedField<F, I = NoInputs> {
 }
 
 impl<F: Real> PreparedField<F> {
-    /// Prepares a validated field and program for tick period `tick` (s). A program, where there is one, is the whole field, and reads the
-    /// sinusoids by their index. The numbers are f32, as they travel, whatever `F` is.
+    /// Prepares a validated field and program for tick period `tick` (s). A program, where there is one, is
+    /// the whole field, and reads the sinusoids by their index. The numbers are f32, as they travel, whatever
+    /// `F` is.
     #[must_use]
     pub fn new(field: &Field<f32>, program: &Program<f32>, tick: f64) -> Self {
         Self::with_inputs(field, program, tick, NoInputs)
@@ -52,7 +53,7 @@ impl<F: Real> PreparedField<F> {
 }
 
 impl<F: Real, I> PreparedField<F, I> {
-    /// The same with inputs from outside.
+    /// Prepares a field as [`Self::new`] does, with inputs from outside.
     #[must_use]
     pub fn with_inputs(field: &Field<f32>, program: &Program<f32>, tick: f64, inputs: I) -> Self {
         if program.is_empty() {
@@ -89,7 +90,8 @@ pub struct Expression<F, I = NoInputs> {
     ends: Vec<u8, MAX_COMPONENTS>,
     constants: Vec<F, MAX_CONSTANTS>,
     phasors: Vec<Phasor<F>, MAX_SINES>,
-    /// `T / 2` in s as a fraction in its lowest terms: as many ticks as possible have the number nearest to their time.
+    /// `T / 2` in s as a fraction in its lowest terms: as many ticks as possible have the number nearest to
+    /// their time.
     half_tick: (u64, F),
     inputs: I,
 }

@@ -1,13 +1,14 @@
-//! The part of a funnel that a law leaves alone at its edge (LAW.md 7).
+//! The part of a funnel that a law leaves alone at its edge (law.md 7).
 
 use super::Widths;
 use crate::math::Real;
 
-/// Ticks over which a guard grows from nothing: a start near the edge gets worse by a guard that is there at once.
+/// Ticks over which a guard grows from nothing: a start near the edge gets worse by a guard that is there at
+/// once.
 pub const GROWN_AFTER: u32 = 100;
 
-/// A law with guard `delta` runs in `(1 - delta) psi`, and is judged by `psi`. At all nodes alike it leaves the emergent dynamics as they are,
-/// which depend on the ratios of the funnels only.
+/// A law with guard `delta` runs in `(1 - delta) psi`, and is judged by `psi`. At all nodes alike it leaves
+/// the emergent dynamics as they are, which depend on the ratios of the funnels only.
 ///
 /// ```
 /// use funnelnet_law::funnel::{Guard, Widths};
@@ -29,14 +30,14 @@ impl<F: Real> Guard<F> {
         Self::grown_over(delta, GROWN_AFTER)
     }
 
-    /// One that grows over so many ticks, 1 or more.
+    /// Guard `delta` that grows over `ticks` ticks, 1 or more.
     #[must_use]
     pub fn grown_over(delta: f64, ticks: u32) -> Self {
         let per_tick = F::from_f64(delta / f64::from(ticks));
         Self { delta: F::from_f64(delta), per_tick, grown_after: ticks }
     }
 
-    /// The funnel at tick `k` as the law sees it: what it is judged by stays.
+    /// Funnel at tick `k` as the law sees it; the width by which the node is judged stays.
     #[inline]
     #[must_use]
     pub fn of(&self, k: u32, psi: Widths<F>) -> Widths<F> {

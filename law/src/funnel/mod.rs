@@ -1,4 +1,5 @@
-//! Performance funnels `psi(t)`: as a designer draws them, in continuous time, and as a node evaluates them, tick by tick.
+//! Performance funnels `psi(t)`: as a designer draws them, in continuous time, and as a node evaluates them,
+//! tick by tick.
 
 mod guard;
 mod sampled;
@@ -9,7 +10,7 @@ pub use sampled::{SampledFunnel, Transient, Widths};
 use crate::math::{self, Real, larger};
 use core::fmt;
 
-/// A normalised funnel `psibar(t)`, state units: what a schedule goes on with.
+/// Normalised funnel `psibar(t)`, state units, with which a schedule goes on.
 ///
 /// ```
 /// use funnelnet_law::funnel::Normalised;
@@ -77,7 +78,8 @@ pub enum Shape<F> {
         /// 1, above zero.
         power: F,
     },
-    /// `eps * psibar(t)` from `at` on; before, the exponential that joins `start` to it (paper, theorem on emergent behaviour).
+    /// `eps * psibar(t)` from `at` on; before, the exponential that joins `start` to it (paper, theorem on
+    /// emergent behaviour).
     Schedule {
         /// Width at `t = 0`, above zero.
         start: F,
@@ -105,12 +107,12 @@ pub enum Shape<F> {
 pub struct Funnel<F> {
     /// The paper's `r_i`, above zero: multiplies the whole funnel.
     pub factor: F,
-    /// Shape.
+    /// Shape of the funnel, before it is multiplied.
     pub shape: Shape<F>,
 }
 
 impl<F: Copy> Normalised<F> {
-    /// The same with numbers of another type, each changed by `convert`.
+    /// The same funnel with numbers of another type, each changed by `convert`.
     #[must_use]
     pub fn map<G>(self, convert: impl Fn(F) -> G) -> Normalised<G> {
         match self {
@@ -132,7 +134,7 @@ where
 }
 
 impl<F: Copy> Funnel<F> {
-    /// The same with numbers of another type, each changed by `convert`.
+    /// The same funnel with numbers of another type, each changed by `convert`.
     #[must_use]
     pub fn map<G>(self, convert: impl Fn(F) -> G) -> Funnel<G> {
         let shape = match self.shape {
@@ -153,11 +155,11 @@ impl<F: Copy> Funnel<F> {
 }
 
 impl<F> Shape<F> {
-    /// The names of all kinds, in the order of the wire.
+    /// Names of all shapes, in the order of the wire.
     pub const KINDS: [&'static str; 5] =
         ["exponential", "constant", "reciprocal-time", "finite-time", "schedule"];
 
-    /// The name of its kind, as in a scenario.
+    /// Name of the shape, as in a scenario.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         let index = match self {
@@ -285,7 +287,7 @@ impl Funnel<f64> {
         }
     }
 
-    /// Where a schedule joins its parts (s), which is where one that widens first is widest.
+    /// Time at which a schedule joins its parts (s); one that widens first is widest there.
     #[must_use]
     pub fn join(&self) -> Option<f64> {
         match self.shape {
@@ -295,8 +297,8 @@ impl Funnel<f64> {
     }
 }
 
-/// `(start - end) exp(-decay) + end`. Where it widens as a sum of two terms that are zero or more: the difference would cancel, to zero for a
-/// start below an ulp of the end.
+/// `(start - end) exp(-decay) + end`. Where it widens as a sum of two terms that are zero or more: the
+/// difference would cancel, to zero for a start below an ulp of the end.
 fn between(start: f64, end: f64, decay: f64) -> f64 {
     if end > start {
         start * math::exp(-decay) - end * math::exp_m1(-decay)
@@ -305,7 +307,8 @@ fn between(start: f64, end: f64, decay: f64) -> f64 {
     }
 }
 
-/// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then has a width still.
+/// `eps psibar(at)`, where the parts of a schedule join (state units); as on a node, what has closed by then
+/// has a width still.
 fn joined(eps: f64, then: Normalised<f64>, at: f64) -> f64 {
     (eps * then.width(at)).max(f64::TINY)
 }

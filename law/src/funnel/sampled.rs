@@ -22,15 +22,17 @@ pub enum SampledFunnel<F> {
         /// `factor * width`.
         width: F,
     },
-    /// `scale / t`: infinite at `t = 0`, so that any initial states are inside (paper, remark on the pseudo-global property).
+    /// `scale / t`: infinite at `t = 0`, so that any initial states are inside (paper, remark on the
+    /// pseudo-global property).
     ReciprocalTime {
         /// `factor * scale / T`.
         per_tick: F,
         /// `theta`.
         theta: F,
     },
-    /// `start * (1 - t / at)^power`, zero from `at` on (paper, remark on finite-time synchronization). The law (*) is then
-    /// a damped exact consensus step, down to the floor of the node, which answers what the paper leaves open after `at`.
+    /// `start * (1 - t / at)^power`, zero from `at` on (paper, remark on finite-time synchronization). The
+    /// law (*) is then a damped exact consensus step, down to the floor of the node, which answers what the
+    /// paper leaves open after `at`.
     FiniteTime {
         /// `factor * start`.
         start: F,
@@ -41,8 +43,8 @@ pub enum SampledFunnel<F> {
         /// `theta`.
         theta: F,
     },
-    /// `eps psibar(t)` from `t_1` on, and before the exponential that joins the initial width to it (paper, theorem on emergent
-    /// behaviour): continuous, with `|psi'| <= lambda psi` throughout.
+    /// `eps psibar(t)` from `t_1` on, and before the exponential that joins the initial width to it (paper,
+    /// theorem on emergent behaviour): continuous, with `|psi'| <= lambda psi` throughout.
     Schedule {
         /// `factor * start`.
         start: F,
@@ -59,8 +61,9 @@ pub enum SampledFunnel<F> {
     },
 }
 
-/// `end + (start - end) exp(-rate t)`, as the sum of two terms that are not negative: a funnel that widens from a millionth of its end is
-/// as exact at its start as one that narrows (in f32 `span exp() + end` would be zero there).
+/// `end + (start - end) exp(-rate t)`, as the sum of two terms that are not negative: a funnel that widens
+/// from a millionth of its end is as exact at its start as one that narrows (in f32 `span exp() + end` would
+/// be zero there).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transient<F> {
     /// The smaller one of start and end.
@@ -119,7 +122,7 @@ pub struct Widths<F> {
 }
 
 impl<F: Real> Widths<F> {
-    /// The same, nowhere narrower than `floor`. Not a number where the floor is none.
+    /// Widths that are nowhere narrower than `floor`. Not a number where the floor is none.
     #[inline]
     #[must_use]
     pub fn floored(self, floor: F) -> Self {
@@ -136,7 +139,8 @@ impl<F: Real> Widths<F> {
 }
 
 impl<F: Real> SampledFunnel<F> {
-    /// Prepares a validated funnel for tick period `tick` (s) and the law's `theta`. Its numbers are f32, as they travel, whatever `F` is.
+    /// Prepares a validated funnel for tick period `tick` (s) and the law's `theta`. Its numbers are f32, as
+    /// they travel, whatever `F` is.
     #[must_use]
     pub fn new(funnel: &Funnel<f32>, tick: f64, theta: f64) -> Self {
         let factor = f64::from(funnel.factor);
@@ -208,7 +212,8 @@ impl<F: Real> SampledFunnel<F> {
 }
 
 impl<F: Real> SampledFunnel<F> {
-    /// Widths at the time of `k` ticks that are `parts` times as short, and one of those later (`theta` = 1): at a start (LAW.md 7).
+    /// Widths at the time of `k` ticks that are `parts` times as short, and one of those later (`theta` = 1):
+    /// at a start (law.md 7).
     #[cold]
     #[must_use]
     pub fn widths_of_start(&self, k: u32, parts: u32) -> Widths<F> {

@@ -5,8 +5,9 @@ use super::named::{MAX_PARAMETERS, NamedGain};
 use crate::math::Real;
 use crate::range::{INPUT, Parameter};
 
-/// `mu(s) = scale * s / sqrt(1 - s^2)`: almost linear in the middle of the funnel, since `mu''(0) = 0`. At the edge it grows more slowly than
-/// the reciprocal gain, so that the same input takes a node nearer to the edge.
+/// `mu(s) = scale * s / sqrt(1 - s^2)`: almost linear in the middle of the funnel, since `mu''(0) = 0`. At
+/// the edge it grows more slowly than the reciprocal gain, so that the same input takes a node nearer to the
+/// edge.
 ///
 /// ```
 /// use funnelnet_law::gain::{Algebraic, GainFunction};
@@ -17,7 +18,7 @@ use crate::range::{INPUT, Parameter};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Algebraic<F> {
-    /// State units / s.
+    /// Scale, state units / s.
     pub scale: F,
 }
 
@@ -54,7 +55,8 @@ impl<F: Real> GainFunction<F> for Algebraic<F> {
         self.inverse_with_slope(u).1
     }
 
-    /// Far out from the gap, `1 - |s| = p^2 / (r (r + 1))`, which increases up to the last bit as the quotient does not.
+    /// Far out from the gap, `1 - |s| = p^2 / (r (r + 1))`, which increases up to the last bit as the
+    /// quotient does not.
     #[inline]
     fn inverse_with_slope(&self, u: F) -> (F, F) {
         match self.size(u) {

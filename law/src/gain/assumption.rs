@@ -1,8 +1,10 @@
-//! Whether a user's own gain is one: Assumption 3 (funnel) of the paper, and the consistency that the law relies on.
+//! Whether a user's own gain is one: Assumption 3 (funnel) of the paper, and the consistency that the law
+//! relies on.
 //!
-//! `gamma : [0, 1) -> R_>0` is non-decreasing and tends to infinity, so that `mu(s) = gamma(|s|) s` is odd, strictly
-//! increasing and unbounded. Samples, not a proof: `u` over 18 decades around `mu(1/2)`, `s` down to the last bits before 1,
-//! (*) over 12 decades of every term. A gain that passes can still be wrong between two samples.
+//! `gamma : [0, 1) -> R_>0` is non-decreasing and tends to infinity, so that `mu(s) = gamma(|s|) s` is odd,
+//! strictly increasing and unbounded. Samples, not a proof: `u` over 18 decades around `mu(1/2)`, `s` down to
+//! the last bits before 1, (*) over 12 decades of every term. A gain that passes can still be wrong between
+//! two samples.
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison that NaN fails is the point")]
 
@@ -173,8 +175,8 @@ const STEP: f64 = 1.25;
 const SAMPLES: u32 = 93;
 /// Half of the relative distance of a difference quotient.
 const QUOTIENT_STEP: f64 = 1.0 / 64.0;
-/// Halvings of `1 - s` between which growth is compared, and what must be left of it. Bounded and smooth leaves 1/1000, a
-/// logarithm everything.
+/// Halvings of `1 - s` between which growth is compared, and what must be left of it. Bounded and smooth
+/// leaves 1/1000, a logarithm everything.
 const HALVINGS: usize = 10;
 const GROWTH_LEFT: f64 = 0.25;
 
@@ -261,13 +263,15 @@ fn inputs<F: Real>(half: F) -> impl Iterator<Item = F> {
     geometric(half / nine_decades, F::from_f64(STEP), 2 * SAMPLES)
 }
 
-/// Ratios, ascending: decades from 1e-9 up to 1/2, then `1 - s` halved down to two bits, as long as `mu` is a number.
+/// Ratios, ascending: decades from 1e-9 up to 1/2, then `1 - s` halved down to two bits, as long as `mu` is a
+/// number.
 fn ratios<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> impl Iterator<Item = F> {
     let small = geometric(F::from_f64(1e-9), F::from_f64(STEP), 200).take_while(|s| *s < F::HALF);
     small.chain(boundary(gain).map(|(s, _)| s))
 }
 
-/// `(s, mu(s))` with `1 - s` halved from 1/2 down to two bits, as long as `mu` is not infinite for every purpose.
+/// `(s, mu(s))` with `1 - s` halved from 1/2 down to two bits, as long as `mu` is not infinite for every
+/// purpose.
 fn boundary<F: Real>(gain: &(impl GainFunction<F> + ?Sized)) -> impl Iterator<Item = (F, F)> {
     geometric(F::HALF, F::HALF, 64)
         .take_while(|gap| *gap > F::EPSILON + F::EPSILON)
@@ -311,7 +315,8 @@ fn saturated<F: Real>(s: F) -> bool {
     s >= F::ONE - F::from_u32(32) * F::EPSILON
 }
 
-/// The difference quotient lies between the slopes at its ends, give or take rounding and 1 % for what lies between.
+/// The difference quotient lies between the slopes at its ends, give or take rounding and 1 % for what lies
+/// between.
 fn slopes<F: Real>(gain: &(impl GainFunction<F> + ?Sized), half: F) -> Result<(), Violation<F>> {
     let steepest = gain.inverse_slope(F::ZERO);
     for u in inputs(half) {

@@ -5,9 +5,11 @@ use super::{GainFunction, Solution};
 use crate::math::Real;
 use crate::range::Parameter;
 
-/// The high-gain coupling `u = slope nu`, whatever the funnel is: what funnels are compared with (paper, Introduction).
+/// The high-gain coupling `u = slope nu`, whatever the funnel is: what funnels are compared with (paper,
+/// Introduction).
 ///
-/// It is no funnel gain, since it is bounded at the boundary (Assumption 3). `psi` does not enter: `mu^-1(u) = u / slope`.
+/// It is no funnel gain, since it is bounded at the boundary (Assumption 3). `psi` does not enter:
+/// `mu^-1(u) = u / slope`.
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, Linear};
@@ -17,7 +19,7 @@ use crate::range::Parameter;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear<F> {
-    /// 1/s.
+    /// Slope, 1/s.
     pub slope: F,
 }
 

@@ -7,7 +7,8 @@ use crate::range::{INPUT, Parameter};
 use crate::root;
 
 /// The paper's locally linear gain (Section "Effect of locally linear mu"): `4 M s` for `|s| < 1/2`, and
-/// `4 M s + s / (1 - |s|) - 4 s |s|` beyond. Where all `|f_i| < M`, the emergent dynamics are the plain average.
+/// `4 M s + s / (1 - |s|) - 4 s |s|` beyond. Where all `|f_i| < M`, the emergent dynamics are the plain
+/// average.
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, LocallyLinear, NamedGain};
@@ -46,9 +47,9 @@ impl<F: Real> Beyond<F> {
 }
 
 impl<F: Real> LocallyLinear<F> {
-    /// Where `psi s + b mu(s) = rho`, for `rho` beyond the linear part: the one root of a cubic, up to `s = 3/4` in `e` and
-    /// from there in `g`, so that nothing cancels, neither at the knee, where the root in `g` is almost double, nor where
-    /// `s` tends to 1.
+    /// Where `psi s + b mu(s) = rho`, for `rho` beyond the linear part: the one root of a cubic, up to
+    /// `s = 3/4` in `e` and from there in `g`, so that nothing cancels, neither at the knee, where the root
+    /// in `g` is almost double, nor where `s` tends to 1.
     #[inline]
     fn beyond(&self, psi: F, b: F, rho: F) -> Beyond<F> {
         let slope = psi + F::from_u32(4) * self.bound * b;
@@ -178,8 +179,8 @@ impl<F: Real> NamedGain<F> for LocallyLinear<F> {
         self.bound + self.bound
     }
 
-    /// Within the linear part, so that the emergent dynamics stay the average: `mu(1/2) = u` leaves half of the funnel, more than was asked
-    /// for.
+    /// Within the linear part, so that the emergent dynamics stay the average: `mu(1/2) = u` leaves half of
+    /// the funnel, more than was asked for.
     fn reaching(&self, _: F, u: F) -> Option<Self> {
         Some(Self { bound: F::HALF * u })
     }

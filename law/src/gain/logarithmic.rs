@@ -15,7 +15,7 @@ use crate::range::{INPUT, Parameter};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Logarithmic<F> {
-    /// State units / s.
+    /// Scale, state units / s.
     pub scale: F,
 }
 

@@ -5,10 +5,12 @@ use super::{GainFunction, Reciprocal, Solution};
 use crate::math::Real;
 use crate::range::{Allowed, INPUT, Parameter, SMALLEST};
 
-/// The gain of the distributed median (paper, Section "Finding median agent"): a reciprocal one whose inverse meets
-/// `mu^-1(s) >= 1 - eps` for `s >= eta` (paper, (27), beta_bound) with equality, `scale = eta eps / (1 - eps)`.
+/// The gain of the distributed median (paper, Section "Finding median agent"): a reciprocal one whose inverse
+/// meets `mu^-1(s) >= 1 - eps` for `s >= eta` (paper, (27), beta_bound) with equality,
+/// `scale = eta eps / (1 - eps)`.
 ///
-/// The result is within `eta` of the weighted median (paper, Lemma med) if `eps < 2 / (N + 1)` and all funnels are equal.
+/// The result is within `eta` of the weighted median (paper, Lemma med) if `eps < 2 / (N + 1)` and all
+/// funnels are equal.
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, Median};
@@ -18,14 +20,14 @@ use crate::range::{Allowed, INPUT, Parameter, SMALLEST};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Median<F> {
-    /// State units / s, above zero.
+    /// The paper's `eta`, state units / s, above zero.
     pub eta: F,
-    /// From 0 to 1, both excluded.
+    /// The paper's `eps`, from 0 to 1, both excluded.
     pub eps: F,
 }
 
 impl<F: Real> Median<F> {
-    /// The reciprocal gain that it is.
+    /// Reciprocal gain with the same values.
     #[inline]
     #[must_use]
     pub fn reciprocal(self) -> Reciprocal<F> {

@@ -1,8 +1,9 @@
 //! Gains `mu(s) = gamma(|s|) s` on (-1, 1), built around their inverse.
 //!
-//! `mu^-1 : R -> (-1, 1)` is the primitive of the whole system: the implicit law (**) needs it, and so does the emergent
-//! vector field `sum_i psi_i mu_i^-1(h - f_i) = 0` (paper, (19), alg). Assumption 3 (funnel): `gamma` is positive,
-//! non-decreasing and unbounded at the boundary, so that `mu` is odd and strictly increasing.
+//! `mu^-1 : R -> (-1, 1)` is the primitive of the whole system: the implicit law (**) needs it, and so does
+//! the emergent vector field `sum_i psi_i mu_i^-1(h - f_i) = 0` (paper, (19), alg). Assumption 3 (funnel):
+//! `gamma` is positive, non-decreasing and unbounded at the boundary, so that `mu` is odd and strictly
+//! increasing.
 
 use crate::math::Real;
 use crate::root;
@@ -70,13 +71,15 @@ pub trait GainFunction<F: Real> {
     /// Derivative of [`GainFunction::inverse`], positive, 1 / (state units / s).
     fn inverse_slope(&self, u: F) -> F;
 
-    /// [`GainFunction::inverse`] and [`GainFunction::inverse_slope`] at once, for a gain that computes them from the same terms.
+    /// [`GainFunction::inverse`] and [`GainFunction::inverse_slope`] at once, for a gain that computes them
+    /// from the same terms.
     #[inline]
     fn inverse_with_slope(&self, u: F) -> (F, F) {
         (self.inverse(u), self.inverse_slope(u))
     }
 
-    /// `-d/d|u| ln((mu^-1)'(u))`, 1 / (state units / s); zero where `mu` is linear. For references and forecasts.
+    /// `-d/d|u| ln((mu^-1)'(u))`, 1 / (state units / s); zero where `mu` is linear. For references and
+    /// forecasts.
     ///
     /// The default is a difference quotient of [`GainFunction::inverse_slope`].
     fn inverse_curvature(&self, u: F) -> F {
@@ -86,18 +89,20 @@ pub trait GainFunction<F: Real> {
         (slope - ahead) / (step * slope)
     }
 
-    /// `gap(u) e^lift` and `inverse_slope(u) e^lift` with the gap `1 - |mu^-1(u)|`, both with all their digits where
-    /// `mu^-1(u)` itself rounds to 1: what is left of an agent whose field is far from the emergent one.
+    /// `gap(u) e^lift` and `inverse_slope(u) e^lift` with the gap `1 - |mu^-1(u)|`, both with all their
+    /// digits where `mu^-1(u)` itself rounds to 1: what is left of an agent whose field is far from the
+    /// emergent one.
     ///
-    /// `lift` is from 0 to [`GainFunction::decay`]. The default is for gains without exponential tails and without a better formula.
+    /// `lift` is from 0 to [`GainFunction::decay`]. The default is for gains without exponential tails and
+    /// without a better formula.
     #[inline]
     fn gap_with_slope(&self, u: F, _lift: F) -> (F, F) {
         let (inverse, slope) = self.inverse_with_slope(u);
         (F::ONE - inverse.abs(), slope)
     }
 
-    /// The exponent `d >= 0` of a gap that falls as `e^-d`, which would underflow far out; zero for a gain whose gap falls as
-    /// a power of `1 / |u|`.
+    /// The exponent `d >= 0` of a gap that falls as `e^-d`, which would underflow far out; zero for a gain
+    /// whose gap falls as a power of `1 / |u|`.
     #[inline]
     fn decay(&self, _u: F) -> F {
         F::ZERO
@@ -106,7 +111,7 @@ pub trait GainFunction<F: Real> {
     /// `mu(s)`, state units / s, for `|s| < 1`.
     fn apply(&self, s: F) -> F;
 
-    /// The one solution of `psi mu^-1(u) + b u = r` (LAW.md 3, (**)), for `psi > 0` and `b >= 0` (s).
+    /// The one solution of `psi mu^-1(u) + b u = r` (law.md 3, (**)), for `psi > 0` and `b >= 0` (s).
     ///
     /// The default is a bracketed Newton iteration; a gain with a closed form overrides it.
     #[inline]
@@ -117,8 +122,9 @@ pub trait GainFunction<F: Real> {
 
 /// Bracketed Newton for `psi mu^-1(u) + b u = r`, solved for `|u|`, since every gain is odd.
 ///
-/// Below the solution the left side is concave where `mu` is convex, so that Newton from below converges monotonically;
-/// where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (LAW.md 3).
+/// Below the solution the left side is concave where `mu` is convex, so that Newton from below converges
+/// monotonically; where it is not, the bracket `[max(0, (|r| - psi) / b), |r| / b]` catches the step (law.md
+/// 3).
 ///
 /// ```
 /// use funnelnet_law::gain::{GainFunction, Reciprocal, newton};

@@ -1,4 +1,5 @@
-//! The gains that have a name: the one list that wire, node, scenario, `check`, emergent dynamics and reference share.
+//! The gains that have a name: the one list that wire, node, scenario, `check`, emergent dynamics and
+//! reference share.
 //!
 //! A new gain is a file beside this one, and a row at the end of this list.
 
@@ -17,7 +18,7 @@ pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
     const KIND: &'static str;
     /// Its parameters, in the order of its fields.
     const PARAMETERS: &'static [Parameter];
-    /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
+    /// Whether the gain grows without bound at the funnel's edge, as Assumption 3 asks.
     const KEEPS_FUNNELS: bool = true;
 
     /// The gain with these values of [`Self::PARAMETERS`]; what is missing is zero.
@@ -31,7 +32,8 @@ pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
         F::ZERO
     }
 
-    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in state units / s.
+    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in
+    /// state units / s.
     ///
     /// The default scales the first parameter, in which most gains are linear.
     fn reaching(&self, gap: F, u: F) -> Option<Self>;
@@ -39,8 +41,8 @@ pub trait NamedGain<F: Real>: GainFunction<F> + Copy {
 
 macro_rules! gains {
     ($($(#[$doc:meta])* $variant:ident { $($field:ident),+ }),+ $(,)?) => {
-        /// A gain `mu(s) = gamma(|s|) s`, state units / s, for `s` in (-1, 1). Its parameters are documented at the structs of the same
-        /// names.
+        /// A gain `mu(s) = gamma(|s|) s`, state units / s, for `s` in (-1, 1). Its parameters are documented
+        /// at the structs of the same names.
         ///
         /// Append-only: it travels (funnelnet-protocol), so that nothing is renumbered.
         #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,7 +132,7 @@ pub struct Kind<F> {
     pub name: &'static str,
     /// Parameters of a gain of this kind.
     pub parameters: &'static [Parameter],
-    /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
+    /// Whether the gain grows without bound at the funnel's edge, as Assumption 3 asks.
     pub keeps_funnels: bool,
     /// Makes a gain of the values of `parameters`, in their order.
     pub build: fn([F; MAX_PARAMETERS]) -> Gain<F>,
@@ -151,7 +153,7 @@ impl<F: Real> Gain<F> {
         with!(self, gain => kind(&gain))
     }
 
-    /// Whether it grows without bound at the funnel's edge, as Assumption 3 asks.
+    /// Whether the gain grows without bound at the funnel's edge, as Assumption 3 asks.
     #[must_use]
     pub fn keeps_funnels(&self) -> bool {
         with!(self, gain => keeps_funnels(&gain))
@@ -174,7 +176,8 @@ impl<F: Real> Gain<F> {
         with!(self, gain => gain.linear_up_to())
     }
 
-    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in state units / s.
+    /// The gain of this kind with `mu(1 - gap) = u`; `None` where there is none. `gap` in (0, 1), `u > 0` in
+    /// state units / s.
     ///
     /// ```
     /// use funnelnet_law::Gain;
@@ -187,7 +190,7 @@ impl<F: Real> Gain<F> {
         with!(self, gain => gain.reaching(gap, u).map(Self::from))
     }
 
-    /// The same function in the form that costs least at every tick: the median gain is a reciprocal one.
+    /// Form of the same gain that costs least at every tick: the median gain becomes a reciprocal one.
     ///
     /// ```
     /// use funnelnet_law::Gain;

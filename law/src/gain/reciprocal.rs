@@ -16,12 +16,13 @@ use crate::range::{INPUT, Parameter};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reciprocal<F> {
-    /// State units / s.
+    /// Scale, state units / s.
     pub scale: F,
 }
 
 impl<F: Real> GainFunction<F> for Reciprocal<F> {
-    /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the quotient does not.
+    /// Beyond 1/2 from the gap, `1 - |s| = scale / (scale + |u|)`: it increases up to the last bit, as the
+    /// quotient does not.
     #[inline]
     fn inverse(&self, u: F) -> F {
         let (size, sum) = (u.abs(), self.scale + u.abs());
@@ -50,7 +51,7 @@ impl<F: Real> GainFunction<F> for Reciprocal<F> {
         self.scale * s / (F::ONE - s.abs())
     }
 
-    /// Closed form in `g = 1 - |s|`, without cancellation (LAW.md 3): one square root, two divisions.
+    /// Closed form in the gap `1 - |s|`, without cancellation (law.md 3): one square root, two divisions.
     #[inline]
     fn solve(&self, psi: F, b: F, r: F) -> Solution<F> {
         let rho = r.abs();

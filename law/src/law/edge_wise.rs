@@ -1,16 +1,16 @@
-//! Edge-wise funnel coupling: every edge has a funnel of its own, `u_i = sum_j u_ij`, `u_ij = mu(nu_ij / psi)` with
-//! `nu_ij = alpha_ij (x_j - x_i)`.
+//! Edge-wise funnel coupling: every edge has a funnel of its own, `u_i = sum_j u_ij`,
+//! `u_ij = mu(nu_ij / psi)` with `nu_ij = alpha_ij (x_j - x_i)`.
 //!
-//! `u_ij = -u_ji`, so the inputs of a network add up to zero and the emergent dynamics are the plain average (paper, (4), blend).
-//! In sampled form (**) holds for every edge, with
+//! `u_ij = -u_ji`, so the inputs of a network add up to zero and the emergent dynamics are the plain average
+//! (paper, (4), blend). In sampled form (**) holds for every edge, with
 //!
 //! ```text
 //! b_ij = theta (c / 2) T alpha_ij (n_i + n_j)
 //! ```
 //!
-//! where `n` counts the edges at either end: `T alpha_ij (n_i + n_j)` bounds the change of `nu_ij` that inputs cause, as
-//! `2 T d_i` does for `nu_i` (docs/notes/2026-11-23-whole-paper.md). Both ends compute it from the same numbers, and (**) is odd in `r`: the
-//! two inputs cancel bit for bit while no frame is lost.
+//! where `n` counts the edges at either end: `T alpha_ij (n_i + n_j)` bounds the change of `nu_ij` that
+//! inputs cause, as `2 T d_i` does for `nu_i` (docs/notes/2026-11-23-whole-paper.md). Both ends compute it
+//! from the same numbers, and (**) is odd in `r`: the two inputs cancel bit for bit while no frame is lost.
 
 use super::memory::{LookBack, Memory, share_of_b};
 use super::node_wise::Constants;
@@ -50,9 +50,9 @@ pub struct EdgeWise<F> {
 pub struct EdgeTerm<F> {
     /// `alpha_ij (x_j - x_i)`, state units.
     pub nu: F,
-    /// Its change over the last tick, state units.
+    /// Change of `nu` over the last tick, state units.
     pub dnu: F,
-    /// `alpha_ij (n_i + n_j)`.
+    /// Stiffness `alpha_ij (n_i + n_j)` of the edge.
     pub stiffness: F,
 }
 
@@ -67,7 +67,7 @@ impl<F: Real> EdgeWise<F> {
         Self { share, look_back, usual: (share, look_back), floor }
     }
 
-    /// Takes the constants that it has at a pace.
+    /// Takes the constants of a pace (slow start).
     #[cold]
     pub fn keep_pace(&mut self, pace: Pace) {
         let (share, look_back) = self.usual;

@@ -1,7 +1,9 @@
-//! The lambda-tracker (paper, Section "Related approaches"): `u = k nu`, and `k' = |nu| (|nu| - eta)` while `|nu| > eta`.
+//! The lambda-tracker (paper, Section "Related approaches"): `u = k nu`, and `k' = |nu| (|nu| - eta)` while
+//! `|nu| > eta`.
 //!
-//! A baseline: its gain never falls, and amplifies noise for ever. It gets the implicit step of law (*) as well, with `psi mu^-1(u)` replaced by
-//! `u / k`: in a comparison an explicit step would only show that it is unstable.
+//! A baseline: its gain never falls, and amplifies noise for ever. It gets the implicit step of law (*) as
+//! well, with `psi mu^-1(u)` replaced by `u / k`: in a comparison an explicit step would only show that it is
+//! unstable.
 
 use super::node_wise::{Memory, NodeWise};
 use crate::gain::{GainFunction, Linear};
@@ -34,12 +36,13 @@ impl<F: Real> LambdaTracker<F> {
         Self { eta, tick: F::from_f64(tick) }
     }
 
-    /// One tick: grows `k` (1/s), then gives the input (state units / s) for the diffusive term `nu` and its change `dnu` (both
-    /// state units). `law` carries the step of law (*) of the node.
+    /// One tick: grows `k` (1/s), then gives the input (state units / s) for the diffusive term `nu` and its
+    /// change `dnu` (both state units). `law` carries the step of law (*) of the node.
     #[inline]
     pub fn step<G>(&self, law: &NodeWise<F, G>, memory: &mut Memory<F>, k: &mut F, nu: F, dnu: F) -> F {
         let size = nu.abs();
-        // Explicit: a tracker has no better knowledge of the error to come. Bounded, so that nothing overflows.
+        // Explicit: a tracker has no better knowledge of the error to come. Bounded, so that nothing
+        // overflows.
         *k = (*k + self.tick * size * (size - self.eta).max(F::ZERO)).min(F::WIDEST);
         let gain = Linear { slope: *k };
         let last = memory.last_input().unwrap_or(gain.solve(F::ONE, law.b, nu).u);

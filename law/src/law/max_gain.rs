@@ -1,7 +1,8 @@
-//! Maximum gain for vector states (paper, remark on the high order case): `u = gamma(|nu|_inf / psi) nu / psi`.
+//! Maximum gain for vector states (paper, remark on the high order case):
+//! `u = gamma(|nu|_inf / psi) nu / psi`.
 //!
-//! In (**), `psi s + b u = r` with `u = gamma(|s|_inf) s`, the vectors `s`, `u` and `r` are parallel: it is the scalar equation for
-//! the largest component of `r`, whose solution is then scaled along `r`.
+//! In (**), `psi s + b u = r` with `u = gamma(|s|_inf) s`, the vectors `s`, `u` and `r` are parallel: it is
+//! the scalar equation for the largest component of `r`, whose solution is then scaled along `r`.
 
 use super::node_wise::{Memory, NodeWise};
 use crate::funnel::Widths;
@@ -25,7 +26,7 @@ use crate::math::{Real, larger};
 pub struct Term<F> {
     /// Diffusive term, state units.
     pub nu: F,
-    /// Its change over the last tick, state units.
+    /// Change of `nu` over the last tick, state units.
     pub dnu: F,
     /// Input of this tick, state units / s, once it is found.
     pub u: F,

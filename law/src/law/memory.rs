@@ -39,14 +39,14 @@ pub struct Memory<F> {
 }
 
 impl<F: Real> Memory<F> {
-    /// The memory after undisturbed ticks: the last input and the one before it (state units / s), and the last change of the diffusive
-    /// term (state units).
+    /// The memory after undisturbed ticks: the last input and the one before it (state units / s), and the
+    /// last change of the diffusive term (state units).
     #[must_use]
     pub fn settled(last: F, before: F, dnu: F) -> Self {
         Self { last, before, dnu, depth: Depth::All }
     }
 
-    /// Replaces the last input by what an actuator really did (LAW.md 6).
+    /// Replaces the last input by what an actuator really did (law.md 6).
     pub fn feed_back(&mut self, u: F) {
         (self.last, self.depth) = (u, Depth::Input);
     }
@@ -58,14 +58,16 @@ impl<F: Real> Memory<F> {
         if self.depth == Depth::Nothing { None } else { Some(self.last) }
     }
 
-    /// Takes note that the diffusive term of this tick does not follow from those before it: an edge was extrapolated, came or went, the
-    /// node was configured anew. Then `g` is 0 at this tick and at the next one (LAW.md 3).
+    /// Takes note that the diffusive term of this tick does not follow from those before it: an edge was
+    /// extrapolated, came or went, the node was configured anew. Then `g` is 0 at this tick and at the next
+    /// one (law.md 3).
     #[inline]
     pub fn disturb(&mut self) {
         self.depth = self.depth.min(Depth::Input);
     }
 
-    /// Takes note of a tick: the last input before it, its own one, and the change of the diffusive term that led to it.
+    /// Takes note of a tick: the last input before it, its own one, and the change of the diffusive term that
+    /// led to it.
     #[inline]
     pub(super) fn note(&mut self, last: F, u: F, dnu: F) {
         (self.before, self.last, self.dnu) = (last, u, dnu);
@@ -77,7 +79,8 @@ impl<F: Real> Memory<F> {
     }
 }
 
-/// `b` of a pace over the usual one: `theta` is 1 and not 1/2, the damping three quarters, the tick perhaps an eighth.
+/// `b` of a pace over the usual one: `theta` is 1 and not 1/2, the damping three quarters, the tick perhaps
+/// an eighth.
 pub(super) fn share_of_b<F: Real>(pace: Pace) -> F {
     F::from_f32(match pace {
         Pace::Usual => 1.0,
@@ -102,7 +105,7 @@ impl<F: Real> LookBack<F> {
         Self { g: F::ZERO, ..self }
     }
 
-    /// That of a pace.
+    /// Constants of a pace.
     pub fn at(self, pace: Pace) -> Self {
         match pace {
             Pace::Usual => self,
@@ -110,7 +113,8 @@ impl<F: Real> LookBack<F> {
         }
     }
 
-    /// `r` of (**), state units, for `b` (s), the diffusive term and its change (state units), and the last input (state units / s).
+    /// `r` of (**), state units, for `b` (s), the diffusive term and its change (state units), and the last
+    /// input (state units / s).
     #[inline]
     pub fn right_side(&self, memory: &Memory<F>, b: F, (nu, dnu): (F, F), last: F) -> F {
         let r = nu + self.theta * dnu + b * last;

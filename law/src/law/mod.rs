@@ -1,4 +1,5 @@
-//! Coupling laws: all of them solve (**) of LAW.md 3, each for an unknown of its own (docs/notes/2026-11-23-whole-paper.md).
+//! Coupling laws: all of them solve (**) of law.md 3, each for an unknown of its own
+//! (docs/notes/2026-11-23-whole-paper.md).
 
 mod constants;
 pub mod edge_wise;
@@ -10,7 +11,7 @@ pub mod node_wise;
 pub use edge_wise::EdgeWise;
 pub use lambda_tracker::LambdaTracker;
 
-/// Which law turns diffusive terms into inputs, fixed for a run.
+/// Law that turns diffusive terms into inputs, fixed for a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Law<F> {
     /// [`node_wise`], component by component.

@@ -1,4 +1,4 @@
-//! Node-wise funnel coupling (paper, (3), funnel_coup) in the implicit sampled form of LAW.md 3:
+//! Node-wise funnel coupling (paper, (3), funnel_coup) in the implicit sampled form of law.md 3:
 //!
 //! ```text
 //! b = c T d / 2
@@ -6,10 +6,10 @@
 //! find u[k]:   psi(t_k + T / 2) mu^-1(u) + b u = r          (**)
 //! ```
 //!
-//! The left side is strictly increasing in `u`: there is exactly one solution for every `r`, inside the funnel or far
-//! outside it. Explicit evaluation is unstable as soon as `T mu'(s) lambda_max / psi > 2`, which a shrinking funnel always
-//! reaches (LAW.md 2). With `g` = 0 it is law (*) of the first edition, whose excess over the funnel is `1 / (1 - 2 g)` times
-//! as large.
+//! The left side is strictly increasing in `u`: there is exactly one solution for every `r`, inside the
+//! funnel or far outside it. Explicit evaluation is unstable as soon as `T mu'(s) lambda_max / psi > 2`,
+//! which a shrinking funnel always reaches (law.md 2). With `g` = 0 it is law (*) of the first edition, whose
+//! excess over the funnel is `1 / (1 - 2 g)` times as large.
 
 use crate::funnel::Widths;
 use crate::gain::{GainFunction, Solution};
@@ -58,27 +58,28 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         Self { gain, b, look_back, usual: (b, look_back) }
     }
 
-    /// Takes the constants that it has at a pace.
+    /// Takes the constants of a pace (slow start).
     #[cold]
     pub fn keep_pace(&mut self, pace: Pace) {
         let (b, look_back) = self.usual;
         (self.b, self.look_back) = (b * share_of_b(pace), look_back.at(pace));
     }
 
-    /// Sets `g` = 0: for a node whose state is measured, and does not follow from its inputs to the last digit.
+    /// Sets `g` = 0, for a node whose state is measured and does not follow from its inputs to the last
+    /// digit.
     pub fn stop_looking_back(&mut self) {
         self.look_back = self.look_back.off();
         self.usual.1 = self.look_back;
     }
 
-    /// `b` of (**), s.
+    /// Weight `b` of the own input in (**), s.
     #[must_use]
     pub fn b(&self) -> F {
         self.b
     }
 
-    /// One tick: input from the diffusive term `nu`, its change `dnu` over the last tick (both state units), and the
-    /// funnel.
+    /// One tick: input from the diffusive term `nu`, its change `dnu` over the last tick (both state units),
+    /// and the funnel.
     #[inline]
     pub fn step(&self, memory: &mut Memory<F>, nu: F, dnu: F, psi: Widths<F>) -> Solution<F> {
         let last = match memory.last_input() {
@@ -90,8 +91,9 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         solution
     }
 
-    /// Stand-in for the last input where there is none: the law without memory, `psi mu^-1(u) + b u = nu`. The paper's law as it
-    /// stands would be an explicit step, which throws the states apart where the gain is steep (LAW.md 2).
+    /// Stand-in for the last input where there is none: the law without memory, `psi mu^-1(u) + b u = nu`.
+    /// The paper's law as it stands would be an explicit step, which throws the states apart where the gain
+    /// is steep (law.md 2).
     #[inline]
     pub(super) fn first_input(&self, nu: F, psi: Widths<F>) -> F {
         self.gain.solve(psi.ahead, self.b, nu).u

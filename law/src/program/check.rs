@@ -30,11 +30,11 @@ pub enum Part {
 /// Why a program cannot run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadProgram {
-    /// What is wrong.
+    /// Part that is wrong.
     pub part: Part,
     /// Index of the operation, or of the constant.
     pub at: usize,
-    /// What was found.
+    /// Value that was found.
     pub found: f64,
     /// Smallest allowed value.
     pub low: f64,
@@ -52,7 +52,8 @@ impl fmt::Display for BadProgram {
 impl core::error::Error for BadProgram {}
 
 impl<F: Real> Program<F> {
-    /// Checks that it gives so many `components`, and names no sinusoids and inputs but so many.
+    /// Checks that the program gives `components` values, and names only the first `waves` sinusoids and
+    /// `inputs` inputs.
     ///
     /// # Errors
     /// The first thing that is wrong.

@@ -3,7 +3,7 @@
 use super::{Operation, STACK};
 use crate::math::Real;
 
-/// What a program sees beside the state.
+/// Values that a program sees beside the state.
 pub trait Surroundings<F> {
     /// Time, s.
     fn time(&self) -> F;
@@ -15,8 +15,8 @@ pub trait Surroundings<F> {
     fn input(&self, index: usize) -> F;
 }
 
-/// The value that `operations`, those of one component of a checked program, leave for the state `x`. It is bounded by their number and never
-/// fails: what is not checked gives some number, or one that is none.
+/// The value that `operations`, those of one component of a checked program, leave for the state `x`. It is
+/// bounded by their number and never fails: what is not checked gives some number, or one that is none.
 ///
 /// ```
 /// use funnelnet_law::program::{Operation::*, Surroundings, run};

@@ -1,8 +1,10 @@
-//! Vector fields that are written as expressions: `-x + 3*tanh(x) + 2*sin(0.5*t)` as a program for a small stack machine.
+//! Vector fields that are written as expressions: `-x + 3*tanh(x) + 2*sin(0.5*t)` as a program for a small
+//! stack machine.
 //!
-//! A [`Program`] is what travels: one byte for each [`Operation`], and the constants that it names. [`Program::check`] says whether it can
-//! run, once; running it ([`run`]) is then bounded, has a stack of fixed depth and cannot fail. It is written for any [`Real`](crate::math::Real), so that the
-//! same program gives f32 on a node, f64 in a reference, and derivatives where the number is a dual one.
+//! A [`Program`] is what travels: one byte for each [`Operation`], and the constants that it names.
+//! [`Program::check`] says whether it can run, once; running it ([`run`]) is then bounded, has a stack of
+//! fixed depth and cannot fail. It is written for any [`Real`](crate::math::Real), so that the same program
+//! gives f32 on a node, f64 in a reference, and derivatives where the number is a dual one.
 
 mod check;
 mod machine;
@@ -37,18 +39,18 @@ pub const STACK: usize = 16;
 pub struct Program<F> {
     /// Operations as they travel, [`Operation::to_byte`].
     pub code: Vec<u8, MAX_OPERATIONS>,
-    /// What [`Operation::Constant`] names.
+    /// Constants that [`Operation::Constant`] names.
     pub constants: Vec<F, MAX_CONSTANTS>,
 }
 
 impl<F> Program<F> {
-    /// No program.
+    /// Empty program.
     #[must_use]
     pub const fn none() -> Self {
         Self { code: Vec::new(), constants: Vec::new() }
     }
 
-    /// A program of these operations and constants; what there is no room for is left out.
+    /// Program of these operations and constants; those beyond its capacity are left out.
     #[must_use]
     pub fn new(
         operations: impl IntoIterator<Item = Operation>,
@@ -58,13 +60,13 @@ impl<F> Program<F> {
         Self { code: collect(code), constants: collect(constants) }
     }
 
-    /// Whether there is none.
+    /// Whether the program is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.code.is_empty()
     }
 
-    /// Its operations; bytes that are none are left out.
+    /// Operations of the program; bytes that stand for none are left out.
     pub fn operations(&self) -> impl Iterator<Item = Operation> {
         self.code.iter().filter_map(|&byte| Operation::of_byte(byte))
     }

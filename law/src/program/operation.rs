@@ -1,6 +1,7 @@
 //! What a program is made of.
 
-/// One operation of a program. It pushes a value, or takes its operands from the stack and leaves the result there.
+/// One operation of a program. It pushes a value, or takes its operands from the stack and leaves the result
+/// there.
 ///
 /// Append-only: the bytes travel, so that nothing is renumbered.
 ///
@@ -96,7 +97,7 @@ const CONSTANT: u8 = 0x40;
 const END: u8 = 0x60;
 
 impl Operation {
-    /// Largest byte that is one.
+    /// Largest byte that stands for an operation.
     pub const LARGEST_BYTE: u8 = END - 1;
 
     /// The byte that travels; an index too large for it is cut off.
@@ -112,7 +113,7 @@ impl Operation {
         }
     }
 
-    /// The operation of a byte; `None` for a byte that is none.
+    /// Operation of a byte; `None` for a byte that stands for none.
     #[must_use]
     pub fn of_byte(byte: u8) -> Option<Self> {
         Some(match byte {
@@ -124,7 +125,7 @@ impl Operation {
         })
     }
 
-    /// Values that it takes from the stack, and those that it leaves there.
+    /// Numbers of values that it takes from the stack and leaves there.
     #[must_use]
     pub fn arity(self) -> (usize, usize) {
         match self {

@@ -1,6 +1,8 @@
-//! Double-double arithmetic: an unevaluated sum of two f64, some 31 decimal digits (T. J. Dekker 1971, Y. Hida et al. 2001).
+//! Double-double arithmetic: an unevaluated sum of two f64, some 31 decimal digits (T. J. Dekker 1971, Y.
+//! Hida et al. 2001).
 //!
-//! Enough to evaluate `H` and its closed forms far below the rounding of f64, and independent of what is tested.
+//! Enough to evaluate `H` and its closed forms far below the rounding of f64, and independent of what is
+//! tested.
 
 use core::cmp::Ordering;
 use core::ops::{Add, Div, Mul, Neg, Sub};

@@ -93,8 +93,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// or a policy could go on from what it remembered before the first.
     ///
     /// # Errors
-    /// `Value`, counted, where id, tick period, ticks in a round, tick source, number of components or whether there is a plant
-    /// are not those of the node; it goes on as it was. `Phase`, too, where it does not run.
+    /// `Value`, counted, where id, tick period, ticks in a round, tick source, number of components or
+    /// whether there is a plant are not those of the node; it goes on as it was. `Phase`, too, where it does
+    /// not run.
     pub fn adopt(&mut self, params: Params<F, V, G>, edges: &[EdgeConfig]) -> Result<(), Refusal> {
         self.keep_on();
         self.may_adopt(&params).inspect_err(|&reason| self.counters.refuse(reason))?;

@@ -27,7 +27,7 @@ impl<F: Real> FunnelRecord<F> {
 }
 
 impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
-    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4), and what a
+    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (law.md 4), and what a
     /// breach has added to it.
     pub(super) fn widths(&mut self, k: u32, floor: F) -> Widths<F> {
         let psi = self.floored_widths(k, floor);
@@ -37,7 +37,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Widths { now: psi.now + added, ahead: psi.ahead + added * partial_decay }
     }
 
-    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (LAW.md 4).
+    /// The funnel at tick `k`, not narrower than what the rounding of `nu` can resolve (law.md 4).
     fn floored_widths(&mut self, k: u32, floor: F) -> Widths<F> {
         let psi = self.params.widths(k);
         if psi.clears(floor) {
@@ -51,7 +51,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         psi.floored(floor)
     }
 
-    /// The funnel after a breach under the policy `reopen`: as much wider as the margin asks for (LAW.md 5).
+    /// The funnel after a breach under the policy `reopen`: as much wider as the margin asks for (law.md 5).
     /// Otherwise the same one.
     pub(super) fn reopen(&mut self, k: u32, ratio: F, psi: Widths<F>) -> Widths<F> {
         let OnBreach::Reopen { margin, decay, partial_decay } = self.params.on_breach else { return psi };
@@ -63,7 +63,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Widths { now, ahead: psi.ahead + added * partial_decay }
     }
 
-    /// Counts a breach and says when it begins and ends; what follows from it is up to the policy (LAW.md 5).
+    /// Counts a breach and says when it begins and ends; what follows from it is up to the policy (law.md 5).
     pub(super) fn judge(&mut self, k: u32, ratio: F) -> bool {
         // What is not a number is not inside, and stays the largest.
         let inside = ratio < F::ONE;

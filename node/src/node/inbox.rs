@@ -88,7 +88,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Ok(())
     }
 
-    /// Drops the edge to a neighbour that says that it has stopped. To extrapolate it, as one that is silent, would be to follow one that is known to be gone (LAW.md 9).
+    /// Drops the edge to a neighbour that says that it has stopped. To extrapolate it, as one that is silent,
+    /// would be to follow one that is known to be gone (law.md 9).
     #[cold]
     #[inline(never)]
     fn dismiss(&mut self, source: NodeId, tick: TickStamp) {

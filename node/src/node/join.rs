@@ -1,5 +1,6 @@
-//! A newcomer: a node that is told at its start that it joins a network that runs. It hears everybody and sends no states until it is where
-//! its neighbours are (LAW.md 9): nothing that it was before throws them out.
+//! A newcomer: a node that is told at its start that it joins a network that runs. It hears everybody and
+//! sends no states until it is where its neighbours are (law.md 9): nothing that it was before throws them
+//! out.
 
 use super::Node;
 use super::part::Part;
@@ -20,7 +21,8 @@ const INSIDE: f32 = 1.05;
 const ROOM: f32 = 1.25;
 /// Shortest time constant of the private funnel, s.
 const SHORTEST: f64 = 0.1;
-/// What its coming may move the term of a neighbour by, over its own funnel: a node at the mean of neighbours that are apart pulls them together.
+/// What its coming may move the term of a neighbour by, over its own funnel: a node at the mean of neighbours
+/// that are apart pulls them together.
 const GENTLE: f32 = 0.5;
 /// The same where waiting no longer helps: neighbours that others hold together are not as far apart.
 const APART: f32 = 2.0;
@@ -62,8 +64,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         joins
     }
 
-    /// Whether a newcomer at tick `k`, whose largest diffusive term is `nu` (state units), has no input yet. A
-    /// virtual node takes the mean of its neighbours.
+    /// Whether a newcomer at tick `k`, whose largest diffusive term is `nu` (state units), has no input yet.
+    /// A virtual node takes the mean of its neighbours.
     #[cold]
     pub(super) fn waits(&mut self, k: u32, nu: &mut F) -> bool {
         let Some(mut newcomer) = self.newcomer else { return false };
@@ -94,8 +96,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         false
     }
 
-    /// The funnel of a newcomer at a tick: its private one, while that is wider. `nu` is its largest diffusive
-    /// term, state units.
+    /// The funnel of a newcomer at a tick: its private one, while that is wider. `nu` is its largest
+    /// diffusive term, state units.
     #[cold]
     pub(super) fn private(&mut self, k: u32, nu: F, psi: Widths<F>) -> Widths<F> {
         let Some(Newcomer { private: Some(private), inside, ready, .. }) = &mut self.newcomer else {
@@ -115,8 +117,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Widths { now: larger(psi.now, width), ahead: larger(psi.ahead, width) }
     }
 
-    /// Whether its edges would move the term of no neighbour by much of a funnel of `psi` (state units), or of one by so much that nothing
-    /// but the newcomer holds it: neighbours on a path that it closes run apart for as long as it waits.
+    /// Whether its edges would move the term of no neighbour by much of a funnel of `psi` (state units), or
+    /// of one by so much that nothing but the newcomer holds it: neighbours on a path that it closes run
+    /// apart for as long as it waits.
     #[cold]
     fn it_is_time(&mut self, k: u32, psi: F) -> bool {
         let edge =
@@ -140,7 +143,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// `max(psi, 1.25 |nu0| exp(-t / tau))`, `tau = max(0.1 s, 2 |nu0| / (d U))`: no faster than the actuator can.
+    /// `max(psi, 1.25 |nu0| exp(-t / tau))`, `tau = max(0.1 s, 2 |nu0| / (d U))`: no faster than the actuator
+    /// can.
     fn private_funnel(&self, nu: F) -> Private<F> {
         let actuator = self.plant.as_ref().map_or(F::WIDEST, crate::plant::Plant::largest_input);
         let input = self.params.input_limit.min(actuator);

@@ -68,8 +68,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Limits the inputs to what the actuator can do, by the configuration and by the plant. The law goes on from
-    /// these and not from what it had asked for: otherwise `b u[k-1]` in (*) would wind up (LAW.md 6).
+    /// Limits the inputs to what the actuator can do, by the configuration and by the plant. The law goes on
+    /// from these and not from what it had asked for: otherwise `b u[k-1]` in (*) would wind up (law.md 6).
     #[inline]
     pub(super) fn saturate(&mut self) {
         if self.params.limits.is_some() || self.plant.is_some() {

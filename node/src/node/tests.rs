@@ -161,7 +161,7 @@ fn explore(ready: Node, found: &mut BTreeSet<Arrow>) {
 
 /// The arrows of the drawing: `From --name--> To --name--> To`, below the name of a part.
 fn drawing() -> BTreeSet<Arrow> {
-    let text = include_str!("../node.rs");
+    let text = include_str!("mod.rs");
     let lines =
         text.lines().skip_while(|line| *line != "//! ```text").skip(1).take_while(|line| *line != "//! ```");
     let (mut part, mut arrows) = ("", BTreeSet::new());

@@ -82,8 +82,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.stop_at(k, psi, FaultCode::INPUT, component as u16);
     }
 
-    /// Goes on at the pace of tick `k`. Where a tick gets longer, what has changed in the last one would have changed eight times as much; the last
-    /// input stays (LAW.md 7).
+    /// Goes on at the pace of tick `k`. Where a tick gets longer, what has changed in the last one would have
+    /// changed eight times as much; the last input stays (law.md 7).
     #[cold]
     fn keep_pace(&mut self, k: u32) {
         let pace = self.params.start.pace(k);
@@ -191,7 +191,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Keeps the inputs of a node whose edges are all gone, and lets them decay: the others go on with theirs (LAW.md 9).
+    /// Keeps the inputs of a node whose edges are all gone, and lets them decay: the others go on with theirs
+    /// (law.md 9).
     #[cold]
     fn hold_inputs(&mut self) {
         let decay = F::from_f32(HELD);
@@ -201,7 +202,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Bounds the inputs, and has the law go on from the bounded ones: the best way back that was found from far away (LAW.md 9).
+    /// Bounds the inputs, and has the law go on from the bounded ones: the best way back that was found from
+    /// far away (law.md 9).
     #[cold]
     fn limit_inputs(&mut self) {
         let limit = self.params.input_limit;
@@ -216,7 +218,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         count(&mut self.counters.limited);
     }
 
-    /// Takes note of a tick that does not follow from those before it: `g` is 0 at this tick and the next one (LAW.md 3).
+    /// Takes note of a tick that does not follow from those before it: `g` is 0 at this tick and the next one
+    /// (law.md 3).
     #[cold]
     pub(super) fn disturb(&mut self) {
         for (component, part) in self.parts.iter_mut().enumerate() {
@@ -270,7 +273,8 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
     }
 
-    /// Stops since a state is beyond its limit, or is no finite number any more, which only the own field can have made of it.
+    /// Stops since a state is beyond its limit, or is no finite number any more, which only the own field can
+    /// have made of it.
     #[cold]
     fn refuse_states(&mut self, before: &State<F>) {
         let component = self.parts.iter().position(|part| !part.x.is_finite());

@@ -1,5 +1,5 @@
-//! Keeps the time of a network on one node: hears SYNC, sends it where the node is time master, takes over from a master that has fallen silent, and knows
-//! for how long nobody may be.
+//! Keeps the time of a network on one node: hears SYNC, sends it where the node is time master, takes over
+//! from a master that has fallen silent, and knows for how long nobody may be.
 
 use super::map::Map;
 use super::servo::{Servo, Taken};
@@ -21,13 +21,13 @@ const NS_PER_MS: u64 = 1_000_000;
 pub struct Masters(u128);
 
 impl Masters {
-    /// These and that one too.
+    /// Masters with one node more.
     #[must_use]
     pub const fn and(self, id: NodeId) -> Self {
         Self(self.0 | 1 << id.get())
     }
 
-    /// Whether `id` is one of them.
+    /// Whether `id` may be time master.
     #[must_use]
     pub const fn contains(self, id: NodeId) -> bool {
         self.0 >> id.get() & 1 == 1
@@ -39,18 +39,18 @@ impl Masters {
     }
 }
 
-/// What a keeper is told before it starts.
+/// Rules that a keeper is told before it starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// Own id.
+    /// Id of the node.
     pub id: NodeId,
-    /// Who may be time master.
+    /// Nodes that may be time master.
     pub masters: Masters,
     /// Time from one SYNC to the next, ns, at least a tick.
     pub period_ns: u64,
     /// Period of a tick of the network, ns, above zero.
     pub tick_ns: u64,
-    /// How long the node goes on without a SYNC that it can use, ns; `None`: for ever.
+    /// Time for which the node goes on without a SYNC that it can use, ns; `None`: for ever.
     pub holdover_ns: Option<u64>,
 }
 
@@ -66,8 +66,8 @@ impl Rules {
         self.whole_ticks(self.period_ns / QUICKER)
     }
 
-    /// A master that was silent for so long (ns) is taken for dead: the third SYNC in a row would come next. Of several that may be master
-    /// the lowest is the first to find so; `dead` is not counted.
+    /// A master that was silent for so long (ns) is taken for dead: the third SYNC in a row would come next.
+    /// Of several that may be master the lowest is the first to find so; `dead` is not counted.
     fn patience_ns(&self, dead: Option<NodeId>) -> u64 {
         let dead = dead.is_some_and(|dead| self.masters.contains(dead) && dead < self.id);
         let rank = self.masters.before(self.id).saturating_sub(u32::from(dead));
@@ -76,7 +76,7 @@ impl Rules {
     }
 }
 
-/// Part that a node has in keeping time.
+/// Role of a node in keeping time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// It has heard no time master.
@@ -87,7 +87,7 @@ pub enum Role {
     Leads,
 }
 
-/// Something that others may want to know.
+/// Change of role or time that others may want to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Change {
@@ -109,7 +109,7 @@ impl From<Change> for Event {
     }
 }
 
-/// Next thing to be done for a keeper.
+/// Action to be taken next for a keeper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
     /// Put this on the link; [`Keeper::on_sent`] has to follow when it is on the wire.
@@ -169,8 +169,9 @@ impl Keeper {
         }
     }
 
-    /// Starts when the own clock shows `own`, which is network time `network`; tick 0 is at network time `epoch` (ns). All nodes of a network start at once, and
-    /// the first of the masters leads from tick 0 on. One that `joins` listens first.
+    /// Starts when the own clock shows `own`, which is network time `network`; tick 0 is at network time
+    /// `epoch` (ns). All nodes of a network start at once, and the first of the masters leads from tick 0 on.
+    /// One that `joins` listens first.
     pub fn start(&mut self, own: u64, network: u64, epoch: u64, joins: bool) {
         *self = Self { runs: true, epoch, ..Self::new(self.rules) };
         self.servo = Servo::new(Map::new(own, network));
@@ -199,29 +200,30 @@ impl Keeper {
         self.servo.map().own(network)
     }
 
-    /// Part that the node has.
+    /// Role of the node.
     #[must_use]
     pub const fn role(&self) -> Role {
         self.role
     }
 
-    /// Whether it has followed a time master, or is one.
+    /// Whether the node has followed a time master, or is one.
     #[must_use]
     pub fn is_in_time(&self) -> bool {
         self.role == Role::Leads || self.servo.has_joined()
     }
 
-    /// How much faster the network's clock runs than the own one, in parts of 2^32.
+    /// Rate by which the network's clock runs faster than the own one, in parts of 2^32.
     #[must_use]
     pub const fn rate(&self) -> i64 {
         self.servo.map().rate()
     }
 
-    /// Takes a SYNC of `source`, which came when the own clock showed `stamp`, and is known now, when it shows `now` (ns).
+    /// Takes a SYNC of `source`, which came when the own clock showed `stamp`, and is known now, when it
+    /// shows `now` (ns).
     ///
     /// # Errors
-    /// The reason for refusing it: `Phase` before the start, `OwnId`, `UnknownSource` for one that is not the master to be followed, `TickWindow` for a time
-    /// that cannot be right.
+    /// The reason for refusing it: `Phase` before the start, `OwnId`, `UnknownSource` for one that is not the
+    /// master to be followed, `TickWindow` for a time that cannot be right.
     pub fn on_sync(
         &mut self,
         source: NodeId,
@@ -247,7 +249,8 @@ impl Keeper {
         }
     }
 
-    /// Whether a SYNC that came so long (ns) after the last one that was heard is the next one, so that none was lost in between.
+    /// Whether a SYNC that came so long (ns) after the last one that was heard is the next one, so that none
+    /// was lost in between.
     fn is_next(&self, passed: u64) -> bool {
         let (quick, usual) = (self.rules.quick_ns(), self.rules.whole_ticks(self.rules.period_ns));
         passed.abs_diff(quick).min(passed.abs_diff(usual)) < quick / 4
@@ -352,7 +355,8 @@ impl Keeper {
         (!self.is_alone).then(|| self.heard_at.saturating_add(self.rules.patience_ns(dead)))
     }
 
-    /// Does what is due when the own clock shows `now` (ns), and gives the next thing to be done; call it until it gives `None`.
+    /// Does what is due when the own clock shows `now` (ns), and gives the next thing to be done; call it
+    /// until it gives `None`.
     pub fn poll(&mut self, now: u64) -> Option<Output> {
         if !self.runs {
             return None;

@@ -9,7 +9,8 @@ pub const LARGEST_RATE: i64 = ONE / 5000;
 /// Steps that find a time of the own clock: each leaves 1/2500 of the error of the one before.
 const STEPS: usize = 8;
 
-/// A map. `network` runs by `1 + rate` while the own clock runs by one, and by `slew` more for the first `slew_for` ns.
+/// Map from the own clock to that of the network. `network` runs by `1 + rate` while the own clock runs by
+/// one, and by `slew` more for the first `slew_for` ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Map {
     own: u64,
@@ -20,19 +21,21 @@ pub struct Map {
 }
 
 impl Map {
-    /// Both clocks run alike from now on, where the own one shows `own` and that of the network `network` (ns).
+    /// Both clocks run alike from now on, where the own one shows `own` and that of the network `network`
+    /// (ns).
     #[must_use]
     pub const fn new(own: u64, network: u64) -> Self {
         Self { own, network, rate: 0, slew: 0, slew_for: 0 }
     }
 
-    /// How much faster the network's clock is taken to run, in parts of 2^32.
+    /// Rate by which the network's clock is taken to run faster, in parts of 2^32.
     #[must_use]
     pub const fn rate(&self) -> i64 {
         self.rate
     }
 
-    /// Time of the network when the own clock shows `own`, ns. Never goes back while the map stays; a time before its begin is taken for that.
+    /// Time of the network when the own clock shows `own`, ns. Never goes back while the map stays; a time
+    /// before its begin is taken for that.
     #[must_use]
     pub fn network(&self, own: u64) -> u64 {
         let passed = own.saturating_sub(self.own);
@@ -46,7 +49,8 @@ impl Map {
         (i128::from(passed) * i128::from(self.rate) + slewed * i128::from(self.slew)) >> FRACTION
     }
 
-    /// The time of the own clock from which on that of the network is `network` or more, ns: at most a few ns after the first such one.
+    /// The time of the own clock from which on that of the network is `network` or more, ns: at most a few ns
+    /// after the first such one.
     #[must_use]
     pub fn own(&self, network: u64) -> u64 {
         let wanted = network.saturating_sub(self.network);
@@ -66,21 +70,22 @@ impl Map {
         own
     }
 
-    /// Goes on from `own` (ns) with another rate, both bounded by 200 ppm, and with `slew` more for the next `slew_for` ns. No jump.
+    /// Goes on from `own` (ns) with another rate, both bounded by 200 ppm, and with `slew` more for the next
+    /// `slew_for` ns. No jump.
     pub fn bend(&mut self, own: u64, rate: i64, slew: i64, slew_for: u64) {
         let network = self.network(own);
         let (rate, slew) = (bounded(rate), bounded(slew));
         *self = Self { own, network, rate, slew, slew_for };
     }
 
-    /// Has the network's clock jump by `by` ns at `own` (ns), forwards or backwards.
+    /// Moves the network's clock by `by` ns at `own` (ns), forwards or backwards.
     pub fn step(&mut self, own: u64, by: i64) {
         let network = self.network(own).saturating_add_signed(by);
         *self = Self { own, network, rate: self.rate, slew: 0, slew_for: 0 };
     }
 }
 
-/// What is left of a rate within 200 ppm.
+/// A rate, clipped to 200 ppm.
 #[must_use]
 pub fn bounded(rate: i64) -> i64 {
     rate.clamp(-LARGEST_RATE, LARGEST_RATE)

@@ -1,7 +1,8 @@
 //! Bends a map by observations: at an instant of the own clock the time master's clock showed this.
 //!
-//! A filter of second order with a memory that grows: its gains are those of a straight line through all observations (`2 (2n - 1) / (n (n + 1))`,
-//! `6 / (n (n + 1))`), until they reach the ones that stay, 0.3 and 0.05. What is to be made up for is slewed over one period.
+//! A filter of second order with a memory that grows: its gains are those of a straight line through all
+//! observations (`2 (2n - 1) / (n (n + 1))`, `6 / (n (n + 1))`), until they reach the ones that stay, 0.3 and
+//! 0.05. What is to be made up for is slewed over one period.
 
 use super::map::{LARGEST_RATE, Map, ONE, bounded};
 
@@ -11,13 +12,15 @@ const PHASE_GAIN: i64 = 19_661;
 const RATE_GAIN: i64 = 3_277;
 /// Observations from which on the gains stay.
 const SETTLED: i64 = 11;
-/// Observations that count where one comes after a much longer time than those before it: its rate says more than theirs.
+/// Observations that count where one comes after a much longer time than those before it: its rate says more
+/// than theirs.
 const AFTER_A_PAUSE: i64 = 2;
 /// How much longer that is.
 const PAUSE: u64 = 4;
 /// An observation that is so far from what the last three say is left out once, ns.
 const OUTLIER_NS: i64 = 100_000;
-/// The largest offset that is slewed when the first two observations have come, ns. What is beyond it is stepped over: once.
+/// The largest offset that is slewed when the first two observations have come, ns. What is beyond it is
+/// stepped over: once.
 const STEP_NS: i64 = 50_000;
 /// What two observations may differ by beside 500 ppm, at the join, ns.
 const JITTER_NS: i64 = 100_000;
@@ -29,7 +32,7 @@ struct Instant {
     network: u64,
 }
 
-/// What became of an observation.
+/// Outcome of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Taken {
     /// It is the first of two that make a join.
@@ -42,7 +45,7 @@ pub enum Taken {
     LeftOut,
 }
 
-/// A map with what bends it.
+/// Servo that bends a map by observations.
 #[derive(Clone, Debug)]
 pub struct Servo {
     map: Map,
@@ -74,25 +77,26 @@ impl Servo {
         self.joined
     }
 
-    /// Whether its gains are those that stay.
+    /// Whether its gains have reached their final values.
     #[must_use]
     pub const fn is_settled(&self) -> bool {
         self.joined && self.count >= SETTLED
     }
 
-    /// Forgets what another master has said; its rate stays, since the own clock has not changed.
+    /// Forgets the observations of another master; the rate stays, since the own clock has not changed.
     pub fn turn_to_another(&mut self) {
         self.seen = [None; 3];
     }
 
-    /// What the network's clock is ahead of the map at `now`, by an observation and the rate so far, ns.
+    /// Time by which the network's clock is ahead of the map at `now`, by an observation and the rate so far,
+    /// ns.
     #[must_use]
     pub fn offset(&self, own: u64, network: u64, now: u64) -> i64 {
         self.offset_of(Instant { own, network }, now)
     }
 
-    /// Takes an observation: when the own clock showed `own`, that of the network showed `network` (ns). `now` is the time of the own clock at which that is
-    /// known.
+    /// Takes an observation: when the own clock showed `own`, that of the network showed `network` (ns).
+    /// `now` is the time of the own clock at which that is known.
     pub fn observe(&mut self, own: u64, network: u64, now: u64) -> Taken {
         let new = Instant { own, network };
         let last = self.seen[2].filter(|last| own > last.own);
@@ -114,7 +118,8 @@ impl Servo {
         Taken::Bent
     }
 
-    /// Joins by two observations that agree: `passed` ns apart by the own clock, and `fast` ns more by that of the network.
+    /// Joins by two observations that agree: `passed` ns apart by the own clock, and `fast` ns more by that
+    /// of the network.
     fn join(&mut self, new: Instant, passed: u64, fast: i64, now: u64) -> Taken {
         if fast.abs() > JITTER_NS + i64::try_from(passed / 2000).unwrap_or(i64::MAX) {
             self.seen = [None, None, Some(new)];
@@ -149,7 +154,8 @@ impl Servo {
         }
     }
 
-    /// Makes up for `offset` until the next observation, which comes after `next` ns like this one; the last one was `passed` ns ago.
+    /// Makes up for `offset` until the next observation, which comes after `next` ns like this one; the last
+    /// one was `passed` ns ago.
     fn bend(&mut self, offset: i64, (passed, next): (u64, u64), now: u64) {
         if passed > self.period.saturating_mul(PAUSE) {
             self.count = self.count.min(AFTER_A_PAUSE);

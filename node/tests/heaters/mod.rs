@@ -1,4 +1,5 @@
-//! Heaters with losses on a path of sampled nodes: the plants are integrated finely, and their nodes know them badly.
+//! Heaters with losses on a path of sampled nodes: the plants are integrated finely, and their nodes know
+//! them badly.
 
 use funnelnet_law::VectorField;
 use funnelnet_node::{InputRange, Model, Output, PlantSetup, Session};

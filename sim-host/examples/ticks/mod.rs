@@ -30,8 +30,8 @@ pub fn listeners() -> Vec<Vec<usize>> {
     (0..NODES).map(|i| STEPS.map(|step| (i + step) % NODES).to_vec()).collect()
 }
 
-/// Runs the nodes on a bus for as many ticks of `tick_ns` as the command line asks for; prints node-ticks per second and the final state of
-/// node 1.
+/// Runs the nodes on a bus for as many ticks of `tick_ns` as the command line asks for; prints node-ticks per
+/// second and the final state of node 1.
 pub fn run(tick_ns: u32, bus: impl Medium) {
     let ticks: u32 =
         std::env::args().nth(1).map_or(10_000, |text| text.parse().expect("TICKS: a whole number"));

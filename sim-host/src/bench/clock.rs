@@ -33,7 +33,8 @@ pub(super) fn check(key: &Item, on_loss: OnLoss, log: &Log) {
 
 /// Ticks after which two crystals, each as far off as it may be, are as far apart as a receiver allows.
 ///
-/// They part by `2 p t`, and a receiver takes states up to [`WINDOW_AHEAD`] ticks ahead: `t / T = WINDOW_AHEAD / (2 p)`, whatever T is.
+/// They part by `2 p t`, and a receiver takes states up to [`WINDOW_AHEAD`] ticks ahead:
+/// `t / T = WINDOW_AHEAD / (2 p)`, whatever T is.
 pub fn ticks_until_apart() -> u64 {
     (f64::from(WINDOW_AHEAD) / (2.0 * CRYSTAL)) as u64
 }

@@ -10,8 +10,9 @@ use funnelnet_protocol::message::FaultCode;
 /// How a node's run differs from loopback.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Difference {
-    /// First tick at which a bit of tick number, state, diffusive term, funnel or input differs, at which one has stopped and the other has
-    /// not, or at which nothing was recorded: a node at rest sends the same value dead or alive.
+    /// First tick at which a bit of tick number, state, diffusive term, funnel or input differs, at which one
+    /// has stopped and the other has not, or at which nothing was recorded: a node at rest sends the same
+    /// value dead or alive.
     pub first: Option<u64>,
     /// Largest distance of the states where both are known, state units; not a number where one is not.
     pub largest: f64,
@@ -64,7 +65,8 @@ impl Comparison {
         Self { engine: Box::new(engine), differences, faults: Vec::new(), last: 0 }
     }
 
-    /// Takes what the bench's nodes saw at tick `k`, by index and then by component, and what is known of them, by index.
+    /// Takes what the bench's nodes saw at tick `k`, by index and then by component, and what is known of
+    /// them, by index.
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence]) {
         self.engine.advance();
         let faults =
@@ -80,8 +82,8 @@ impl Comparison {
         }
     }
 
-    /// Takes what the bench's nodes have said of faults, at the end: one that stopped for another reason than in loopback, or only there,
-    /// or only here, differs.
+    /// Takes what the bench's nodes have said of faults, at the end: one that stopped for another reason than
+    /// in loopback, or only there, or only here, differs.
     pub fn faults(&mut self, events: &[NodeEvent]) {
         for (node, difference) in self.differences.iter_mut().enumerate() {
             if !of(node, events).eq(of(node, &self.faults)) {
@@ -152,7 +154,8 @@ coupling = { kind = "node-wise", gain = { kind = "reciprocal", scale = 1.0 }, fu
 agent = { dynamics = { kind = "affine", slope = -1.0 } }
 "#;
 
-    /// What the second of two nodes came to, where `change` says what the bench says of it at each of three ticks.
+    /// What the second of two nodes came to, where `change` says what the bench says of it at each of three
+    /// ticks.
     fn second(change: impl Fn(u64, &mut Observation<f32>) -> Presence, events: &[NodeEvent]) -> Difference {
         let scenario = Scenario::parse(REST, Path::new("rest.toml"), &[]).unwrap();
         let mut twin = engine_of(&scenario).unwrap();

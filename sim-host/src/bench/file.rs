@@ -1,4 +1,4 @@
-//! `bench.toml`: which node is where (docs/bench.md).
+//! `bench.toml`: which node is where (docs/book/src/bench.md).
 
 use super::clock::{self, CLOCKS, Clock};
 use super::wires::{self, Wire};
@@ -13,7 +13,8 @@ use std::time::Duration;
 pub const DEFAULT_BAUD: u32 = 115_200;
 /// Bit rates that serial adapters have, bit/s.
 const BAUDS: (u64, u64) = (1_200, 12_000_000);
-/// How long a node may take for an answer, ns: where the file does not say, and the limits of what it may say.
+/// How long a node may take for an answer, ns: where the file does not say, and the limits of what it may
+/// say.
 const ANSWER_NS: u64 = 2_000_000_000;
 const ANSWER_LIMITS_NS: (u64, u64) = (100_000_000, 60_000_000_000);
 /// How long a node may take to boot and say who it is: boards restart when their port is opened.
@@ -161,8 +162,8 @@ impl BenchFile {
         Patience { boot: BOOT, answer: self.answer }
     }
 
-    /// How long `nodes` nodes go on without SYNC where the scenario does not say, ns: twice as long as this program waits for one of them, or for
-    /// as many as may be lost at once.
+    /// How long `nodes` nodes go on without SYNC where the scenario does not say, ns: twice as long as this
+    /// program waits for one of them, or for as many as may be lost at once.
     pub fn holdover_ns(&self, nodes: usize) -> u64 {
         let waits = match self.on_loss {
             OnLoss::Stop => 1,
@@ -171,8 +172,8 @@ impl BenchFile {
         u64::try_from(self.answer.as_nanos() * (waits + 1)).unwrap_or(u64::MAX)
     }
 
-    /// Checks that every node of `scenario` has an entry, and that its wires are edges of its graph. Entries of other nodes are allowed: one
-    /// file per bench will do.
+    /// Checks that every node of `scenario` has an entry, and that its wires are edges of its graph. Entries
+    /// of other nodes are allowed: one file per bench will do.
     ///
     /// # Errors
     /// The ids that are missing, or a wire that is no edge, in one sentence.

@@ -22,7 +22,8 @@ struct HostProcess {
     errors: File,
 }
 
-/// Starts the node of this entry, on CAN if it is on an interface, in frames of CAN FD if `fd`. Its chip's number is its id.
+/// Starts the node of this entry, on CAN if it is on an interface, in frames of CAN FD if `fd`. Its chip's
+/// number is its id.
 ///
 /// # Errors
 /// The operating system's.

@@ -1,4 +1,5 @@
-//! Nodes behind serial ports, on CAN or in processes: which they are, how they are opened, and what is kept of a run on them.
+//! Nodes behind serial ports, on CAN or in processes: which they are, how they are opened, and what is kept
+//! of a run on them.
 
 mod clock;
 mod compare;

@@ -8,8 +8,9 @@ use std::time::Duration;
 
 /// Writes the file row by row; it gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `tick`, `node`, then host time since the start, in seconds with microseconds: `sync_s`, `state_s`, `telemetry_s`; and bus
-/// time, when the kernel says that the state was on CAN: `bus_s`. Empty where there was none: the node had stopped, or is on no CAN.
+/// Columns: `tick`, `node`, then host time since the start, in seconds with microseconds: `sync_s`,
+/// `state_s`, `telemetry_s`; and bus time, when the kernel says that the state was on CAN: `bus_s`. Empty
+/// where there was none: the node had stopped, or is on no CAN.
 pub struct Stampings(AtomicFile);
 
 impl Stampings {

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 /// The largest time between the first and the last node that sent what a tick came to.
 ///
-/// As the host has read them, or by the time on their bus where they are on CAN, with the spread of the start, the ways of the frames and what the host's system takes: all of this
-/// shortens the time that a frame has to reach its tick.
+/// As the host has read them, or by the time on their bus where they are on CAN, with the spread of the
+/// start, the ways of the frames and what the host's system takes: all of this shortens the time that a frame
+/// has to reach its tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skew {
     /// The tick, and the time.

@@ -8,8 +8,8 @@ use crate::scenario::tree::{Item, Value};
 use crate::scenario::{Diagnostic, LARGEST_RUN, Problem, Scenario};
 use std::time::Duration;
 
-/// How long states have for their way, ns: where the file does not say, and the limits of what it may say. Eight components
-/// take 1 ms at 1 Mbit/s.
+/// How long states have for their way, ns: where the file does not say, and the limits of what it may say.
+/// Eight components take 1 ms at 1 Mbit/s.
 const SETTLE_NS: u64 = 2_000_000;
 const SETTLE_LIMITS_NS: (u64, u64) = (1, 1_000_000_000);
 
@@ -116,7 +116,8 @@ fn refusal(wire: &Wire, before: &[&Wire], nodes: &[BenchNode]) -> Option<String>
     (emulated == 1).then(|| "must be two boards, or two emulators".to_owned())
 }
 
-/// Checks that the wires are edges of the scenario's graph; those of nodes that it does not have are left alone.
+/// Checks that the wires are edges of the scenario's graph; those of nodes that it does not have are left
+/// alone.
 ///
 /// # Errors
 /// The first wire that is none, in one sentence.

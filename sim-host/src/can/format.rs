@@ -1,4 +1,5 @@
-//! Either format of CAN frames, chosen as the program runs: what is said on a port becomes frames, and frames what is heard.
+//! Either format of CAN frames, chosen as the program runs: what is said on a port becomes frames, and frames
+//! what is heard.
 
 use funnelnet_link::{Classic, Fd, Format, Frame};
 use funnelnet_protocol::can_fd::MAX_DATA;

@@ -1,4 +1,5 @@
-//! A CAN interface of this machine, by SocketCAN: the real-time plane as a node or the host sees it, in either format.
+//! A CAN interface of this machine, by SocketCAN: the real-time plane as a node or the host sees it, in
+//! either format.
 
 mod format;
 
@@ -43,10 +44,12 @@ pub enum Traffic {
         id: u16,
         /// Its 0 to 8 bytes, or up to 64 in CAN FD.
         data: Vec<u8>,
-        /// Flags of a frame of CAN FD, as the kernel has them: 1 bit rate switch, 2 error state indicator, 4 CAN FD.
+        /// Flags of a frame of CAN FD, as the kernel has them: 1 bit rate switch, 2 error state indicator, 4
+        /// CAN FD.
         fd: Option<u8>,
     },
-    /// A frame that is not of the real-time plane, as a log has it, but for its time: 29-bit identifier, or a remote frame.
+    /// A frame that is not of the real-time plane, as a log has it, but for its time: 29-bit identifier, or a
+    /// remote frame.
     Other(Record),
     /// The controller reports an error.
     Error {
@@ -60,8 +63,9 @@ pub enum Traffic {
 }
 
 impl Heard {
-    /// What it says in the real-time plane of a bus in this format, message by message, or the reason for refusing it; nothing where it is no frame.
-    /// As in the firmware, its identifier and bytes alone say what it is: that a frame is one of CAN FD is for the log only.
+    /// What it says in the real-time plane of a bus in this format, message by message, or the reason for
+    /// refusing it; nothing where it is no frame. As in the firmware, its identifier and bytes alone say what
+    /// it is: that a frame is one of CAN FD is for the log only.
     pub fn messages(&self, format: &mut AnyFormat) -> Vec<Result<Message, Refusal>> {
         match &self.what {
             Traffic::Frame { id, data, .. } => format.unpack(*id, data),

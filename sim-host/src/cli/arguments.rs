@@ -31,10 +31,11 @@ Examples:
   sim-host run - --json - < scenarios/five-agents.toml";
 
 const BENCH_HELP: &str = "\
-Relays states between the nodes and makes them tick together, so that a run has the bits of `run`; records when \
-the host sent and read each of them (bench.csv). docs/bench.md lists the keys of a bench file.
+The host configures the nodes, makes them tick together and relays their states, so that they compute the same bits \
+as in `run`. bench.csv has the times at which it sent and read each frame. docs/book/src/bench.md lists the keys of a \
+bench file.
 
-Nodes that run are stopped by --commission and --erase, and stay stopped: also where they fail.
+--commission and --erase stop nodes that are running. These stay stopped, even if the command fails.
 
 Examples:
   sim-host bench --list
@@ -43,8 +44,9 @@ Examples:
   sim-host bench --bench bench.toml --erase";
 
 const NODE_HELP: &str = "\
-The node is blank until a bench configures it over its line, and ends when that is closed. It has no plant, and keeps \
-its configuration only where it has a --storage. A bench file's `host = true` starts such a node by itself.
+The node is blank until a bench configures it over its line, and the process ends when the line is closed. It has no \
+plant. It keeps its configuration only with --storage. A bench starts such a node by itself where its file says \
+`host = true`.
 
 Examples:
   sim-host node --serial /dev/ttyUSB0
@@ -52,21 +54,25 @@ Examples:
   sim-host node --serial /dev/ttyUSB0 --can can0 --can-fd";
 
 const CHECK_HELP: &str = "\
-Runs nothing. Says whether the paper's assumptions hold and with which constants, what its bounds give over \
-time, how narrow a funnel the tick can hold, what the emergent dynamics predict, how hard each node has to \
-push, whether the sampled law, followed in f64 as far as that is cheap, stays inside its funnels, whether that \
-is what the scenario expects, and what the states would take of a real bus. Takes up to 2,000 nodes; a run \
-takes 127. Ends with code 2 where a finding is FAIL, and with --strict with code 1 where one is WARN.
+Runs nothing. Answers, for up to 2,000 nodes (a run takes 127):
+  - do the paper's assumptions hold, with which constants, and what do its bounds give over time?
+  - how narrow a funnel can the tick hold?
+  - what do the emergent dynamics predict, and how large an input does each node need?
+  - does the sampled law stay inside its funnels? It is followed in f64 where that is cheap.
+  - is that what the scenario expects?
+  - how much of a real bus would the states take?
+
+Exit codes: 0 no finding is FAIL, 1 with --strict one is WARN, 2 one is FAIL, or the scenario is refused.
 
 Examples:
   sim-host check scenarios/five-agents.toml
   sim-host check scenarios/five-agents.toml --set time.tick=20ms --json";
 
 const DIFF_HELP: &str = "\
-Compares what --out has left in two folders, or two trajectory.csv: values to the bit and columns by their names, \
-then the figures of the summaries, but for times of the machine, commands and versions.
+Compares two folders that --out has filled, or two files trajectory.csv. Values are compared to the bit, columns by \
+their names. Then come the figures of the summaries, except times of the machine, commands and versions.
 
-Exit codes: 0 equal, 1 different, 2 not to be read.
+Exit codes: 0 equal, 1 different, 2 a file cannot be read.
 
 Examples:
   sim-host diff out/yesterday out/today
@@ -74,11 +80,12 @@ Examples:
   sim-host diff a/trajectory.csv b/trajectory.csv --json";
 
 const REPLAY_HELP: &str = "\
-The node is made of the scenario. It gets every frame that the others have sent, as it would have come on the bus, and \
-is compared frame by frame up to the first difference, which is told with its tick, its field and both values.
+The scenario says what the node is. It gets every frame of the others in the order and at the times of the log. What \
+it sends is compared frame by frame with the log, up to the first difference; this is printed with its tick, its field \
+and both values.
 
-Exit codes: 0 equal to the scenario's last tick, 1 different, or the log ends before, 2 not to be read, or a log of \
-another scenario.
+Exit codes: 0 equal up to the scenario's last tick, 1 different, or the log ends earlier, 2 the log cannot be read or \
+is of another scenario.
 
 Examples:
   sim-host run scenarios/five-agents.toml --set bus.model=can --out out/can
@@ -101,7 +108,7 @@ Examples:
   sim-host man | man -l -
   sim-host man run > ~/.local/share/man/man1/sim-host-run.1";
 
-/// Agreement with a guarantee: runs funnel-coupling scenarios, from the equations to emulated nodes.
+/// The command line of `sim-host`; what `--help` says first is the package's description.
 #[derive(Debug, Parser)]
 #[command(name = "sim-host", version, about, after_help = AFTER_HELP, max_term_width = 100)]
 pub struct Cli {
@@ -124,19 +131,19 @@ pub(super) enum Command {
     /// Run a scenario on nodes behind serial ports or on CAN, beside the same run in loopback
     #[command(after_help = BENCH_HELP)]
     Bench(BenchArgs),
-    /// Be a node: the firmware's, in this process, for a computer with a CAN adapter or to try a bench without boards
+    /// Run the firmware's node in this process: on a computer with a CAN adapter, or to try a bench without boards
     #[command(after_help = NODE_HELP)]
     Node(NodeArgs),
     /// Check a scenario's assumptions, bounds and capacity without running it
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
-    /// Compare two recorded runs: where they differ first, and how far apart they come
+    /// Compare two recorded runs: where they first differ, and by how much at most
     #[command(after_help = DIFF_HELP)]
     Diff(DiffArgs),
     /// Feed a log of CAN to one node's real code, and compare what it sends with what the log says it sent
     #[command(after_help = REPLAY_HELP)]
     Replay(ReplayArgs),
-    /// Print the JSON Schema of the scenario file, from which editors know its keys
+    /// Print a JSON Schema of the scenario file, by which editors complete and check its keys
     #[command(after_help = SCHEMA_HELP)]
     Schema {
         /// The file to describe
@@ -152,7 +159,7 @@ pub(super) enum Command {
     /// Print the manual page of the program or of one of its commands
     #[command(after_help = MAN_HELP)]
     Man {
-        /// The command; none for the program
+        /// The command; without one, the page of the program itself
         command: Option<String>,
     },
 }
@@ -169,10 +176,10 @@ pub(super) struct Source {
 /// What replaces values of the scenario file.
 #[derive(Args, Debug)]
 pub(super) struct Settings {
-    /// Root of every random stream, instead of the scenario's
+    /// Seed of every random stream, in place of the scenario's
     #[arg(long, value_name = "N")]
     pub(super) seed: Option<u64>,
-    /// Set one value: TOML, or a bare string; node.3.state means the [[node]] with id 3 (repeatable)
+    /// Replace one value of the scenario, by TOML or a bare string; node.3.state means the [[node]] with id 3 (repeatable)
     #[arg(long, value_name = "section.key=value", value_parser = parse_override)]
     pub(super) set: Vec<Override>,
 }
@@ -196,16 +203,16 @@ pub(super) struct NodeArgs {
     /// Bit rate of the serial port
     #[arg(long, value_name = "BIT/S", default_value_t = bench::DEFAULT_BAUD)]
     pub(super) baud: u32,
-    /// Send and hear states on this CAN interface, and leave the line to the host
+    /// CAN interface on which states are sent and heard; the line then only serves the host
     #[arg(long, value_name = "INTERFACE")]
     pub(super) can: Option<String>,
-    /// In frames of CAN FD, as all nodes of that bus then must
+    /// Use frames of CAN FD, as all nodes of that bus then must
     #[arg(long, requires = "can")]
     pub(super) can_fd: bool,
-    /// Keep its configuration in this file, as a board does in its flash; made where it is missing
+    /// File that keeps its configuration, as a board does in its flash; made if it is missing
     #[arg(long, value_name = "FILE")]
     pub(super) storage: Option<PathBuf>,
-    /// The unique number that it says it has, in hexadecimal digits
+    /// The unique number that it tells the host, in hexadecimal digits
     #[arg(long, value_name = "HEX", default_value = "0", value_parser = parse_uid)]
     pub(super) uid: u64,
     /// The line is a socket at standard input
@@ -226,7 +233,7 @@ pub(super) struct BenchArgs {
     /// Run nothing; ask every serial port, and those of the bench file, who is there
     #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
     pub(super) list: bool,
-    /// Run nothing; store the scenario's configurations in all nodes, or in none, for every start to come
+    /// Run nothing; store the scenario's configurations in all nodes, or in none, so that they survive a restart
     #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
     pub(super) commission: bool,
     /// Run nothing; make all nodes of the bench file blank at their next start
@@ -239,31 +246,31 @@ pub(super) struct BenchArgs {
 /// What is written and said, and the image of emulated nodes.
 #[derive(Args, Debug)]
 pub(super) struct OutputArgs {
-    /// Folder for trajectory.csv, summary.json and plots; made where it is missing. Files of an earlier run there go first
+    /// Folder for trajectory.csv, summary.json and plots; made if it is missing. Files of an earlier run in it are removed first
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Time between two rows of the trajectory, such as 100ms [default: every tick, up to 2,000 rows]
     #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
     pub(super) every: Option<u64>,
-    /// File for the summary as JSON; - is standard output, without the text
+    /// File for the summary as JSON; - is standard output, in place of the text
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
-    /// File for the verdicts as JUnit XML, or for why there are none; - is standard output, without the text
+    /// File for the verdicts as JUnit XML, or for the reason why there are none; - is standard output, in place of the text
     #[arg(long, value_name = "FILE")]
     pub(super) junit: Option<PathBuf>,
-    /// Leave can.log, the frames and errors of a run on CAN, out of the folder
+    /// Do not write can.log, the frames and errors of a run on CAN, into the folder
     #[arg(long, requires = "out")]
     pub(super) no_can_log: bool,
-    /// Write can.pcapng into the folder, too: the same for Wireshark, with nanoseconds
+    /// Also write can.pcapng into the folder: the same for Wireshark, with times in nanoseconds
     #[arg(long, requires = "out")]
     pub(super) pcapng: bool,
     /// Firmware image (ELF) for emulated nodes [default: firmware/target/thumbv7em-none-eabihf/release/mps2_an386]
     #[arg(long, value_name = "FILE")]
     pub(super) image: Option<PathBuf>,
-    /// Say nothing but errors
+    /// Print errors only
     #[arg(short, long, conflicts_with = "verbose")]
     pub(super) quiet: bool,
-    /// Say what nodes report, too
+    /// Also print what nodes report
     #[arg(short, long)]
     pub(super) verbose: bool,
 }
@@ -275,7 +282,7 @@ pub(super) struct CheckArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub(super) json: bool,
-    /// End with code 1 where there is a warning
+    /// End with code 1 if there is a warning
     #[arg(long)]
     pub(super) strict: bool,
 }
@@ -298,10 +305,10 @@ pub(super) struct DiffArgs {
 
 #[derive(Args, Debug)]
 pub(super) struct ReplayArgs {
-    /// The log: can.log of a run or of a bench, or of candump -L
+    /// The log: can.log of a run or of a bench, or what candump -L wrote
     #[arg(value_name = "LOG")]
     pub(super) log: PathBuf,
-    /// The scenario that the log is of; a folder of outputs has it as scenario.toml
+    /// The scenario that was run; the folder of --out has it as scenario.toml
     #[arg(long, value_name = "SCENARIO.toml")]
     pub(super) scenario: PathBuf,
     #[command(flatten)]

@@ -3,8 +3,8 @@
 use super::table::Table;
 use crate::plot::{Overlay, PlotError};
 
-/// The states `x_1..` of both, those of A as broad light lines and those of B as thin dark ones on top, as SVG text: where they agree, each
-/// thin line runs in the middle of a broad one.
+/// The states `x_1..` of both, those of A as broad light lines and those of B as thin dark ones on top, as
+/// SVG text: where they agree, each thin line runs in the middle of a broad one.
 ///
 /// # Errors
 /// [`PlotError`] if one of them has no times, or no states.

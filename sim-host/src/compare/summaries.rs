@@ -26,7 +26,8 @@ impl fmt::Display for Figure {
     }
 }
 
-/// Whether a figure says how a run was made rather than what came of it: it differs from repetition to repetition.
+/// Whether a figure says how a run was made rather than what came of it: it differs from repetition to
+/// repetition.
 fn is_of_the_machine(key: &str) -> bool {
     let leaf = key.rsplit('.').next().unwrap_or(key);
     leaf.starts_with("wall_") || leaf.starts_with("cpu_") || key == "command" || key == "version"

@@ -1,8 +1,8 @@
 //! A node that is lost while the others go on, and its way back.
 //!
-//! A board that was unplugged has restarted, and its state is gone. It joins as LAW.md 5 says a node does that integrates its own state: it
-//! adopts the weighted mean of its neighbours' states, where its own diffusive term is zero; theirs jump by what the mean is from them.
-//! Its first SYNC tells it the tick.
+//! A board that was unplugged has restarted, and its state is gone. It joins as law.md 5 says a node does
+//! that integrates its own state: it adopts the weighted mean of its neighbours' states, where its own
+//! diffusive term is zero; theirs jump by what the mean is from them. Its first SYNC tells it the tick.
 
 use super::deadline::{Deadline, ns};
 use super::member::Member;
@@ -156,7 +156,8 @@ impl Conductor {
         announced
     }
 
-    /// Its configuration, with the weighted mean of its neighbours' states as its own; without neighbours, its last one.
+    /// Its configuration, with the weighted mean of its neighbours' states as its own; without neighbours,
+    /// its last one.
     fn config_to_join(&self, index: usize) -> Option<NodeConfig> {
         let node = self.nodes.get(index)?;
         let mut config = node.config.clone();

@@ -14,8 +14,8 @@ impl Conductor {
         self.absences.iter().all(|absence| Some(absence.node) != id)
     }
 
-    /// Ticks that a node may have run beside those that were told of: those with clocks of their own go on until they hear the stop, and
-    /// after an error a tick may be under way.
+    /// Ticks that a node may have run beside those that were told of: those with clocks of their own go on
+    /// until they hear the stop, and after an error a tick may be under way.
     pub fn unseen(&self, ended_early: bool) -> u64 {
         match &self.own {
             Some(_) => {

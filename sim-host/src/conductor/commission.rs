@@ -1,7 +1,8 @@
 //! Gives nodes a configuration that survives a restart, or takes it from them: all of them, or none.
 //!
-//! Every node stages its configuration beside the one that it has. Only when all have, with the checksum that this program expects, are they
-//! told to commit (protocol/README.md, "Commit"). A node can still fail then: what is known of each of them is told.
+//! Every node stages its configuration beside the one that it has. Only when all have, with the checksum that
+//! this program expects, are they told to commit (protocol/README.md, "Commit"). A node can still fail then:
+//! what is known of each of them is told.
 
 use super::contact::{Contact, Seat};
 use super::member::check_identity;
@@ -82,7 +83,8 @@ impl Commission {
 
     /// Asks each node who it is, and stops it if it runs.
     ///
-    /// Its error: a node that does not answer in time, another wire version, another chip, an interrupt. Nothing has changed then.
+    /// Its error: a node that does not answer in time, another wire version, another chip, an interrupt.
+    /// Nothing has changed then.
     pub fn meet(&mut self) -> Task<'_, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
@@ -131,7 +133,8 @@ impl Commission {
 
     /// Makes all nodes blank at their next start, one after the other.
     ///
-    /// Its error: [`Failed::Before`] where the first one refuses; [`Failed::After`] where a later one does, or where one does not answer.
+    /// Its error: [`Failed::Before`] where the first one refuses; [`Failed::After`] where a later one does,
+    /// or where one does not answer.
     pub fn erase(&mut self) -> Task<'_, Result<Vec<Commissioned>, Failed>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
@@ -195,8 +198,8 @@ impl Candidate {
 
     async fn commit(&mut self, config: &NodeConfig, patience: Patience) -> Result<Commissioned, HubError> {
         self.contact.write(&serial::encode(&COMMIT)).await?;
-        // It answers when it has committed. A storage that has failed is told before: the checksum is that of the configuration that the
-        // node goes on with, which may be the same one.
+        // It answers when it has committed. A storage that has failed is told before: the checksum is that of
+        // the configuration that the node goes on with, which may be the same one.
         let committed = |received| match received {
             Received::Message(Message::Fault { code: FaultCode::COMMIT, .. }) => Some(None),
             Received::Reply(Reply::Identity(identity)) => Some(Some(identity)),

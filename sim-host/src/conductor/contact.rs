@@ -8,7 +8,8 @@ use funnelnet_protocol::serial::{self, HOST, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Identity, Reply, Request};
 use std::time::Duration;
 
-/// How long a node that has said nothing is left alone before it is asked again who it is: it may have been booting.
+/// How long a node that has said nothing is left alone before it is asked again who it is: it may have been
+/// booting.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// How many times a request is sent within the time for its answer.
 pub(super) const TIMES: u32 = 3;
@@ -150,7 +151,8 @@ impl Contact {
         }
     }
 
-    /// Reads for a moment, and gives the first thing that `pick` picks of what the node has said; all of it stays.
+    /// Reads for a moment, and gives the first thing that `pick` picks of what the node has said; all of it
+    /// stays.
     ///
     /// # Errors
     /// The node is gone, or an interrupt.
@@ -242,7 +244,8 @@ impl Contact {
         self.ask(&Request::Hello, (limit, ASK_AGAIN), "identity", pick).await
     }
 
-    /// Sends a request that may be repeated, and sends it again where no answer comes: the line may have spoilt it, or the answer.
+    /// Sends a request that may be repeated, and sends it again where no answer comes: the line may have
+    /// spoilt it, or the answer.
     ///
     /// # Errors
     /// No answer within `limit`, with a new request `every` so often; the node is gone, or an interrupt.

@@ -1,8 +1,8 @@
-//! Frames that a line has doubled: an adapter that sends a buffer again, for example. The first one has been taken, so nothing is lost with
-//! the second one, and it is no fault of the node.
+//! Frames that a line has doubled: an adapter that sends a buffer again, for example. The first one has been
+//! taken, so nothing is lost with the second one, and it is no fault of the node.
 //!
-//! States and telemetry name their tick, so that a node never says the same one twice. A weight may be announced again, and who goes on
-//! announcing one babbles.
+//! States and telemetry name their tick, so that a node never says the same one twice. A weight may be
+//! announced again, and who goes on announcing one babbles.
 
 use super::Received;
 use funnelnet_protocol::message::Message;
@@ -91,7 +91,8 @@ mod tests {
 
     #[test]
     fn what_a_node_may_say_is_none() {
-        // At rest, at tick after tick; two states of one tick, which is the node's own fault; a weight that is announced anew.
+        // At rest, at tick after tick; two states of one tick, which is the node's own fault; a weight that
+        // is announced anew.
         assert_eq!(found(&[state(5, 0.0), telemetry(4, 0), state(6, 0.0), telemetry(5, 0)]), [None; 4]);
         assert_eq!(found(&[state(5, 1.0), state(5, 2.0)]), [None; 2]);
         assert_eq!(found(&[edge(1.0), edge(1.0), state(5, 1.0), edge(1.0)]), [None; 4]);

@@ -196,7 +196,8 @@ pub enum HubError {
     WithWords {
         /// What went wrong.
         cause: Box<Self>,
-        /// How its emulator ended, what that complained of, the end of the node's log, what to try; a line each.
+        /// How its emulator ended, what that complained of, the end of the node's log, what to try; a line
+        /// each.
         words: String,
     },
     /// The operating system refused something.

@@ -28,7 +28,8 @@ pub struct Halted {
 }
 
 impl Conductor {
-    /// Tells all nodes to stop, first, and only then waits for each to confirm it, a second at most for all of them.
+    /// Tells all nodes to stop, first, and only then waits for each to confirm it, a second at most for all
+    /// of them.
     pub fn halt(&mut self) -> Task<'_, Halted> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {

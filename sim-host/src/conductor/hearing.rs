@@ -1,4 +1,5 @@
-//! Who has heard whom, as far as this program can know: by what it has handed over, and by what nodes say that they have accepted.
+//! Who has heard whom, as far as this program can know: by what it has handed over, and by what nodes say
+//! that they have accepted.
 
 use super::Conductor;
 use funnelnet_protocol::report::Report;
@@ -56,7 +57,8 @@ impl Conductor {
         self.those_who(|from, neighbours| neighbours.iter().all(|&to| !heard(from, to)))
     }
 
-    /// Ids of nodes that run to the end, and whose states reach none of the neighbours that do so, too, any more; `reports` by index.
+    /// Ids of nodes that run to the end, and whose states reach none of the neighbours that do so, too, any
+    /// more; `reports` by index.
     pub fn silent(&self, reports: &[Option<Report>]) -> Vec<u16> {
         let runs =
             |index: usize| self.nodes.get(index).is_some_and(|node| node.away.is_none() && !node.stopped);
@@ -86,7 +88,8 @@ impl Conductor {
         self.nodes.iter().enumerate().filter_map(of).collect()
     }
 
-    /// Components of states that a node has accepted: the rest are SYNC and CTRL, and what else was handed to it, such as announced weights.
+    /// Components of states that a node has accepted: the rest are SYNC and CTRL, and what else was handed to
+    /// it, such as announced weights.
     fn accepted(&self, to: usize, report: &Report) -> u64 {
         let syncs = if self.own.is_some() { 0 } else { report.counters.ticks };
         let (_, others) = self.hearing.handed(to);

@@ -1,4 +1,5 @@
-//! What nodes say, whoever has carried it: taken for what it is, refused and named where it cannot be so, and put on the bus.
+//! What nodes say, whoever has carried it: taken for what it is, refused and named where it cannot be so, and
+//! put on the bus.
 
 use super::line::DOUBLES;
 use super::{Conductor, OTHER_COMPONENT, OTHER_TICK, Relayed};
@@ -7,7 +8,8 @@ use funnelnet_node::Event;
 use funnelnet_protocol::message::{Component, FaultCode, Message, Severity, TickStamp};
 use funnelnet_protocol::serial;
 
-/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN can tell.
+/// How far the tick of a frame may lie from the one that is awaited: less than half of what the 8 bits on CAN
+/// can tell.
 const STAMP_REACH: u32 = 100;
 
 impl Conductor {
@@ -98,7 +100,8 @@ impl Conductor {
         stamp.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
     }
 
-    /// Takes note of a FAULT: one that stopped the node, or a warning. A warning after a stop does not make it run again.
+    /// Takes note of a FAULT: one that stopped the node, or a warning. A warning after a stop does not make
+    /// it run again.
     pub(super) fn note_fault(&mut self, index: usize, fault: &Message, now: u64) {
         let Message::Fault { code, severity, arg, tick, .. } = *fault else { return };
         let Some(node) = self.nodes.get_mut(index) else { return };
@@ -130,7 +133,8 @@ impl Conductor {
         }
     }
 
-    /// A stamp of eight bits, from CAN, would be taken for a whole one by who reads sixteen, so what is relayed has its whole tick.
+    /// A stamp of eight bits, from CAN, would be taken for a whole one by who reads sixteen, so what is
+    /// relayed has its whole tick.
     pub(super) fn put_on_bus(&mut self, index: usize, mut message: Message, now: u64) {
         if let Message::State { tick, .. } | Message::Fault { tick, .. } = &mut message {
             *tick = self.rebuilt(index, *tick).map_or(*tick, TickStamp::full);

@@ -52,8 +52,8 @@ impl Conductor {
         Ok(())
     }
 
-    /// Leaves states their time on lines from node to node. What this program relays goes out before, too: a SYNC that one node passes
-    /// on to another must not overtake it.
+    /// Leaves states their time on lines from node to node. What this program relays goes out before, too: a
+    /// SYNC that one node passes on to another must not overtake it.
     async fn settle(&mut self) -> Result<(), HubError> {
         let Some(settle) = self.settle else { return Ok(()) };
         for index in 0..self.nodes.len() {
@@ -114,7 +114,8 @@ impl Conductor {
         Ok(())
     }
 
-    /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the bus.
+    /// Waits for the initial state of a node, or for the fault that it may say instead, and puts it on the
+    /// bus.
     async fn take_announcement(&mut self, index: usize) -> Result<(), HubError> {
         let deadline = Deadline::after(self.patience.answer, self.outside.now());
         if let Some(node) = self.nodes.get_mut(index) {
@@ -133,8 +134,8 @@ impl Conductor {
         Ok(())
     }
 
-    /// Waits for everything that a node says about a tick: its state (of the tick after the one that ran) or a fault, perhaps an
-    /// edge, and its telemetry, which ends it.
+    /// Waits for everything that a node says about a tick: its state (of the tick after the one that ran) or
+    /// a fault, perhaps an edge, and its telemetry, which ends it.
     async fn take_tick(&mut self, index: usize, now: u64) -> Result<(), HubError> {
         let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped && node.away.is_none()) else {
             return Ok(());
@@ -155,7 +156,8 @@ impl Conductor {
             let awaited = if node.ticked { "telemetry" } else { "state" };
             node.contact.check_patience(deadline, self.tick, awaited)?;
             match node.contact.wait_until(deadline, awaited, Some).await? {
-                // A fault, which most often has been heard on the bus. A twin's state there may have been taken for the node's.
+                // A fault, which most often has been heard on the bus. A twin's state there may have been
+                // taken for the node's.
                 Received::Message(message) if node.on_can.is_some() => {
                     if matches!(message, Message::Fault { .. }) && !node.stopped {
                         self.take_message(index, message, now);

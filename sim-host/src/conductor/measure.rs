@@ -1,4 +1,5 @@
-//! Whether telemetry is a measurement: finite values in a funnel that is open, of a component that the state has.
+//! Whether telemetry is a measurement: finite values in a funnel that is open, of a component that the state
+//! has.
 
 use super::OTHER_COMPONENT;
 use funnelnet_protocol::report::Telemetry;

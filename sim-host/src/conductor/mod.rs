@@ -1,10 +1,12 @@
-//! The hub's logic: bytes and time come in as arguments, what is to be done comes out, and nothing here waits, reads a clock or knows a port
-//! (docs/notes/2026-11-28-conductor.md). The [`Hub`](crate::hub::Hub) does it on real lines; tests do it in virtual time.
+//! The hub's logic: bytes and time come in as arguments, what is to be done comes out, and nothing here
+//! waits, reads a clock or knows a port (docs/notes/2026-11-28-conductor.md). The [`Hub`](crate::hub::Hub)
+//! does it on real lines; tests do it in virtual time.
 //!
-//! The link model is that of the loopback engine, frame by frame and draw by draw: states that nodes send at tick `k` go on
-//! the bus at the time of tick `k`, and what arrives before tick `k + 1` is written to the receivers before their next SYNC.
-//! So the same scenario gives the same bits (tests/tests/parity.rs), at the pace of the slowest node. Nodes that tick by their own clock
-//! are carried in real time instead (`own_clock`).
+//! The link model is that of the loopback engine, frame by frame and draw by draw: states that nodes send at
+//! tick `k` go on the bus at the time of tick `k`, and what arrives before tick `k + 1` is written to the
+//! receivers before their next SYNC. So the same scenario gives the same bits (tests/tests/parity.rs), at the
+//! pace of the slowest node. Nodes that tick by their own clock are carried in real time instead
+//! (`own_clock`).
 
 mod absence;
 mod claims;
@@ -76,8 +78,8 @@ pub struct Patience {
     pub answer: Duration,
 }
 
-/// When the host sent and read what belongs to a tick of a node, since the start. In lockstep the host reads nodes in the order of their
-/// ids, so a time is at or after the arrival.
+/// When the host sent and read what belongs to a tick of a node, since the start. In lockstep the host reads
+/// nodes in the order of their ids, so a time is at or after the arrival.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamps {
     /// Its SYNC was sent.
@@ -170,7 +172,8 @@ impl Conductor {
 
     /// Asks each node who it is, and, once all are who they should be, configures them.
     ///
-    /// Its error: a node that does not answer in time, another wire version, another chip, a refused configuration.
+    /// Its error: a node that does not answer in time, another wire version, another chip, a refused
+    /// configuration.
     pub fn meet(&mut self) -> Task<'_, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
@@ -307,8 +310,8 @@ impl Conductor {
     }
 }
 
-/// What a node saw at a tick: its state from the bus, the rest from its telemetry. The ratio is one f32 division, which
-/// has the same bits here and there.
+/// What a node saw at a tick: its state from the bus, the rest from its telemetry. The ratio is one f32
+/// division, which has the same bits here and there.
 pub(crate) fn observation(x: f32, telemetry: &Telemetry) -> Observation<f32> {
     let Telemetry { tick, nu, psi, u, .. } = *telemetry;
     Observation { tick, x, nu, psi, ratio: nu.abs() / psi, u }

@@ -1,8 +1,9 @@
 //! Nodes whose states travel on CAN, with this program as one more participant of their buses.
 //!
-//! Those of one bus hear each other without it. It says START and SYNC on each, hears every state, and relays to and from nodes that are on
-//! another bus or on serial lines only. SYNC of a tick follows all states of that tick on the one bus, so every node has heard them before it: lockstep has the
-//! bits of loopback here too (docs/notes/2026-11-24-real-nodes.md).
+//! Those of one bus hear each other without it. It says START and SYNC on each, hears every state, and relays
+//! to and from nodes that are on another bus or on serial lines only. SYNC of a tick follows all states of
+//! that tick on the one bus, so every node has heard them before it: lockstep has the bits of loopback here
+//! too (docs/notes/2026-11-24-real-nodes.md).
 
 use super::deadline::Deadline;
 use super::member::Member;
@@ -119,7 +120,8 @@ impl Bus {
         self.put(last.into_iter().collect()).await
     }
 
-    /// What can be said with this message: in CAN FD a state waits for its last component, since a frame has all of them.
+    /// What can be said with this message: in CAN FD a state waits for its last component, since a frame has
+    /// all of them.
     fn complete(&mut self, message: Message) -> Vec<Message> {
         let (AnyFormat::Fd(_), Message::State { source, tick, .. }) = (&self.saying, message) else {
             return vec![message];
@@ -193,7 +195,8 @@ impl Bus {
 }
 
 impl Conductor {
-    /// With these buses: interfaces, and whether their frames are those of CAN FD; `on_can` says which of them a node is on, both by index.
+    /// With these buses: interfaces, and whether their frames are those of CAN FD; `on_can` says which of
+    /// them a node is on, both by index.
     #[must_use]
     pub fn with_can(
         mut self,
@@ -261,7 +264,8 @@ impl Conductor {
         Some((node, side))
     }
 
-    /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead; with its bus time, ns.
+    /// Waits for the next message of a node on CAN, or for the fault that it may say on its line instead;
+    /// with its bus time, ns.
     pub(super) async fn wait_on_can(
         &mut self,
         index: usize,

@@ -1,5 +1,5 @@
-//! Nodes that tick by their own clock: this program carries their frames as they come, keeps what they say, and watches them
-//! (docs/notes/2026-11-24-real-nodes.md).
+//! Nodes that tick by their own clock: this program carries their frames as they come, keeps what they say,
+//! and watches them (docs/notes/2026-11-24-real-nodes.md).
 //!
 //! Nothing here waits for one node. A row is closed when all have told their tick.
 
@@ -51,7 +51,8 @@ impl Conductor {
         Self { own: Some(own), ..self }
     }
 
-    /// Time from the first start that was written to the last; zero where the nodes have no clocks of their own.
+    /// Time from the first start that was written to the last; zero where the nodes have no clocks of their
+    /// own.
     pub fn start_spread(&self) -> Duration {
         self.own.as_ref().map_or(Duration::ZERO, |own| own.start_spread)
     }
@@ -94,7 +95,8 @@ impl Conductor {
         Ok(())
     }
 
-    /// Tells the nodes on CAN to stop, where they tick by their own clock: nodes that hear each other need no line for going on.
+    /// Tells the nodes on CAN to stop, where they tick by their own clock: nodes that hear each other need no
+    /// line for going on.
     pub(super) async fn stop_on_can(&mut self) -> Result<(), HubError> {
         if self.own.is_some() { self.say_on_can(&STOP).await } else { Ok(()) }
     }
@@ -172,7 +174,8 @@ impl Conductor {
         Ok(())
     }
 
-    /// Takes a message that a node has sent, read at `at` and perhaps on CAN before, and puts it on the bus of those who do not hear it themselves.
+    /// Takes a message that a node has sent, read at `at` and perhaps on CAN before, and puts it on the bus
+    /// of those who do not hear it themselves.
     fn take_own(
         &mut self,
         index: usize,

@@ -1,8 +1,9 @@
 //! What nodes that tick by their own clock say, put together tick by tick.
 //!
-//! Tick `k` of a node is its state stamped `k` and its telemetry of `k`, whenever they come. Lines keep order, so a part that has not come
-//! when the node tells a later tick was lost, or was never sent: a node that is late makes up for ticks and tells only the last of them.
-//! States on CAN come on another way than the telemetry, so the outcome of a tick is waited for until the node tells the next one.
+//! Tick `k` of a node is its state stamped `k` and its telemetry of `k`, whenever they come. Lines keep
+//! order, so a part that has not come when the node tells a later tick was lost, or was never sent: a node
+//! that is late makes up for ticks and tells only the last of them. States on CAN come on another way than
+//! the telemetry, so the outcome of a tick is waited for until the node tells the next one.
 
 use super::{Stamps, observation};
 use crate::presence::Presence;
@@ -148,8 +149,9 @@ impl Recording {
         self.tracks.get(node).is_some_and(Track::awaited)
     }
 
-    /// Closes the next row, if it is whole or cannot become so any more: observations by index and then by component, in which a value that
-    /// was lost stays the last one, and stamps and what is known of the node, by index.
+    /// Closes the next row, if it is whole or cannot become so any more: observations by index and then by
+    /// component, in which a value that was lost stays the last one, and stamps and what is known of the
+    /// node, by index.
     pub(crate) fn close(
         &mut self,
         observations: &mut [Observation<f32>],
@@ -192,7 +194,8 @@ impl Track {
         self.end.is_some_and(|end| end <= tick)
     }
 
-    /// What is known of the node at a tick that is closed with this cell. One that has stopped keeps its last state, if that has come.
+    /// What is known of the node at a tick that is closed with this cell. One that has stopped keeps its last
+    /// state, if that has come.
     fn presence(&mut self, tick: u32, cell: &Cell) -> Presence {
         if !self.has_ended(tick) {
             self.stale = !cell.has_state();

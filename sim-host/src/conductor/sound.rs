@@ -1,4 +1,5 @@
-//! What a line sounds like on which no node answers: an echo, a computer's console, a program that prints, or another bit rate.
+//! What a line sounds like on which no node answers: an echo, a computer's console, a program that prints, or
+//! another bit rate.
 
 use crate::printable::printable;
 use funnelnet_protocol::message::Message;
@@ -85,7 +86,8 @@ fn is_echo(heard: &[u8]) -> bool {
     heard.iter().any(&mut is_own) || heard.windows(2).filter(|pair| pair == b"^@").count() >= 2
 }
 
-/// The text that the bytes are, where nearly all of them can be read. A text has blanks; a bit pattern may be a letter.
+/// The text that the bytes are, where nearly all of them can be read. A text has blanks; a bit pattern may be
+/// a letter.
 fn text(heard: &[u8]) -> Option<String> {
     let readable = |byte: &&u8| matches!(byte, b' '..=b'~' | b'\t' | b'\r' | b'\n' | 0x1b);
     let is_text = heard.len() >= ENOUGH

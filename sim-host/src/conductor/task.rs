@@ -1,8 +1,9 @@
 //! The border of the conductor: what it asks of the outside, and what it is told.
 //!
-//! Its logic is written as asynchronous functions, which read in the order in which they run. The compiler makes state machines of them: each
-//! `await` is a state. No executor and no waker drives them, but whoever has the lines and the clock: it polls with the time, does what is
-//! asked, tells what came of it, and polls again.
+//! Its logic is written as asynchronous functions, which read in the order in which they run. The compiler
+//! makes state machines of them: each `await` is a state. No executor and no waker drives them, but whoever
+//! has the lines and the clock: it polls with the time, does what is asked, tells what came of it, and polls
+//! again.
 
 use super::HubError;
 use crate::can::{Heard, PortFrame};
@@ -13,7 +14,8 @@ use std::pin::Pin;
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
-/// What is to be done before the next poll. Nodes and buses are given by index, times in nanoseconds on the clock of who polls.
+/// What is to be done before the next poll. Nodes and buses are given by index, times in nanoseconds on the
+/// clock of who polls.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
     /// To write whole frames to a node.

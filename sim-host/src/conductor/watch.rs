@@ -1,4 +1,5 @@
-//! How far the clocks of nodes have come, and which of them has fallen silent. Times are nanoseconds since the start.
+//! How far the clocks of nodes have come, and which of them has fallen silent. Times are nanoseconds since
+//! the start.
 
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use std::time::Duration;
@@ -79,7 +80,8 @@ impl Watch {
         refuses.filter(|_| watched.outside >= patience)
     }
 
-    /// The first node for which a state stamped `tick` of another one is too far from its own tick (protocol/README.md, "Ticks").
+    /// The first node for which a state stamped `tick` of another one is too far from its own tick
+    /// (protocol/README.md, "Ticks").
     fn who_refuses(&self, node: usize, tick: u32, now: u64, runs: impl Fn(usize) -> bool) -> Option<usize> {
         let silence = self.tick_ns.saturating_mul(SILENT_TICKS);
         let refuses = |&listener: &usize| {

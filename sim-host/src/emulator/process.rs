@@ -25,15 +25,15 @@ pub struct Process {
     listener: UnixListener,
     /// Of the socket, until it is connected.
     folder: Option<TempDir>,
-    /// The defmt log and the emulator's complaints: files without a name, so that nothing is left behind even if
-    /// this program is killed.
+    /// The defmt log and the emulator's complaints: files without a name, so that nothing is left behind even
+    /// if this program is killed.
     log: File,
     errors: File,
 }
 
 impl Process {
-    /// Starts the emulator of node `id`, whose further lines lead to these sockets. When it has connected its first line, it has made those
-    /// that it makes.
+    /// Starts the emulator of node `id`, whose further lines lead to these sockets. When it has connected its
+    /// first line, it has made those that it makes.
     ///
     /// # Errors
     /// No such emulator, or the operating system's.
@@ -158,8 +158,9 @@ impl Drop for Process {
     }
 }
 
-/// The emulator's command line. `setpriv`, where there is one, makes the kernel end the emulator should this program be
-/// killed; a process group of its own lets Ctrl-C reach only this program, which then stops in order.
+/// The emulator's command line. `setpriv`, where there is one, makes the kernel end the emulator should this
+/// program be killed; a process group of its own lets Ctrl-C reach only this program, which then stops in
+/// order.
 fn command(qemu: &str, image: &Path, folder: &Path, lines: &[String]) -> Command {
     let mut command = match Path::new("/usr/bin/setpriv").exists() && runs(qemu) {
         true => {
@@ -183,8 +184,8 @@ fn command(qemu: &str, image: &Path, folder: &Path, lines: &[String]) -> Command
     command
 }
 
-/// Whether the emulator can be started at all; `setpriv` would hide that it cannot. It is not waited for: what is called so may be anything, and
-/// may never end.
+/// Whether the emulator can be started at all; `setpriv` would hide that it cannot. It is not waited for:
+/// what is called so may be anything, and may never end.
 fn runs(qemu: &str) -> bool {
     let mut command = Command::new(qemu);
     command.arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());

@@ -1,9 +1,11 @@
-//! Wires between emulators: a socket each, which the one makes that is started first, and the other connects to.
+//! Wires between emulators: a socket each, which the one makes that is started first, and the other connects
+//! to.
 
 use crate::hub::HubError;
 use tempfile::TempDir;
 
-/// Wires between emulated nodes. Their sockets have a folder of their own until this is dropped; who is connected stays so.
+/// Wires between emulated nodes. Their sockets have a folder of their own until this is dropped; who is
+/// connected stays so.
 pub struct Sockets {
     folder: TempDir,
     /// Ids, the lower one first.
@@ -21,8 +23,8 @@ impl Sockets {
         Ok(Self { folder, pairs: pairs.collect() })
     }
 
-    /// What the lines of node `id` lead to, as the emulator is told. The first of two that asks makes the socket, and must have done so
-    /// before the other one asks.
+    /// What the lines of node `id` lead to, as the emulator is told. The first of two that asks makes the
+    /// socket, and must have done so before the other one asks.
     pub(super) fn lines_of(&self, id: u8) -> Vec<String> {
         let ends = |&(low, high): &(u8, u8)| {
             let path = self.folder.path().join(format!("{low}-{high}"));

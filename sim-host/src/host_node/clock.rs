@@ -20,7 +20,8 @@ impl SystemClock {
         Self { begin: Instant::now(), alarm: Cell::new(u64::MAX) }
     }
 
-    /// Polls a future until it is done. In between, this thread rests until the earliest alarm, or until another one unparks it.
+    /// Polls a future until it is done. In between, this thread rests until the earliest alarm, or until
+    /// another one unparks it.
     pub fn run<T>(&self, future: impl Future<Output = T>) -> T {
         let mut future = pin!(future);
         // Whatever ends a rest, everything is polled.

@@ -1,4 +1,5 @@
-//! What a node in a process has received, in the order in which it came: bytes of its line, frames of its bus, and the end of either.
+//! What a node in a process has received, in the order in which it came: bytes of its line, frames of its
+//! bus, and the end of either.
 
 use super::End;
 use crate::can::{CanPort, Heard};
@@ -18,14 +19,16 @@ enum Input {
     Ended(End),
 }
 
-/// What was received and not taken yet. Who wants a frame does not get it before the bytes that came before it were taken.
+/// What was received and not taken yet. Who wants a frame does not get it before the bytes that came before
+/// it were taken.
 pub struct Inbox {
     receiver: Receiver<Input>,
     first: RefCell<Option<Input>>,
 }
 
 impl Inbox {
-    /// An inbox of this thread, which is unparked whenever something comes from the line or, if there is one, from the bus.
+    /// An inbox of this thread, which is unparked whenever something comes from the line or, if there is one,
+    /// from the bus.
     pub fn open(line: Box<dyn Read + Send>, bus: Option<Arc<CanPort>>) -> Self {
         let (sender, receiver) = mpsc::channel();
         let to = Mail { sender, node: thread::current() };

@@ -71,8 +71,8 @@ impl<'a, F: Format> SocketController<'a, F> {
         Self { port, inbox, clock, is_off: false, format: PhantomData }
     }
 
-    /// Whether the interface has taken a frame. Where there is no room for it, the rest is a short one; where the interface is gone, the node
-    /// ends.
+    /// Whether the interface has taken a frame. Where there is no room for it, the rest is a short one; where
+    /// the interface is gone, the node ends.
     fn send(&self, frame: &F::Frame) -> bool {
         match self.port.send(frame) {
             Ok(true) => return true,

@@ -7,7 +7,8 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-/// How long a read or a write of a [`Stream`] may block: how often a link looks at the clock and at the user's wish to stop.
+/// How long a read or a write of a [`Stream`] may block: how often a link looks at the clock and at the
+/// user's wish to stop.
 pub const SLICE: Duration = Duration::from_millis(50);
 /// How long a node may leave its serial line unread, once the operating system's buffers are full.
 const WRITE: Duration = Duration::from_secs(5);
@@ -16,7 +17,8 @@ const CHUNK: usize = 256;
 /// Ends whatever noise has left in the node's receiver; nodes ignore zeros between frames.
 const IDLE: u8 = 0;
 
-/// Bytes to and from a node. A read without bytes, or a write without room, fails with `WouldBlock` or `TimedOut` after [`SLICE`].
+/// Bytes to and from a node. A read without bytes, or a write without room, fails with `WouldBlock` or
+/// `TimedOut` after [`SLICE`].
 pub trait Stream: Read + Write + Send {
     /// A second handle, for a thread that reads while another one writes.
     ///
@@ -69,7 +71,8 @@ impl Link {
         &self.place
     }
 
-    /// From now on a write takes no longer than `limit`, and the user's wish to stop, which has been heard, ends nothing.
+    /// From now on a write takes no longer than `limit`, and the user's wish to stop, which has been heard,
+    /// ends nothing.
     pub fn hurry(&mut self, limit: Duration) {
         self.interrupt = Interrupt::default();
         self.write_limit = limit;

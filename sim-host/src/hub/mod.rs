@@ -1,7 +1,8 @@
-//! Nodes behind streams of bytes, with this program as the bus between them: it relays their frames and makes them tick.
+//! Nodes behind streams of bytes, with this program as the bus between them: it relays their frames and makes
+//! them tick.
 //!
-//! What is said to whom and when is the [conductor](crate::conductor)'s. Here are what it has not: lines, devices, CAN interfaces, the threads
-//! that read, the clock, and the user's wish to stop.
+//! What is said to whom and when is the [conductor](crate::conductor)'s. Here are what it has not: lines,
+//! devices, CAN interfaces, the threads that read, the clock, and the user's wish to stop.
 
 mod can;
 mod commission;
@@ -37,7 +38,8 @@ pub trait Device {
     /// What there is to say about a failure of the node, a line each; `ended` where its line is gone.
     fn last_words(&mut self, ended: bool) -> Vec<String>;
 
-    /// Opens the line of a device anew that was gone, such as a board that has been plugged in again; `None` where there is nothing to open.
+    /// Opens the line of a device anew that was gone, such as a board that has been plugged in again; `None`
+    /// where there is nothing to open.
     fn reopen(&mut self) -> Option<Box<dyn Stream>> {
         None
     }
@@ -63,7 +65,8 @@ pub struct Hub {
 }
 
 impl Hub {
-    /// Asks each node who it is, and, once all are who they should be, configures them; one node per configuration.
+    /// Asks each node who it is, and, once all are who they should be, configures them; one node per
+    /// configuration.
     ///
     /// # Errors
     /// A node that does not answer in time, another wire version, another chip, a refused configuration.
@@ -119,7 +122,8 @@ impl Hub {
         self.run(Conductor::start)
     }
 
-    /// Runs one tick on every node, or waits until every node has run it, and gives what they saw, by index and then by component.
+    /// Runs one tick on every node, or waits until every node has run it, and gives what they saw, by index
+    /// and then by component.
     ///
     /// # Errors
     /// A node that does not answer or dies, clocks that run apart, or an interrupt.
@@ -136,7 +140,8 @@ impl Hub {
         self.run(Conductor::finish)
     }
 
-    /// Tells all nodes to stop, first, and only then waits for each to confirm it, a second at most for all of them.
+    /// Tells all nodes to stop, first, and only then waits for each to confirm it, a second at most for all
+    /// of them.
     pub fn halt(&mut self) -> Halted {
         self.outlets.hurry(STOP_WRITE);
         self.outlets.run(self.conductor.halt())
@@ -147,7 +152,8 @@ impl Hub {
         &self.conductor
     }
 
-    /// What was heard on CAN since the last call, with the index of the bus; in order of bus time, those of one bus in the order in which they came.
+    /// What was heard on CAN since the last call, with the index of the bus; in order of bus time, those of
+    /// one bus in the order in which they came.
     pub fn take_heard(&mut self) -> Vec<(usize, Heard)> {
         self.outlets.take_heard()
     }

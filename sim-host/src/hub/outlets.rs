@@ -148,7 +148,8 @@ impl Outlets {
         reading.map_or(Ok(()), |reading| self.hand_over(reading, task))
     }
 
-    /// Ends the threads that read, and hands over what they have left; whether there were some. From here on lines are read as they are asked.
+    /// Ends the threads that read, and hands over what they have left; whether there were some. From here on
+    /// lines are read as they are asked.
     fn end_readers<T>(&mut self, task: &mut Task<'_, T>) -> bool {
         let were_some = self.readers.is_some();
         for reading in self.readers.take().map_or_else(Vec::new, Readers::end) {
@@ -201,7 +202,8 @@ impl Outlets {
         self.since_origin(at.unwrap_or(here))
     }
 
-    /// From now on a write takes no longer than `limit`, and the user's wish to stop, which has been heard, ends nothing.
+    /// From now on a write takes no longer than `limit`, and the user's wish to stop, which has been heard,
+    /// ends nothing.
     pub(super) fn hurry(&mut self, limit: Duration) {
         self.nodes.iter_mut().for_each(|node| node.link.hurry(limit));
     }

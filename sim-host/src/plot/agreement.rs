@@ -1,5 +1,5 @@
-//! How far apart the nodes are, beside the bound that the funnels give, and how far from the emergent trajectory: on a logarithmic axis,
-//! where a narrow funnel can be seen.
+//! How far apart the nodes are, beside the bound that the funnels give, and how far from the emergent
+//! trajectory: on a logarithmic axis, where a narrow funnel can be seen.
 
 use funnelnet_law::math;
 use plotters::coord::Shift;
@@ -27,7 +27,8 @@ const LINE: u32 = 20;
 /// Marks that are named; of more, only the lines.
 const NAMED: usize = 8;
 
-/// The spread of the states with its bound, and the distance of the farthest node to the emergent trajectory, over time, as SVG text.
+/// The spread of the states with its bound, and the distance of the farthest node to the emergent trajectory,
+/// over time, as SVG text.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.

@@ -19,8 +19,8 @@ const FAR: f64 = 20.0;
 /// This much wider than what is natural, what is usual is no longer looked at.
 const BEYOND: f64 = 1000.0;
 
-/// The range for all of `values`, or, where some of them are too far away, for the others. `natural` are values that the picture has
-/// to show: the scale that the run is about.
+/// The range for all of `values`, or, where some of them are too far away, for the others. `natural` are
+/// values that the picture has to show: the scale that the run is about.
 pub(super) fn robust(values: &[f64], natural: impl Iterator<Item = f64>) -> Range<f64> {
     let all = padded(values.iter().copied());
     let width = |range: &Range<f64>| range.end - range.start;

@@ -1,4 +1,5 @@
-//! What of a curve is inside the axes. It leaves them where it crosses the edge, and nothing is drawn along the edge.
+//! What of a curve is inside the axes. It leaves them where it crosses the edge, and nothing is drawn along
+//! the edge.
 
 use std::ops::Range;
 
@@ -66,7 +67,8 @@ pub(super) fn words(values: impl Iterator<Item = f64>, range: &Range<f64>) -> Op
     })
 }
 
-/// Writes `words`, where there are some, into the upper right corner of a plot with its corner `(x, y)` there, in pixels, over what is drawn.
+/// Writes `words`, where there are some, into the upper right corner of a plot with its corner `(x, y)`
+/// there, in pixels, over what is drawn.
 pub(super) fn say<DB: DrawingBackend>(
     area: &DrawingArea<DB, Shift>,
     (x, y): (i32, i32),

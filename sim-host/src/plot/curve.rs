@@ -59,8 +59,8 @@ where
     piece.windows(2).map(step).sum()
 }
 
-/// How many times as long as usual the dashes of a line of this `length` are, for a pattern of so many pixels: a curve that goes up and down
-/// in every column has no end of short ones.
+/// How many times as long as usual the dashes of a line of this `length` are, for a pattern of so many
+/// pixels: a curve that goes up and down in every column has no end of short ones.
 fn longer(length: f64, pattern: u32) -> u32 {
     let usual = length / f64::from(px(pattern));
     (usual / f64::from(DASHES)) as u32 + 1

@@ -1,6 +1,7 @@
 //! The rows of a run as a picture needs them, in memory that does not grow with their number.
 
-/// Samples at most. A picture has fewer columns of pixels than half of them, and a group of rows that is kept by its extremes has 2 at least.
+/// Samples at most. A picture has fewer columns of pixels than half of them, and a group of rows that is kept
+/// by its extremes has 2 at least.
 const SAMPLES: usize = 4096;
 /// Rows of an open group that are kept before they are reduced.
 const PENDING: usize = 64;
@@ -21,7 +22,8 @@ impl<const C: usize> Sample<C> {
     }
 }
 
-/// The nearest f32 that is no more than `value` where it says so: what is finite stays finite, and a ratio inside stays inside.
+/// The nearest f32 that is no more than `value` where it says so: what is finite stays finite, and a ratio
+/// inside stays inside.
 fn rounded(value: f64) -> f32 {
     let near = value as f32;
     match () {
@@ -31,9 +33,10 @@ fn rounded(value: f64) -> f32 {
     }
 }
 
-/// The envelope of `C` curves. As many rows as [`SAMPLES`] are kept as they are. More are grouped, twice as many in each group whenever
-/// there is no room; of each stay the first and the last row, and those where a curve is lowest and highest. So it is full once it was, and
-/// a long run needs no more than one that has just filled it.
+/// The envelope of `C` curves. As many rows as [`SAMPLES`] are kept as they are. More are grouped, twice as
+/// many in each group whenever there is no room; of each stay the first and the last row, and those where a
+/// curve is lowest and highest. So it is full once it was, and a long run needs no more than one that has
+/// just filled it.
 #[derive(Clone, Debug)]
 pub(super) struct Envelope<const C: usize> {
     /// Rows in a group.

@@ -16,8 +16,8 @@ const TITLE: u32 = 36;
 /// Height of the line that says which nodes are shown, in pixels.
 const WHICH: u32 = 22;
 
-/// The true diffusive term of each node inside the scenario's funnel, and what the node believes of both where that differs, as SVG text;
-/// of more than twelve nodes the twelve that came nearest to the boundary.
+/// The true diffusive term of each node inside the scenario's funnel, and what the node believes of both
+/// where that differs, as SVG text; of more than twelve nodes the twelve that came nearest to the boundary.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.

@@ -1,4 +1,5 @@
-//! Frames that were lost, over time: a rug along the lower edge of a picture, in memory that does not grow with time.
+//! Frames that were lost, over time: a rug along the lower edge of a picture, in memory that does not grow
+//! with time.
 
 use plotters::coord::CoordTranslate;
 use plotters::prelude::*;

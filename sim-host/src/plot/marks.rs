@@ -1,5 +1,5 @@
-//! Where a node stops or is away, nothing is known of it, or nothing changes any more, and the picture says so. It also says when links
-//! are cut.
+//! Where a node stops or is away, nothing is known of it, or nothing changes any more, and the picture says
+//! so. It also says when links are cut.
 
 use std::ops::Range;
 
@@ -45,7 +45,8 @@ pub(super) struct Mark {
 }
 
 impl Mark {
-    /// Whether curves of the node are left out at `t`. What a node stopped with is still its state at that tick.
+    /// Whether curves of the node are left out at `t`. What a node stopped with is still its state at that
+    /// tick.
     pub(super) fn hides(&self, t: f64) -> bool {
         match self.kind {
             Kind::Stopped => t > self.from,

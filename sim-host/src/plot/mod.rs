@@ -1,8 +1,9 @@
 //! Plots of a run as SVG text.
 //!
-//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each node inside its funnel,
-//! [`inputs_svg`] their inputs, [`agreement_svg`] how far apart the nodes are beside their bound. They
-//! show what is true: true terms in the scenario's funnels, nothing where nothing is known, and words where something is cut.
+//! [`states_svg`] shows the states, the emergent trajectory and the blended dynamics, [`funnels_svg`] each
+//! node inside its funnel, [`inputs_svg`] their inputs, [`agreement_svg`] how far apart the nodes are beside
+//! their bound. They show what is true: true terms in the scenario's funnels, nothing where nothing is known,
+//! and words where something is cut.
 
 mod agreement;
 mod axis;

@@ -1,9 +1,9 @@
-//! The panel of one node: its diffusive term against its funnel, and the ratio of the two below, which shows how near the boundary the
-//! node is however narrow the funnel has become.
+//! The panel of one node: its diffusive term against its funnel, and the ratio of the two below, which shows
+//! how near the boundary the node is however narrow the funnel has become.
 //!
-//! A funnel that stays within a factor of [`LINEAR`] is drawn as a band `+-psi`; one that shrinks further is drawn as `psi` and `|nu|` on
-//! a logarithmic axis, where the band would be a line along 0. Both are the true term and the scenario's funnel. What the node believes
-//! is drawn thin, where it is another.
+//! A funnel that stays within a factor of [`LINEAR`] is drawn as a band `+-psi`; one that shrinks further is
+//! drawn as `psi` and `|nu|` on a logarithmic axis, where the band would be a line along 0. Both are the true
+//! term and the scenario's funnel. What the node believes is drawn thin, where it is another.
 
 use std::ops::Range;
 
@@ -230,7 +230,8 @@ impl<'a> Panel<'a> {
         values.iter().zip(&self.node.ratio).map(at).collect()
     }
 
-    /// Where the node is outside, along the lower edge: to be seen, too, where the term is cut, or after a stop.
+    /// Where the node is outside, along the lower edge: to be seen, too, where the term is cut, or after a
+    /// stop.
     fn rug(&self, ratios: &[f64], bottom: f64) -> Curve {
         let at = |ratio: f64| if ratio.abs() >= 1.0 { bottom } else { f64::NAN };
         let points: Vec<(f64, f64)> = self.all(ratios).map(|(t, ratio)| (t, at(ratio))).collect();
@@ -294,7 +295,8 @@ impl<'a> Panel<'a> {
 }
 
 impl Scale {
-    /// An axis on which the funnel can be seen, and a term that is outside of it up to some ten times its width.
+    /// An axis on which the funnel can be seen, and a term that is outside of it up to some ten times its
+    /// width.
     fn of(node: &Node) -> Self {
         let positive = node.psi.iter().copied().filter(|p| p.is_finite() && *p > 0.0);
         let (low, high) = positive.fold((f64::INFINITY, 0.0f64), |(l, h), p| (l.min(p), h.max(p)));
@@ -326,7 +328,8 @@ impl Scale {
     }
 }
 
-/// Those of `own` that are visibly not `truth`, or that stand where it is not known, and a row on both sides of them; NaN elsewhere.
+/// Those of `own` that are visibly not `truth`, or that stand where it is not known, and a row on both sides
+/// of them; NaN elsewhere.
 fn where_apart(own: &[f64], truth: &[f64], apart: impl Fn(usize, f64, f64) -> bool) -> Vec<f64> {
     let differs: Vec<bool> = own
         .iter()

@@ -33,9 +33,10 @@ enum Quantity {
     Inputs,
 }
 
-/// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top, as in the paper's
-/// figure, as SVG text. Each component has an axis of its own. Up to twelve nodes get a colour each; of more, all are drawn alike. A
-/// curve ends where its node stops or is away. What of the blended dynamics is far from all states is left out.
+/// The states `x_i` with the emergent trajectory `xi` dotted and the blended dynamics dashed in black on top,
+/// as in the paper's figure, as SVG text. Each component has an axis of its own. Up to twelve nodes get a
+/// colour each; of more, all are drawn alike. A curve ends where its node stops or is away. What of the
+/// blended dynamics is far from all states is left out.
 ///
 /// # Errors
 /// [`PlotError`] if the trace has rows at fewer than two times.
@@ -225,9 +226,10 @@ impl Plot<'_> {
         }
     }
 
-    /// All of the states and of `xi`, and of the blended dynamics what is not farther from those than a quarter of their own range. An
-    /// average that outliers drag far away would leave no room for the states, and neither would a node that diverges: the scale is that of
-    /// the initial states, of `xi` and of the funnels.
+    /// All of the states and of `xi`, and of the blended dynamics what is not farther from those than a
+    /// quarter of their own range. An average that outliers drag far away would leave no room for the states,
+    /// and neither would a node that diverges: the scale is that of the initial states, of `xi` and of the
+    /// funnels.
     fn heights_of_states(&self, curves: &[OfNode<'_>]) -> Range<f64> {
         let of = |all: &[Vec<(f64, f64)>]| -> Vec<f64> {
             all.get(self.component).into_iter().flatten().map(|p| p.1).collect()

@@ -276,7 +276,8 @@ fn the_unit_of_the_states_stands_on_the_axes() {
     assert!(!states.contains("state units") && !funnels.contains("state units"));
 }
 
-/// Whether `svg` is well-formed XML of what plotters writes (elements, attributes, text), without control characters.
+/// Whether `svg` is well-formed XML of what plotters writes (elements, attributes, text), without control
+/// characters.
 fn well_formed(svg: &str) -> Result<(), String> {
     let fit = |c: char| c == '\n' || !(c.is_control() || u32::from(c) & 0xFFFE == 0xFFFE);
     let text =
@@ -335,7 +336,8 @@ fn a_title_cannot_break_out_of_the_picture() {
     assert!(well_formed("<svg>\n<text>\n</svg>\n").is_err());
 }
 
-/// The picture of the agreement of a network of two, whose states are `x` at the ticks and whose funnels are `psi`.
+/// The picture of the agreement of a network of two, whose states are `x` at the ticks and whose funnels are
+/// `psi`.
 fn agreement(name: &str, x: impl Fn(i32) -> [f64; 2], psi: impl Fn(i32) -> f64) -> String {
     let mut trace = Trace::new("agreement").with_bound(2.0);
     for k in 0..200 {

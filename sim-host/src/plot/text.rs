@@ -1,6 +1,7 @@
 //! Text of users in a picture: what XML cannot hold, and what a reader cannot see, never gets there.
 
-/// `text` on one line and without control characters. Each that is taken out leaves a U+FFFD, so that it shows.
+/// `text` on one line and without control characters. Each that is taken out leaves a U+FFFD, so that it
+/// shows.
 pub(super) fn plain(text: &str) -> String {
     let fit = |c: char| match c {
         '\t' | '\n' | '\r' => ' ',
@@ -10,7 +11,8 @@ pub(super) fn plain(text: &str) -> String {
     text.chars().map(fit).collect()
 }
 
-/// Control characters, characters that turn the direction of the text around them, and what is no character at all.
+/// Control characters, characters that turn the direction of the text around them, and what is no character
+/// at all.
 fn is_unfit(c: char) -> bool {
     let turns =
         matches!(c, '\u{061C}' | '\u{200E}' | '\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}');

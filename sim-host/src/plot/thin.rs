@@ -4,14 +4,16 @@ use funnelnet_law::math;
 
 /// At most this many points a curve without gaps.
 pub(super) const POINTS: usize = 2000;
-/// Columns of the picture, of each of which the lowest and the highest point stay; the ends of a curve stay, too.
+/// Columns of the picture, of each of which the lowest and the highest point stay; the ends of a curve stay,
+/// too.
 const COLUMNS: usize = POINTS / 2 - 1;
 
 /// Points that are joined by a line, in order of time.
 pub(super) type Piece = Vec<(f64, f64)>;
 
-/// The known points of a curve in pieces, a new one after every gap (NaN). Of many points, those that bound the curve in each column of
-/// the picture are kept, in order, so that a single spike survives; the ends of every piece stay.
+/// The known points of a curve in pieces, a new one after every gap (NaN). Of many points, those that bound
+/// the curve in each column of the picture are kept, in order, so that a single spike survives; the ends of
+/// every piece stay.
 pub(super) fn thin(points: &[(f64, f64)]) -> Vec<Piece> {
     let pieces: Vec<&[(f64, f64)]> = points.split(|p| p.1.is_nan()).filter(|p| !p.is_empty()).collect();
     if points.len() <= POINTS {

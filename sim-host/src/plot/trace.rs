@@ -13,7 +13,8 @@ use super::marks::{Kind, Mark};
 use super::style::NODES;
 use super::text::plain;
 
-/// The recorded rows of a run, by node, as plots need them: however many they are, it keeps no more than their envelopes.
+/// The recorded rows of a run, by node, as plots need them: however many they are, it keeps no more than
+/// their envelopes.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
     title: String,
@@ -37,7 +38,8 @@ pub struct Trace {
     losses: Losses,
 }
 
-/// What is kept of one component of one node: state, true term, its funnel, both as the node believes them, both ratios, and the input.
+/// What is kept of one component of one node: state, true term, its funnel, both as the node believes them,
+/// both ratios, and the input.
 #[derive(Debug, Clone, Default)]
 struct Recorded {
     /// Its first state, from which on the others are kept: far from zero f32 would have too few digits.
@@ -173,7 +175,8 @@ fn ratio(nu: f64, psi: f64) -> f64 {
     if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi }
 }
 
-/// The largest distance of two nodes that are known, in the component in which it is largest; NaN where fewer than two are.
+/// The largest distance of two nodes that are known, in the component in which it is largest; NaN where fewer
+/// than two are.
 fn spread(x: &[f64], components: usize) -> f64 {
     let apart = |component: usize| {
         let states = || x.iter().skip(component).step_by(components).copied().filter(|x| !x.is_nan());
@@ -241,7 +244,8 @@ impl Trace {
         }
         let judged = !row.true_nu.is_empty();
         let (nu, psi) = if judged { (&row.true_nu, &row.asked_psi) } else { (&row.nu, &row.psi) };
-        // Where every state is known, a term is not a number for an infinite one; for finite ones it may be that of a node without neighbours.
+        // Where every state is known, a term is not a number for an infinite one; for finite ones it may be
+        // that of a node without neighbours.
         let known = row.x.iter().all(|x| !x.is_nan()) && row.x.iter().any(|x| x.is_infinite());
         for (at, node) in self.nodes.iter_mut().enumerate() {
             let [x, nu, psi] = [&row.x, nu, psi].map(|table| entry(table, at));
@@ -266,15 +270,16 @@ impl Trace {
         self.spread = Some((largest, last));
     }
 
-    /// What came of each node and component over all ticks, by index and then by component; else it is what the rows show.
+    /// What came of each node and component over all ticks, by index and then by component; else it is what
+    /// the rows show.
     pub fn judged(&mut self, worst: &[Worst]) {
         for (node, worst) in self.nodes.iter_mut().zip(worst) {
             node.ticks = Some(*worst);
         }
     }
 
-    /// Node `id` stopped or was away from `from_s` on; where it came back, until `to_s`. Its curves end there. Of several stops of a
-    /// node the first is shown. What belongs to no node has the id 0.
+    /// Node `id` stopped or was away from `from_s` on; where it came back, until `to_s`. Its curves end
+    /// there. Of several stops of a node the first is shown. What belongs to no node has the id 0.
     pub fn mark(&mut self, id: usize, from_s: f64, to_s: Option<f64>, kind: Kind) {
         let mark = Mark { id, from: from_s, to: to_s, kind };
         let first = self.marks.iter_mut().find(|m| m.id == id && m.kind == kind && kind == Kind::Stopped);
@@ -329,10 +334,12 @@ impl Trace {
         Some(Node::new(index, self.components.max(1), self.nodes.get(index)?, |_| true))
     }
 
-    /// Places of the nodes and components that came nearest to the boundary, as many as are shown each by itself.
+    /// Places of the nodes and components that came nearest to the boundary, as many as are shown each by
+    /// itself.
     pub(super) fn urgent(&self) -> Vec<usize> {
         let urgency = |index: &usize| match self.nodes[*index].worst() {
-            // What is not a number comes before any number, and what is not known at all before what is known to be inside.
+            // What is not a number comes before any number, and what is not known at all before what is known
+            // to be inside.
             worst if worst.max_ratio.is_nan() => f64::INFINITY,
             worst if worst.judged == 0 => 1.0,
             worst => worst.max_ratio,

@@ -1,4 +1,5 @@
-//! `can.log`, as `candump -L` writes it, and `can.pcapng`, as Wireshark reads it: what was on the buses of a run, written as it comes.
+//! `can.log`, as `candump -L` writes it, and `can.pcapng`, as Wireshark reads it: what was on the buses of a
+//! run, written as it comes.
 
 use super::atomic::{AtomicFile, RecordError};
 use funnelnet_can_bus::{Capture, Line, Record};

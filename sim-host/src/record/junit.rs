@@ -6,8 +6,9 @@ use super::summary::{Expectation, FunnelSummary, Summary};
 use crate::exit::Exit;
 use crate::printable::{printable, printable_lines};
 
-/// The text of a JUnit file: one suite, named after the scenario, with a test case for each expectation, for each check that every run has to
-/// pass, and for the breaches. A failure carries `repeat`, the command that repeats the run.
+/// The text of a JUnit file: one suite, named after the scenario, with a test case for each expectation, for
+/// each check that every run has to pass, and for the breaches. A failure carries `repeat`, the command that
+/// repeats the run.
 pub fn junit(summary: &Summary, repeat: &str) -> String {
     let mut suite = TestSuite::new(printable(&summary.scenario));
     suite.set_time(std::time::Duration::try_from_secs_f64(summary.wall_s).unwrap_or_default());
@@ -74,7 +75,8 @@ fn status(expectation: &Expectation, summary: &Summary, repeat: &str) -> TestCas
     failure(&message, "expectation", summary, repeat)
 }
 
-/// Breaches fail where the scenario expects a ratio; where it does not, the case says how many there were and counts as skipped.
+/// Breaches fail where the scenario expects a ratio; where it does not, the case says how many there were and
+/// counts as skipped.
 fn breaches(funnel: &FunnelSummary, summary: &Summary, repeat: &str) -> TestCaseStatus {
     if funnel.breaches == 0 && funnel.max_ratio.is_nan() {
         let mut status = TestCaseStatus::skipped();

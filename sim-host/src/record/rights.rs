@@ -10,8 +10,8 @@ use std::sync::{Mutex, PoisonError};
 /// Rights of the files that this process has removed, by the name of the file itself.
 static REMOVED: Mutex<BTreeMap<PathBuf, Permissions>> = Mutex::new(BTreeMap::new());
 
-/// Removes a file of an earlier run, and remembers its rights for the one that takes its place. Of a symbolic link the target goes. A
-/// folder, a device or a pipe stays, and what is not there is no failure.
+/// Removes a file of an earlier run, and remembers its rights for the one that takes its place. Of a symbolic
+/// link the target goes. A folder, a device or a pipe stays, and what is not there is no failure.
 ///
 /// # Errors
 /// [`RecordError`]: it is there and stays.

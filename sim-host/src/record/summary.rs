@@ -59,7 +59,8 @@ pub struct Summary {
     pub ended_early: Option<String>,
     /// Ids of the nodes that stopped by themselves, ascending; what they ended with is what they stopped at.
     pub stopped: Vec<u16>,
-    /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have any.
+    /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have
+    /// any.
     pub overruns: u64,
     /// Version of this program.
     pub version: &'static str,
@@ -76,7 +77,8 @@ pub struct FunnelSummary {
     pub max_ratio: f64,
     /// Node-ticks with `|nu| >= psi`.
     pub breaches: u64,
-    /// The same at ticks that events disturb, which do not count above; left out where nothing is expected of the recovery.
+    /// The same at ticks that events disturb, which do not count above; left out where nothing is expected of
+    /// the recovery.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub during_events: Option<DuringEventsSummary>,
     /// Node-ticks of which the term is not known, since a state in it was not recorded.
@@ -100,7 +102,8 @@ pub struct DuringEventsSummary {
     pub node_ticks: u64,
 }
 
-/// How the funnels held as nodes believe it: by what they have heard, in the funnels that they have made of the scenario's.
+/// How the funnels held as nodes believe it: by what they have heard, in the funnels that they have made of
+/// the scenario's.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct BelievedSummary {
     /// The largest `|nu| / psi` over all nodes and ticks.
@@ -122,11 +125,12 @@ pub struct SyncSummary {
     pub lambda2: f64,
 }
 
-/// How far from the emergent dynamics, and what they promise. A part that the scenario does not have is `null`.
+/// How far from the emergent dynamics, and what they promise. A part that the scenario does not have is
+/// `null`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct EmergentSummary {
-    /// Why the steps of the prediction do not resolve the fields: nothing else here is then a prediction, and no distance to it is
-    /// given. Left out where they do.
+    /// Why the steps of the prediction do not resolve the fields: nothing else here is then a prediction, and
+    /// no distance to it is given. Left out where they do.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unresolved: Option<String>,
     /// `max |x_i - xi|` at the end, in state units.
@@ -141,7 +145,8 @@ pub struct EmergentSummary {
     pub contraction: Option<Contraction>,
     /// `mu_i^-1(f_em - f_i)` at the end, by id: what `nu_i / psi_i` settles to under a narrow funnel.
     pub steady_ratio: Vec<f64>,
-    /// The largest of their sizes over all steps of the prediction, by id: one minus it is the margin of a node.
+    /// The largest of their sizes over all steps of the prediction, by id: one minus it is the margin of a
+    /// node.
     pub steady_ratio_max: Vec<f64>,
 }
 
@@ -189,7 +194,8 @@ pub struct BusSummary {
 pub struct ClockSummary {
     /// Whether a time master kept them together.
     pub sync: bool,
-    /// Difference between the fastest and the slowest running node that 99 of 100 ticks do not exceed, s; up to a sixteenth too long.
+    /// Difference between the fastest and the slowest running node that 99 of 100 ticks do not exceed, s; up
+    /// to a sixteenth too long.
     pub skew_p99_s: f64,
     /// The largest, s.
     pub skew_max_s: f64,
@@ -216,7 +222,8 @@ impl ClockSummary {
 /// The nodes of a bench, beside the same run in loopback.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct BenchSummary {
-    /// Whether all nodes showed the bits of loopback at every tick of the scenario: tick number, state, diffusive term, funnel and input.
+    /// Whether all nodes showed the bits of loopback at every tick of the scenario: tick number, state,
+    /// diffusive term, funnel and input.
     pub bit_for_bit: bool,
     /// Node-ticks of which nothing was recorded, or not all.
     pub unrecorded: u64,
@@ -242,11 +249,13 @@ pub struct BenchSummary {
 pub struct OwnClockSummary {
     /// Time from the first start that was written to the last, s.
     pub start_spread_s: f64,
-    /// Largest time between the first and the last node that said what a tick came to, as the host read them, s.
+    /// Largest time between the first and the last node that said what a tick came to, as the host read them,
+    /// s.
     pub largest_skew_s: f64,
     /// The tick that it was at; `null` where no node said anything.
     pub largest_skew_tick: Option<u64>,
-    /// Node-ticks of which a state or telemetry was lost, or never sent by a node that was late: the last value stands in their place.
+    /// Node-ticks of which a state or telemetry was lost, or never sent by a node that was late: the last
+    /// value stands in their place.
     pub missed: u64,
     /// By id.
     pub nodes: Vec<OwnClockNodeSummary>,
@@ -287,7 +296,8 @@ pub struct CanSummary {
     pub strangers: u64,
     /// Frames that were none of the real-time plane.
     pub unreadable: u64,
-    /// States that were not relayed in a frame of CAN FD, since a component of them was lost on its way to this program.
+    /// States that were not relayed in a frame of CAN FD, since a component of them was lost on its way to
+    /// this program.
     pub incomplete: u64,
     /// Errors that the controller reported.
     pub errors: u64,
@@ -295,7 +305,8 @@ pub struct CanSummary {
     pub last_error: Option<String>,
 }
 
-/// One per CAN interface, in the order of the bench file: an object where there is one, an array where there are several.
+/// One per CAN interface, in the order of the bench file: an object where there is one, an array where there
+/// are several.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PerInterface(pub Vec<CanSummary>);
 

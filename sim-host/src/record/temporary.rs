@@ -16,8 +16,8 @@ pub(super) fn beside(target: &Path) -> Option<PathBuf> {
     Some(target.with_file_name(hidden))
 }
 
-/// Removes the temporary files of processes that are no more, where `is_ours` knows the name that the file was to have.
-/// What cannot be removed stays: it is in nobody's way.
+/// Removes the temporary files of processes that are no more, where `is_ours` knows the name that the file
+/// was to have. What cannot be removed stays: it is in nobody's way.
 pub fn remove_abandoned(folder: &Path, is_ours: impl Fn(&str) -> bool) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();

@@ -19,9 +19,11 @@ pub struct Row {
     pub psi: Vec<f64>,
     /// Coupling inputs, in state units per second.
     pub u: Vec<f64>,
-    /// True diffusive terms, in state units: of the states of all nodes at this instant. NaN where one is not known.
+    /// True diffusive terms, in state units: of the states of all nodes at this instant. NaN where one is not
+    /// known.
     pub true_nu: Vec<f64>,
-    /// The funnels that they are judged by, in state units: the scenario's, not narrower than the accepted floor.
+    /// The funnels that they are judged by, in state units: the scenario's, not narrower than the accepted
+    /// floor.
     pub asked_psi: Vec<f64>,
     /// The emergent trajectory by component, in state units; empty where it is not known.
     pub xi: Vec<f64>,
@@ -33,8 +35,9 @@ pub struct Row {
 
 /// Writes `trajectory.csv` row by row; the file gets its name on [`finish`](Self::finish).
 ///
-/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`, `true_nu_1..`, `asked_psi_1..`; for vector states `x_1_0,
-/// x_1_1, ...`, `xi_0, ...` and so on. What is not known is an empty field.
+/// Columns: `t`, then `x_1..x_N`, `nu_1..`, `psi_1..`, `u_1..`, `xi`, `blended`, `true_nu_1..`,
+/// `asked_psi_1..`; for vector states `x_1_0, x_1_1, ...`, `xi_0, ...` and so on. What is not known is an
+/// empty field.
 #[derive(Debug)]
 pub struct TrajectoryWriter {
     file: AtomicFile,
@@ -65,7 +68,8 @@ impl TrajectoryWriter {
     /// Appends a row.
     ///
     /// # Errors
-    /// [`RecordError`] if it cannot be written, or if one of its vectors does not have one entry per node and component.
+    /// [`RecordError`] if it cannot be written, or if one of its vectors does not have one entry per node and
+    /// component.
     pub fn write(&mut self, row: &Row) -> Result<(), RecordError> {
         let (shape, precision) = (self.shape, self.precision);
         self.file.write(|out| line(out, row, shape, precision))
@@ -134,7 +138,8 @@ fn line(out: &mut dyn Write, row: &Row, shape: Shape, precision: Precision) -> i
     out.write_all(b"\n")
 }
 
-/// A value of each node and component. One that is not known has an empty field: a last value in its place would pass for a measurement.
+/// A value of each node and component. One that is not known has an empty field: a last value in its place
+/// would pass for a measurement.
 fn values(out: &mut dyn Write, table: &[f64], t: f64, shape: Shape, precision: Precision) -> io::Result<()> {
     let Shape { nodes, components } = shape;
     if table.len() != nodes * components {

@@ -11,7 +11,8 @@ use std::fmt;
 pub struct Difference {
     /// Tick of the state in which it is; of another frame, the one at which it was sent.
     pub tick: u32,
-    /// What differs: `x` or `x of component 1`, `tick`, `weight` and others; `frame` where one of both has none.
+    /// What differs: `x` or `x of component 1`, `tick`, `weight` and others; `frame` where one of both has
+    /// none.
     pub field: String,
     /// The log's value.
     pub log: String,
@@ -31,7 +32,8 @@ impl fmt::Display for Difference {
     }
 }
 
-/// The field in which two frames with the same identifier differ first: its name, and its values in the log and of the node.
+/// The field in which two frames with the same identifier differ first: its name, and its values in the log
+/// and of the node.
 pub fn field(id: u16, log: &[u8], node: &[u8], fd: bool) -> (String, String, String) {
     let read = |bytes: &[u8]| says(&mut AnyFormat::new(fd), id, bytes);
     let (of_log, of_node) = (read(log), read(node));

@@ -1,5 +1,5 @@
-//! `sim-host replay`: gives one node's real code what the others said in a log, and compares what it sends with what the log says it sent
-//! (docs/book/src/can-logs.md).
+//! `sim-host replay`: gives one node's real code what the others said in a log, and compares what it sends
+//! with what the log says it sent (docs/book/src/can-logs.md).
 
 mod difference;
 mod gaps;
@@ -65,7 +65,8 @@ pub struct Replayed {
     pub interface: String,
     /// Frames of it in the log that are those that it sends, bit for bit.
     pub frames: u64,
-    /// Frames of it that a full bus had no room for, or that a node which came late had nobody to tell: the next one took their place.
+    /// Frames of it that a full bus had no room for, or that a node which came late had nobody to tell: the
+    /// next one took their place.
     pub unsent: u64,
     /// The last tick of which the log has a state of it.
     pub last_tick: Option<u32>,
@@ -161,7 +162,8 @@ struct Replay {
     drive: Drive,
     id: u8,
     fd: bool,
-    /// Time of the node at t = 0 of the log, ns, and how much earlier than the log says receivers have a frame.
+    /// Time of the node at t = 0 of the log, ns, and how much earlier than the log says receivers have a
+    /// frame.
     zero_ns: u64,
     earlier_ns: u64,
     /// Of a simulated bus.

@@ -1,5 +1,6 @@
-//! A log of nodes that tick by their own clock. Nobody knows what a node had heard when it ticked: a frame that the log has before a state may
-//! have waited in the node's inbox for longer. So every way to hear the frames is followed in which the node sends what the log has.
+//! A log of nodes that tick by their own clock. Nobody knows what a node had heard when it ticked: a frame
+//! that the log has before a state may have waited in the node's inbox for longer. So every way to hear the
+//! frames is followed in which the node sends what the log has.
 
 use super::Entry;
 use super::twin::{Twin, tick_of};
@@ -7,13 +8,14 @@ use funnelnet_link::Frame as _;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-/// Ways that are followed at once. Where a state hardly moves, its bits are equal for some time whatever was heard; what rounding leaves is not,
-/// and decides later.
+/// Ways that are followed at once. Where a state hardly moves, its bits are equal for some time whatever was
+/// heard; what rounding leaves is not, and decides later.
 const WAYS: usize = 256;
 /// Frames that may wait in a node's inbox: those of several ticks.
 const INBOX: usize = 256;
-/// States that may be missing between two of the log where each of their ticks may have come by itself. Where more are, the node ran them at once:
-/// so a stamp that is wrong by many ticks is no long search, and no deep one.
+/// States that may be missing between two of the log where each of their ticks may have come by itself. Where
+/// more are, the node ran them at once: so a stamp that is wrong by many ticks is no long search, and no deep
+/// one.
 const MISSING: u32 = 8;
 /// Steps that are tried for one frame of the log.
 const TRIES: usize = 50_000;
@@ -66,10 +68,12 @@ impl OwnClock {
         }
     }
 
-    /// Takes a frame of the node: tick of it, and states that came to nothing since the one before it, as newer ones took their place.
+    /// Takes a frame of the node: tick of it, and states that came to nothing since the one before it, as
+    /// newer ones took their place.
     ///
     /// # Errors
-    /// The node sends no such frame, whatever it has heard: here it is as it should be at that tick, with all frames heard.
+    /// The node sends no such frame, whatever it has heard: here it is as it should be at that tick, with all
+    /// frames heard.
     pub fn take(&mut self, id: u16, bytes: &[u8], fd: bool) -> Result<(u32, u32), Box<Twin>> {
         let wanted = Wanted { id, bytes, fd };
         let mut tries = TRIES;

@@ -1,4 +1,5 @@
-//! Nodes whose inboxes and ticks come late, in ways that no log tells, are replayed from the log all the same.
+//! Nodes whose inboxes and ticks come late, in ways that no log tells, are replayed from the log all the
+//! same.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use super::own_clock::OwnClock;

@@ -133,7 +133,8 @@ fn fits(path: &Path, seen: &Seen, scenario: &Scenario, id: u8) -> Result<(), Run
     Ok(())
 }
 
-/// A node that should be in the log, and is not: a neighbour; in a simulation any node, unless the bus has no room for all.
+/// A node that should be in the log, and is not: a neighbour; in a simulation any node, unless the bus has no
+/// room for all.
 fn silent(seen: &Seen, scenario: &Scenario, id: u8) -> Option<u8> {
     let is_silent = |other: &u8| !seen.nodes.contains_key(other);
     let neighbours = scenario.graph.neighbours(usize::from(id) - 1);

@@ -22,7 +22,8 @@ use funnelnet_protocol::service::Identity;
 use std::fmt::Display;
 use std::io::Write;
 
-/// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told to stop.
+/// Runs `scenario` on the nodes of `options.bench`, beside loopback. However the run ends, all nodes are told
+/// to stop.
 pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     fits_the_bus(scenario, file)?;
@@ -103,7 +104,8 @@ fn wires(file: &BenchFile, ids: &[u8]) -> usize {
     file.wires.iter().filter(of_run).count()
 }
 
-/// What a scenario asks of its bus that a real one does not do between nodes on it, nor a wire between its ends.
+/// What a scenario asks of its bus that a real one does not do between nodes on it, nor a wire between its
+/// ends.
 fn skipped(scenario: &Scenario) -> Vec<&'static str> {
     let bus = &scenario.bus;
     let asked = [
@@ -169,7 +171,8 @@ impl Files {
     }
 }
 
-/// With what was on the buses, by identifier; those of a run on one bus whose bit rate is known say how busy that was.
+/// With what was on the buses, by identifier; those of a run on one bus whose bit rate is known say how busy
+/// that was.
 fn with_tables(bus: BusSummary, can: crate::bus::table::BusTables) -> BusSummary {
     let utilisation = match can.0.as_slice() {
         [table] => table.utilisation.unwrap_or(0.0),

@@ -1,7 +1,8 @@
-//! What happens between two ticks of the network, where the law decides once in a round of several ticks (LAW.md 5).
+//! What happens between two ticks of the network, where the law decides once in a round of several ticks
+//! (law.md 5).
 //!
-//! Inputs are held there and nobody hears anybody, so the states follow from those at the round and the nodes' own fields. The law does not see them; rows and
-//! verdicts do.
+//! Inputs are held there and nobody hears anybody, so the states follow from those at the round and the
+//! nodes' own fields. The law does not see them; rows and verdicts do.
 
 use crate::presence::Presence;
 use crate::scenario::{NodeSpec, Scenario};
@@ -11,7 +12,8 @@ use funnelnet_node::Observation;
 pub(super) struct Round {
     /// Its number.
     pub k: u64,
-    /// What the nodes saw at its beginning, by index and then by component. States go on from there; the rest is held.
+    /// What the nodes saw at its beginning, by index and then by component. States go on from there; the rest
+    /// is held.
     pub seen: Vec<Observation<f32>>,
     /// The states without the rounding of f32, state units.
     x: Vec<f64>,
@@ -25,7 +27,8 @@ impl Round {
         Self { k, seen: seen.to_vec(), x, presence: presence.to_vec() }
     }
 
-    /// Takes it that these are at the end of the round. Who has stopped in it has stayed where it was; events come between two rounds.
+    /// Takes it that these are at the end of the round. Who has stopped in it has stayed where it was; events
+    /// come between two rounds.
     pub fn ends_with(&mut self, presence: &[Presence]) {
         for (before, after) in self.presence.iter_mut().zip(presence) {
             if (*before, *after) == (Presence::Ran, Presence::Stopped) {

@@ -14,8 +14,8 @@ use crate::reference::ReferenceSolution;
 use crate::scenario::Scenario;
 use funnelnet_node::Observation;
 
-/// What the hash takes for a state that a node does not have, or of which nothing is known: no run without such a gap is equal to one
-/// with it.
+/// What the hash takes for a state that a node does not have, or of which nothing is known: no run without
+/// such a gap is equal to one with it.
 const NO_STATE: f32 = f32::from_bits(0x7fc0_0000);
 /// Collector of one run.
 pub struct Collector<'a> {
@@ -42,8 +42,8 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
-    /// For `scenario`, with a row every `stride` steps of the nodes' fields, which goes to `rows`. Where a tick is a round of several steps, there are rows
-    /// between two ticks for [`Self::between_rounds`] only.
+    /// For `scenario`, with a row every `stride` steps of the nodes' fields, which goes to `rows`. Where a
+    /// tick is a round of several steps, there are rows between two ticks for [`Self::between_rounds`] only.
     pub fn new(
         scenario: &'a Scenario,
         stride: u64,
@@ -79,7 +79,8 @@ impl<'a> Collector<'a> {
         self.lost.0 = so_far;
     }
 
-    /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there, by index.
+    /// Takes what the nodes saw at tick `k`, by index and then by component, and what is known of them there,
+    /// by index.
     ///
     /// # Errors
     /// The row cannot be written.

@@ -48,7 +48,8 @@ fn meet(file: &BenchFile, ids: &[u8], options: &RunOptions) -> Result<Commission
     nodes.and_then(|nodes| Commissioning::new(nodes, file.patience())).map_err(Failed::Before)
 }
 
-/// An error with what it leaves behind. `done` is what was to be done to each node, `advice` what to try where only some were.
+/// An error with what it leaves behind. `done` is what was to be done to each node, `advice` what to try
+/// where only some were.
 fn told(failed: Failed, done: &str, advice: &str) -> RunError {
     match failed {
         Failed::Before(error) => {

@@ -1,4 +1,5 @@
-//! What nodes reported, in bounded memory: a node that leaves its funnel at every tick of an hour says so seven million times.
+//! What nodes reported, in bounded memory: a node that leaves its funnel at every tick of an hour says so
+//! seven million times.
 
 use crate::engine::NodeEvent;
 use funnelnet_node::Event;

@@ -52,7 +52,8 @@ pub struct RunOptions {
     pub on: Fidelity,
     /// Folder for trajectory, summary and plots; made where it is missing.
     pub out: Option<PathBuf>,
-    /// Ticks between two rows of the trajectory, those between two rounds included; `None` means every tick, thinned to 2,000 rows.
+    /// Ticks between two rows of the trajectory, those between two rounds included; `None` means every tick,
+    /// thinned to 2,000 rows.
     pub every_ticks: Option<u64>,
     /// File for the summary as JSON; `-` is standard output, here and below.
     pub json: Option<PathBuf>,

@@ -250,8 +250,8 @@ impl Outcome {
         }
     }
 
-    /// The largest distance of a state at the end to a point; `None` where one is not known, or none is there. A node that an event keeps off
-    /// has none.
+    /// The largest distance of a state at the end to a point; `None` where one is not known, or none is
+    /// there. A node that an event keeps off has none.
     fn distance(&self, point: &[f64]) -> Option<f64> {
         let states = self.last.iter().zip(point.iter().cycle()).enumerate();
         let on = states.filter(|(at, _)| !self.findings.off.get(*at).is_some_and(|off| *off));

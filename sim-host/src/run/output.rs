@@ -1,4 +1,5 @@
-//! The files of a run, but for the JUnit file. All are opened before the run, so that a folder that cannot be written costs no time.
+//! The files of a run, but for the JUnit file. All are opened before the run, so that a folder that cannot be
+//! written costs no time.
 
 use super::claim::commit;
 use super::error::RunError;
@@ -228,8 +229,8 @@ pub(super) fn counted(more: &MoreEvents, time: &TimeSpec) -> String {
     format!("{} (the last of {} more of this kind)\n", line.trim_end(), more.count)
 }
 
-/// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with tick 0: one
-/// tick after the start, when the announced states have arrived.
+/// What nodes reported, a line each: time, node, event. The time is that of the trajectory, which begins with
+/// tick 0: one tick after the start, when the announced states have arrived.
 pub(super) fn events<'a>(events: impl IntoIterator<Item = &'a NodeEvent>, time: &TimeSpec) -> String {
     let mut text = String::new();
     for event in events {

@@ -1,4 +1,5 @@
-//! A bench whose nodes tick by their own clock: what they are told beside the scenario, what there is to warn of, and what is summed up.
+//! A bench whose nodes tick by their own clock: what they are told beside the scenario, what there is to warn
+//! of, and what is summed up.
 
 use crate::bench::{BenchFile, Skew, Where, ticks_until_apart};
 use crate::conductor::Conductor;
@@ -16,8 +17,8 @@ pub(crate) const DRIVE: Drive =
 /// Ticks of silence after which a neighbour is lost to a node that shall stop when it is alone.
 const SOON: u8 = 10;
 
-/// This program may die, and no SYNC tells the nodes so. But with it go all its relays: a node stops once all its neighbours are lost, unless
-/// the scenario says how many of them stop it.
+/// This program may die, and no SYNC tells the nodes so. But with it go all its relays: a node stops once all
+/// its neighbours are lost, unless the scenario says how many of them stop it.
 pub(super) fn stop_when_alone(configs: &mut [NodeConfig]) {
     for config in configs.iter_mut().filter(|config| config.lost_neighbours == 0) {
         // 126 at most.

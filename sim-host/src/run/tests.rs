@@ -24,7 +24,8 @@ fn judged<'s>(summary: &'s Summary, name: &str) -> &'s Expectation {
     summary.expect.iter().find(|expectation| expectation.name == name).unwrap()
 }
 
-/// Three nodes of one field, `slope x + sin(2 t)`, from the one state from which it stays bounded: any error grows by `e^(slope t)`.
+/// Three nodes of one field, `slope x + sin(2 t)`, from the one state from which it stays bounded: any error
+/// grows by `e^(slope t)`.
 fn balanced(slope: f64, expect: &str, sets: &[&str]) -> Scenario {
     let text = format!(
         r#"

@@ -128,7 +128,8 @@ impl Bench {
         end(self.spawn(arguments))
     }
 
-    /// After how many ticks of how many the run ended, and why, as its summary says; there is a row of the trajectory for each.
+    /// After how many ticks of how many the run ended, and why, as its summary says; there is a row of the
+    /// trajectory for each.
     pub fn ended_early(&self) -> String {
         let summary = self.summary();
         let why = summary["ended_early"].as_str().unwrap().to_owned();

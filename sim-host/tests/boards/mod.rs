@@ -1,4 +1,5 @@
-//! Played boards: the app of every board in this process, behind a pseudo-terminal, with a script of what goes wrong.
+//! Played boards: the app of every board in this process, behind a pseudo-terminal, with a script of what
+//! goes wrong.
 #![allow(dead_code, reason = "each file of tests has its own use for this")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 

@@ -1,5 +1,5 @@
-//! Played nodes that keep their configuration: the app of every node in a thread, behind a pair of sockets, with what goes wrong as it is
-//! commissioned.
+//! Played nodes that keep their configuration: the app of every node in a thread, behind a pair of sockets,
+//! with what goes wrong as it is commissioned.
 
 use funnelnet_app::link::{self, Health, Input};
 use funnelnet_app::storage::Storage;

@@ -19,9 +19,10 @@ fn sim_host(arguments: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), said.concat())
 }
 
-/// Frames of nodes with all their bits, tick by tick, and the announced edges: in a simulation what is sent before t = T belongs to tick 0, in lockstep
-/// what comes after its SYNC. A host waits for the states of a tick, and for no edge, so that these may come a tick later. What a host says is left
-/// out; it has no part in a simulation. The first states are the announced ones.
+/// Frames of nodes with all their bits, tick by tick, and the announced edges: in a simulation what is sent
+/// before t = T belongs to tick 0, in lockstep what comes after its SYNC. A host waits for the states of a
+/// tick, and for no edge, so that these may come a tick later. What a host says is left out; it has no part
+/// in a simulation. The first states are the announced ones.
 fn frames_by_tick(
     log: &str,
     tick: impl Fn(usize, f64) -> usize,
@@ -46,7 +47,8 @@ fn frames_by_tick(
     (sets, edges)
 }
 
-/// The same scenario on `can` in loopback and by host nodes on `vcan`: equal states at every tick, and the same frames in it.
+/// The same scenario on `can` in loopback and by host nodes on `vcan`: equal states at every tick, and the
+/// same frames in it.
 pub fn loopback_and_the_guest_kernel_have_the_same_frames(work: &Path) {
     assert_eq!(text(work, "bus.status").trim(), "0", "{}", text(work, "bus.err"));
     let folder = work.join("bus-loopback");
@@ -74,7 +76,8 @@ pub fn loopback_and_the_guest_kernel_have_the_same_frames(work: &Path) {
     the_tables_agree(&bench, &loopback);
 }
 
-/// The same rows, with the same numbers of frames, but for the last state, which loopback does not carry, and the host's frames.
+/// The same rows, with the same numbers of frames, but for the last state, which loopback does not carry, and
+/// the host's frames.
 fn the_tables_agree(bench: &serde_json::Value, loopback: &serde_json::Value) {
     let rows = |summary: &serde_json::Value| -> Vec<(String, u64)> {
         let rows = summary["bus"]["can"]["identifiers"].as_array().unwrap();
@@ -136,7 +139,8 @@ pub fn logs_replay_clean(work: &Path) {
 
 fn one_bit_is_found(work: &Path) {
     let log = text(work, "whole/can.log");
-    // The announced state is the first one; the last digit is one of the tick, the one before the last byte of x.
+    // The announced state is the first one; the last digit is one of the tick, the one before the last byte
+    // of x.
     let (at, line) = log.lines().enumerate().filter(|(_, line)| line.contains(" 183#")).nth(700).unwrap();
     let old = line.as_bytes()[line.len() - 3];
     let new = if old == b'0' { '1' } else { '0' };

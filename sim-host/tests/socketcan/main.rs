@@ -1,4 +1,5 @@
-//! Benches on a real SocketCAN bus, `vcan` in a guest kernel, with nodes in processes of their own. `./ci.sh socketcan` runs this.
+//! Benches on a real SocketCAN bus, `vcan` in a guest kernel, with nodes in processes of their own.
+//! `./ci.sh socketcan` runs this.
 #![cfg(target_os = "linux")]
 #![allow(
     clippy::unwrap_used,
@@ -153,8 +154,8 @@ fn the_bits_of_loopback(work: &Path) {
     assert_eq!(summary["trace_hash"], loopback["trace_hash"]);
 }
 
-/// Candump, which knows nothing of the run, has seen what the nodes say of it: each state of each tick, and nothing else but a start, a
-/// SYNC per tick and the announced edges.
+/// Candump, which knows nothing of the run, has seen what the nodes say of it: each state of each tick, and
+/// nothing else but a start, a SYNC per tick and the announced edges.
 fn every_frame_is_explained(work: &Path) {
     let log = text(work, "candump.log");
     let frames = frames(&log);
@@ -218,8 +219,8 @@ fn fd_frame(frame: &str) -> (u16, u8, Vec<u8>) {
     (u16::from_str_radix(id, 16).unwrap(), hex(&rest[..1]), data)
 }
 
-/// Five nodes with two components each: one frame per node and tick, with the whole state and the bits of loopback; nothing else but a start, a
-/// SYNC per tick and the announced edges; and our own log is candump's.
+/// Five nodes with two components each: one frame per node and tick, with the whole state and the bits of
+/// loopback; nothing else but a start, a SYNC per tick and the announced edges; and our own log is candump's.
 fn can_fd_has_a_frame_for_all_components(work: &Path) {
     for run in ["fd", "fd-mixed"] {
         assert_eq!(text(work, &format!("{run}.status")).trim(), "0", "{}", text(work, &format!("{run}.err")));
@@ -307,7 +308,8 @@ fn a_node_that_dies_is_named(work: &Path) {
     assert!(end - at < 3.0, "it took {} s", end - at);
 }
 
-/// A node that was killed is away for a while, and another one joins. From its first SYNC on no state is refused, by it or by the others.
+/// A node that was killed is away for a while, and another one joins. From its first SYNC on no state is
+/// refused, by it or by the others.
 fn another_takes_its_place(work: &Path) {
     // It was away, which fails the run.
     assert_eq!(text(work, "go-on.status").trim(), "1", "{}", text(work, "go-on.err"));
@@ -325,8 +327,8 @@ fn another_takes_its_place(work: &Path) {
     assert!(sync["final_spread"].as_f64().unwrap() < sync["bound"].as_f64().unwrap(), "{sync}");
 }
 
-/// The nodes that were there first all fall silent, and are named. Those that came later do too, or have already been made to tick by the
-/// first bench, whose bus it is.
+/// The nodes that were there first all fall silent, and are named. Those that came later do too, or have
+/// already been made to tick by the first bench, whose bus it is.
 fn twins_fall_silent(work: &Path) {
     let said = text(work, "first.err");
     for id in 1..=NODES {

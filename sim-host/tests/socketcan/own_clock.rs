@@ -1,7 +1,8 @@
 //! Nodes on CAN that tick by their own clock, in real time.
 //!
-//! On a bus a frame takes a tenth of a millisecond, and nodes tick within that of each other: a state comes before its receiver's own tick or
-//! after it, as it happens. So the bits of loopback are demanded only where every frame passes this program, which delays it by half a tick.
+//! On a bus a frame takes a tenth of a millisecond, and nodes tick within that of each other: a state comes
+//! before its receiver's own tick or after it, as it happens. So the bits of loopback are demanded only where
+//! every frame passes this program, which delays it by half a tick.
 
 use super::{NODES, assert_same, decoded, fd_frame, frames, summary, text};
 use funnelnet_protocol::can_fd::{self, Content};
@@ -31,7 +32,8 @@ pub fn write_benches(work: &Path) {
     write("own-fd-mixed.toml", "can = \"vcan0\"\ncan_fd = true", ["vcan0", "vcan0", "vcan0", "", ""]);
 }
 
-/// What a run that ended well says of its clocks: ticks of which a part was lost, ticks that were late, values that were.
+/// What a run that ended well says of its clocks: ticks of which a part was lost, ticks that were late,
+/// values that were.
 fn clocks(work: &Path, run: &str) -> (u64, u64, u64) {
     assert_eq!(text(work, &format!("{run}.status")).trim(), "0", "{}", text(work, &format!("{run}.err")));
     let summary = summary(work, run);
@@ -51,8 +53,8 @@ fn largest_deviation(bench: &Value) -> f64 {
     nodes.iter().map(|node| node["largest_deviation"].as_f64().unwrap()).fold(0.0, f64::max)
 }
 
-/// What is kept of the run is what candump, which knows nothing of it, has heard: each state of each tick, and nothing else but one start,
-/// one stop and the announced edges. Nothing is relayed.
+/// What is kept of the run is what candump, which knows nothing of it, has heard: each state of each tick,
+/// and nothing else but one start, one stop and the announced edges. Nothing is relayed.
 pub fn five_on_a_bus_are_recorded_from_it(work: &Path) {
     let (missed, overruns, _) = clocks(work, "own");
     let summary = summary(work, "own");

@@ -25,7 +25,8 @@ pub fn two_buses_have_the_bits_of_loopback(work: &Path) {
         assert_same(&ours, &frames(&theirs));
         assert_eq!((&counts["interface"], &counts["frames"]), (&name.into(), &ours.len().into()));
         assert_eq!((&counts["strangers"], &counts["unreadable"]), (&0.into(), &0.into()), "{bench}");
-        // States of those that are there, once each, and of neighbours elsewhere; the last one finds no tick any more.
+        // States of those that are there, once each, and of neighbours elsewhere; the last one finds no tick
+        // any more.
         let here = if name == "vcan0" { [602, 602, 601, 0, 601] } else { [0, 601, 602, 602, 601] };
         assert_eq!([1, 2, 3, 4, 5].map(|id| states(&ours, id)), here, "{name}");
         let starts = |frame: &&&str| matches!(decoded(frame), Message::Ctrl { command: Order::Start, .. });

@@ -69,7 +69,7 @@ impl OnWire for Fd {
     }
 }
 
-/// Who sees all that happens on the bus, in order: frames with their start and end, lost arbitrations, errors.
+/// Tap that sees all that happens on the bus, in order: frames with their start and end, lost arbitrations, errors.
 pub type Tap = Box<dyn FnMut(&Event)>;
 
 /// A node's port with its driver.
@@ -219,7 +219,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         }
     }
 
-    /// With frames that are acknowledged and that a receiver loses, by random streams of `seed`.
+    /// Lets receivers lose frames that are acknowledged, by random streams of `seed`.
     pub fn with_loss(mut self, seed: u64, loss: Loss) -> Self {
         for (index, station) in self.stations.iter_mut().enumerate() {
             station.loser = Loser::new(loss, random::stream(seed, Purpose::Loss, index as u64));
@@ -242,7 +242,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         Self { is_plain: self.is_plain && links.is_none(), links, ..self }
     }
 
-    /// With somebody who sees all that happens on it.
+    /// Adds a tap that sees all that happens on the bus.
     pub fn with_tap(mut self, tap: Tap) -> Self {
         self.bus.report_losses(true);
         self.bus.report_receptions(true);

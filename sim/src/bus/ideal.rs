@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 /// Parameters of the ideal bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IdealParams {
-    /// How a receiver loses frames.
+    /// Loss of frames at a receiver.
     pub loss: Loss,
     /// Delay of every frame, ns.
     pub latency_ns: u64,
@@ -79,7 +79,7 @@ impl<P: Payload> IdealBus<P> {
         }
     }
 
-    /// With links behind it and what events do to them; random streams are of `seed`.
+    /// Adds links behind the bus, and what events do to them, with random streams of `seed`.
     pub fn with_links(self, seed: u64, links: &[LinkSpec], spells: &[Spell]) -> Self {
         let behind = |links| Box::new(Behind { links, ready: VecDeque::new(), at: 0 });
         Self { links: Links::of(seed, links, spells).map(behind), ..self }
@@ -112,7 +112,7 @@ impl<P: Payload> IdealBus<P> {
         self.listeners.get(sender).is_some_and(|listeners| listeners.contains(&receiver))
     }
 
-    /// When the next frame arrives, ns.
+    /// Time at which the next frame arrives, ns.
     pub fn next_arrival(&self) -> Option<u64> {
         let flight = self.flights.front().map(|flight| flight.at);
         match &self.links {

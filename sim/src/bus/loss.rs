@@ -31,7 +31,8 @@ impl Loser {
     fn loses_in_bursts(&mut self) -> bool {
         let Loss { good, bad, to_bad, to_good } = self.loss;
         let (lost, changes) = if self.is_bad { (bad, to_good) } else { (good, to_bad) };
-        // Two draws for each frame, whatever the probabilities are: those of a frame do not depend on the state.
+        // Two draws for each frame, whatever the probabilities are: those of a frame do not depend on the
+        // state.
         let is_lost = random::uniform(&mut self.stream) < lost;
         self.is_bad ^= random::uniform(&mut self.stream) < changes;
         is_lost

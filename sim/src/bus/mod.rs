@@ -64,18 +64,20 @@ pub trait Medium {
     /// Node `sender` has nothing more to say at `now` (ns): what was collected for one frame goes.
     fn flush(&mut self, _now: u64, _sender: usize) {}
 
-    /// Node `node` computes until then (ns), and takes no frame from its driver meanwhile. What it hears in its tick it uses in the next one,
-    /// so that this matters only where the driver has limited room.
+    /// Node `node` computes until then (ns), and takes no frame from its driver meanwhile. What it hears in
+    /// its tick it uses in the next one, so that this matters only where the driver has limited room.
     fn computes(&mut self, _node: usize, _until: u64) {}
 
     /// When the next thing happens, ns.
     fn next_arrival(&self) -> Option<u64>;
 
-    /// Lets the next thing happen: `receive(receiver, message)` for each node that hears something then, or the reason for refusing it.
+    /// Lets the next thing happen: `receive(receiver, message)` for each node that hears something then, or
+    /// the reason for refusing it.
     fn deliver(&mut self, receive: impl FnMut(usize, Result<Message, Refusal>));
 
-    /// Lets the next thing happen that comes before `before` (ns), with its time; none where nothing does. `receive(time, receiver, message)`
-    /// is as above. Times at which nobody hears anything may be passed over.
+    /// Lets the next thing happen that comes before `before` (ns), with its time; none where nothing does.
+    /// `receive(time, receiver, message)` is as above. Times at which nobody hears anything may be passed
+    /// over.
     fn deliver_before(
         &mut self,
         before: u64,
@@ -96,22 +98,25 @@ pub trait Medium {
         Vec::new()
     }
 
-    /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus and on CAN alone: a scenario
-    /// refuses them on any other.
+    /// Has the nodes `listeners[i]` accept the frames of node `i` from now on. Events happen on the ideal bus
+    /// and on CAN alone: a scenario refuses them on any other.
     fn set_listeners(&mut self, _listeners: Vec<Vec<usize>>) {}
 
-    /// Stamps of SYNC since the last call, in the order in which nodes hear of them; none on a medium without a shared wire.
+    /// Stamps of SYNC since the last call, in the order in which nodes hear of them; none on a medium without
+    /// a shared wire.
     fn take_stamps(&mut self) -> Vec<Stamp> {
         Vec::new()
     }
 
-    /// Node `node` goes at `now` (ns), or comes. On the ideal bus nothing follows: a node is no more than its frames there.
+    /// Node `node` goes at `now` (ns), or comes. On the ideal bus nothing follows: a node is no more than its
+    /// frames there.
     fn switch(&mut self, _now: u64, _node: usize, _power: Power) {}
 
     /// Frame counts so far.
     fn traffic(&self) -> Traffic;
 
-    /// Has a table, and with `log` what a log holds, kept from now on; the scenario's t = 0 comes at `zero_ns`.
+    /// Has a table, and with `log` what a log holds, kept from now on; the scenario's t = 0 comes at
+    /// `zero_ns`.
     fn watch(&mut self, _zero_ns: u64, _log: bool) {}
 
     /// What is kept, if anything is.

@@ -1,4 +1,5 @@
-//! What a CAN bus carried, by identifier: the same table for loopback, for a bench by its log, and as `check` computes it.
+//! What a CAN bus carried, by identifier: the same table for loopback, for a bench by its log, and as `check`
+//! computes it.
 
 use crate::number_format::significant;
 use funnelnet_can_bus::table::{Latencies, Row};
@@ -11,14 +12,16 @@ const SHOWN: usize = 10;
 /// Identifiers that won over another one, for each: the most frequent.
 const WINNERS: usize = 3;
 
-/// One bus. What is not known of it is `null`: a log does not say who lost an arbitration, nor what waited.
+/// Table of one bus. What is not known is `null`: a log does not say who lost an arbitration, nor what
+/// waited.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct BusTable {
     /// Its name.
     pub interface: String,
     /// Nominal bit rate, bit/s.
     pub bitrate: Option<u32>,
-    /// Share of the time that it was busy, from each start of frame to the end of the intermission, error frames included, 0 to 1.
+    /// Share of the time that it was busy, from each start of frame to the end of the intermission, error
+    /// frames included, 0 to 1.
     pub utilisation: Option<f64>,
     /// Attempts to send that ended in an error.
     pub error_frames: Option<u64>,
@@ -26,19 +29,20 @@ pub struct BusTable {
     pub fifo_overflows: Option<u64>,
     /// Frames that a driver's queue had no room for.
     pub queue_overflows: Option<u64>,
-    /// How often a controller became error-passive.
+    /// Number of times that a controller became error-passive.
     pub error_passive: Option<u64>,
-    /// How often a controller went off the bus.
+    /// Number of times that a controller went off the bus.
     pub bus_off: Option<u64>,
     /// Frames that were never sent, for want of room: the next one took their place.
     pub unsent: Option<u64>,
-    /// What latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when SYNC of its tick was on the bus.
+    /// Instant that latencies count from: `tick`, when the node gave the frame to its port, or `sync`, when
+    /// SYNC of its tick was on the bus.
     pub latency_from: Option<&'static str>,
-    /// By identifier, the most urgent first.
+    /// Rows by identifier, the most urgent first.
     pub identifiers: Vec<IdentifierRow>,
 }
 
-/// One identifier.
+/// Row of one identifier.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct IdentifierRow {
     /// Identifier, three hexadecimal digits, or eight.
@@ -72,7 +76,8 @@ pub struct LatencyRow {
     pub max: f64,
 }
 
-/// One per bus, in the order of the bench file: an object where there is one, an array where there are several.
+/// One per bus, in the order of the bench file: an object where there is one, an array where there are
+/// several.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BusTables(pub Vec<BusTable>);
 
@@ -94,7 +99,7 @@ impl Serialize for BusTables {
 }
 
 impl BusTable {
-    /// What a simulated bus knows: all of it.
+    /// Table of a simulated bus, which knows all of it.
     #[must_use]
     pub fn of_simulation(table: &Table, unsent: &BTreeMap<Id, u64>) -> Self {
         // What was never sent at all has no row.
@@ -136,7 +141,7 @@ impl BusTable {
         }
     }
 
-    /// What a log says.
+    /// Table of what a log says.
     #[must_use]
     pub fn of_log(table: &Table) -> Self {
         let identifiers = table.rows().map(|(id, row)| IdentifierRow::new(id, row)).collect();

@@ -1,4 +1,5 @@
-//! What a run keeps of its bus: a table by identifier and, where a log is wanted, what has happened since it was last taken.
+//! What a run keeps of its bus: a table by identifier and, where a log is wanted, what has happened since it
+//! was last taken.
 
 use funnelnet_can_bus::{Event, Id, Record, Table, What};
 use std::collections::BTreeMap;
@@ -6,7 +7,8 @@ use std::collections::BTreeMap;
 /// Keeps what happens on a bus.
 #[derive(Debug, Default)]
 pub struct Watch {
-    /// Time of the bus at the scenario's t = 0, ns. What comes before, which is the announced states, has time 0 in a log.
+    /// Time of the bus at the scenario's t = 0, ns. What comes before, which is the announced states, has
+    /// time 0 in a log.
     zero_ns: u64,
     records: Option<Vec<Record>>,
     table: Table,
@@ -47,7 +49,8 @@ impl Watch {
         }
     }
 
-    /// The event with the time at which the node gave the frame, which may be before its transmit buffer had it.
+    /// The event with the time at which the node gave the frame, which may be before its transmit buffer had
+    /// it.
     fn since_given(&mut self, mut event: Event) -> Event {
         if let What::Sent { frame, ready, .. } = &mut event.what
             && let Some(given) = self.given.get_mut(&frame.id())
@@ -59,18 +62,18 @@ impl Watch {
         event
     }
 
-    /// What a log holds of what happened since the last call.
+    /// Records for a log of what happened since the last call.
     pub fn take_records(&mut self) -> Vec<Record> {
         self.records.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// What was carried so far.
+    /// Table of what was carried so far.
     pub fn table(&self) -> &Table {
         &self.table
     }
 
-    /// Frames of each identifier that were never sent, in order: the next one took their place, or the node was off the bus. One that still
-    /// waits is none.
+    /// Frames of each identifier that were never sent, in order: the next one took their place, or the node
+    /// was off the bus. One that still waits is none.
     pub fn unsent(&self) -> BTreeMap<Id, u64> {
         let sent: BTreeMap<Id, u64> = self.table.rows().map(|(id, row)| (id, row.frames)).collect();
         let unsent = |(&id, given): (&Id, &Given)| {

@@ -19,7 +19,8 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
         let text = "what inputs are needed is not known for this coupling and these states".to_owned();
         return Some(new(text, json!({})).stands(Status::NotChecked));
     };
-    // How much of what its actuator can do a node needs; with a sign that is not known here, of the stronger side.
+    // How much of what its actuator can do a node needs; with a sign that is not known here, of the stronger
+    // side.
     let share = |(node, seen): (&NodeSpec, &super::forecast::NodeSeen)| {
         node.limits.map_or(0.0, |limits| seen.input / larger(-limits.low, limits.high))
     };

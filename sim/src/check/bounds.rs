@@ -1,4 +1,5 @@
-//! The bounds of a disturbed network (LAW.md 9), and whether a bound that the designer gives clips what the law does undisturbed.
+//! The bounds of a disturbed network (law.md 9), and whether a bound that the designer gives clips what the
+//! law does undisturbed.
 
 use serde_json::json;
 

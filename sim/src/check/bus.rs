@@ -14,12 +14,13 @@ use funnelnet_node::neighbour::WINDOW_BACK;
 use funnelnet_node::params::LONGEST_ROUND;
 use funnelnet_protocol::can::function;
 
-/// Loss up to which `c` may stay as it is (LAW.md 4).
+/// Loss up to which `c` may stay as it is (law.md 4).
 const HARMLESS_LOSS: f64 = 0.1;
 /// `c` for a loss up to 20 %, and beyond.
 const DAMPED: [(f64, f64); 2] = [(0.2, 3.0), (1.0, 4.0)];
 
-/// Rounds that are long enough for every frame (LAW.md 5), as the setting where the run is a whole number of them.
+/// Rounds that are long enough for every frame (law.md 5), as the setting where the run is a whole number of
+/// them.
 fn decide_less_often(found: Finding, status: Status, why: &str, subject: &Subject<'_>) -> Finding {
     let (bus, time) = (&subject.scenario.bus, subject.scenario.time);
     let step_ns = time.tick_ns / u64::from(time.round);
@@ -74,8 +75,8 @@ fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
 /// Data bytes of a plain frame of one component, or of an announced edge (protocol/README.md).
 const BYTES: u32 = 5;
 
-/// What a CAN bus has to carry, by the response times of fixed priorities: all nodes say their states at the begin of a tick, each in a frame for each
-/// component, and each may announce an edge beside them.
+/// What a CAN bus has to carry, by the response times of fixed priorities: all nodes say their states at the
+/// begin of a tick, each in a frame for each component, and each may announce an edge beside them.
 struct OnCan {
     table: BusTable,
     /// Share of a tick that the states take, without stuff bits and with as many as there can be.

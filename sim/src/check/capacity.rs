@@ -8,7 +8,8 @@ use crate::scenario::{BusModel, Scenario, Wiring};
 /// Load that a bus is planned for.
 const PLANNED_LOAD: f64 = 0.7;
 
-/// Worst-case load at which frames have no room any more, whatever their stuffing: 135 bits at most, 111 at least.
+/// Worst-case load at which frames have no room any more, whatever their stuffing: 135 bits at most, 111 at
+/// least.
 const FULL: f64 = 135.0 / 111.0;
 
 /// Data bytes of an authenticated state frame of one component.
@@ -36,22 +37,23 @@ pub(super) fn highest_rate(nodes: usize, bitrate: f64) -> f64 {
     PLANNED_LOAD * bitrate / (nodes as f64 * classic_bits(STATE_BYTES) as f64)
 }
 
-/// Time of a frame of CAN FD with an 11-bit id and `bytes` data bytes, s: worst-case stuffing, fixed stuff bits of the CRC field, and
-/// interframe space included. Rates of arbitration and data phase in bit/s.
+/// Time of a frame of CAN FD with an 11-bit id and `bytes` data bytes, s: worst-case stuffing, fixed stuff
+/// bits of the CRC field, and interframe space included. Rates of arbitration and data phase in bit/s.
 pub(super) fn fd_time(bytes: u64, (arbitration, data): (f64, f64)) -> f64 {
     let crc_field = if bytes > 16 { 32 } else { 27 };
     33.0 / arbitration + (7 + 10 * bytes + crc_field) as f64 / data
 }
 
-/// Highest tick rate (Hz) at 70 % load for `nodes` with states of so many components on CAN FD with these rates (bit/s).
+/// Highest tick rate (Hz) at 70 % load for `nodes` with states of so many components on CAN FD with these
+/// rates (bit/s).
 pub(super) fn highest_fd_rate(nodes: usize, components: usize, rates: (f64, f64)) -> f64 {
     // A state has eight components at most.
     let bytes = STATE_FD_BYTES.get(components.saturating_sub(1)).copied().unwrap_or(48);
     PLANNED_LOAD / (nodes as f64 * fd_time(bytes, rates))
 }
 
-/// Highest tick rate (Hz) at 70 % load on serial lines: a state of one component is a frame of twelve bytes with ten bits each. The line from a
-/// hub to a node carries the states of all its neighbours.
+/// Highest tick rate (Hz) at 70 % load on serial lines: a state of one component is a frame of twelve bytes
+/// with ten bits each. The line from a hub to a node carries the states of all its neighbours.
 fn highest_line_rate(scenario: &Scenario) -> f64 {
     let neighbours = (0..scenario.nodes.len()).map(|node| scenario.graph.neighbours(node).len()).max();
     let states = if scenario.bus.wiring == Wiring::Hub { neighbours.unwrap_or(1).max(1) } else { 1 };

@@ -1,7 +1,9 @@
-//! Cures, tried before they are advised: the scenario is read again with the setting in it, and the law followed.
+//! Cures, tried before they are advised: the scenario is read again with the setting in it, and the law
+//! followed.
 //!
-//! A longer round, more damping or a shorter tick help on paper. Whether they do here only the law says: at 40 % loss more damping is worse
-//! than none on a star, and rounds that are long enough for every frame may be too long for the funnel.
+//! A longer round, more damping or a shorter tick help on paper. Whether they do here only the law says: at
+//! 40 % loss more damping is worse than none on a star, and rounds that are long enough for every frame may
+//! be too long for the funnel.
 
 use super::subject::Subject;
 use super::{Advice, Finding, Setting, Status, figure};
@@ -16,7 +18,7 @@ const PARTS: [u64; 10] = [2, 4, 5, 8, 10, 20, 25, 40, 50, 100];
 const WIDER: [f64; 12] = [1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0];
 /// Dampings that are tried where frames get lost.
 const DAMPINGS: [f64; 4] = [3.0, 4.0, 6.0, 8.0];
-/// A slow start, and the guard beside it, by which no random network left its funnel at the start (LAW.md 7).
+/// A slow start, and the guard beside it, by which no random network left its funnel at the start (law.md 7).
 const SLOW_START_NS: u64 = 10_000_000;
 const SLOW_GUARD: f64 = 0.1;
 /// A ratio that is so much lower than before counts as better.
@@ -107,7 +109,8 @@ fn unclipped(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     needed.map(|set| vec![set]).into_iter().collect()
 }
 
-/// A slow start, where the start alone throws a node out: it costs some real time once, and nothing later (LAW.md 7).
+/// A slow start, where the start alone throws a node out: it costs some real time once, and nothing later
+/// (law.md 7).
 fn slowly_started(subject: &Subject<'_>) -> Vec<Vec<Setting>> {
     let time = subject.scenario.time;
     let is_the_start = |followed: &Followed| match followed.left {
@@ -134,7 +137,8 @@ fn damped(scenario: &Scenario) -> impl Iterator<Item = Setting> {
     more.map(|damping| Setting::new("coupling.damping", format!("{damping:?}")))
 }
 
-/// Rounds by which every frame has come, of shorter ticks as well, and with more damping where frames get lost too.
+/// Rounds by which every frame has come, of shorter ticks as well, and with more damping where frames get
+/// lost too.
 fn in_rounds(scenario: &Scenario) -> Vec<Vec<Setting>> {
     let (bus, time) = (&scenario.bus, scenario.time);
     let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
@@ -180,7 +184,8 @@ fn wider(scenario: &Scenario) -> Vec<Vec<Setting>> {
     times.map(|times| vec![Setting::new("coupling.funnel.factor", figure(factor * times))]).collect()
 }
 
-/// Several of these at once, where inputs are so large that a node settles at the very edge: with a gain that is less steep there.
+/// Several of these at once, where inputs are so large that a node settles at the very edge: with a gain that
+/// is less steep there.
 fn together(scenario: &Scenario) -> Vec<Vec<Setting>> {
     let scale = scenario.nodes.first().and_then(|node| {
         let (parameter, value) = node.gain.parameters().next()?;
@@ -226,7 +231,8 @@ pub(super) fn take_back(scenario: &Scenario, findings: &mut [Finding]) {
     }
 }
 
-/// Tries what the findings advise. Advice that does not help is taken back, and what does is put in its place, where anything does.
+/// Tries what the findings advise. Advice that does not help is taken back, and what does is put in its
+/// place, where anything does.
 pub(super) fn settle(subject: &Subject<'_>, findings: &mut [Finding]) {
     let is_open = |finding: &&mut Finding| {
         matches!(finding.status, Status::Warn | Status::Fail)

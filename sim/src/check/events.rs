@@ -17,8 +17,8 @@ pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
     (count > 0).then(|| Finding::new("events", "Events", text, values).stands(Status::NotChecked))
 }
 
-/// Takes the verdict from findings about a run that is another one with events: what the scenario expects, and, where nodes are
-/// absent at first, what the law does from the start.
+/// Takes the verdict from findings about a run that is another one with events: what the scenario expects,
+/// and, where nodes are absent at first, what the law does from the start.
 pub(super) fn unsettle(scenario: &Scenario, findings: &mut [Finding]) {
     if scenario.events.is_empty() {
         return;

@@ -125,7 +125,8 @@ fn from_blended(subject: &Subject<'_>) -> Option<f64> {
     }
 }
 
-/// The largest distance of the law's last states from a point, by component; none where the law or the point is not known to the end.
+/// The largest distance of the law's last states from a point, by component; none where the law or the point
+/// is not known to the end.
 fn from(subject: &Subject<'_>, point: &[f64]) -> Option<f64> {
     let reaches = subject.forecast.as_ref().is_none_or(|forecast| forecast.grid.reaches(subject.scenario));
     let run = subject.run().filter(|_| reaches && !point.is_empty())?;

@@ -1,4 +1,4 @@
-//! The first tick: the fields move the states before any input can answer (LAW.md 6).
+//! The first tick: the fields move the states before any input can answer (law.md 6).
 
 use funnelnet_law::Real;
 use serde_json::json;
@@ -69,7 +69,8 @@ pub(super) fn largest(scenario: &Scenario) -> (usize, f64) {
     }))
 }
 
-/// How fast the fields move what each node keeps in its funnel: its diffusive term, or that of its worst edge.
+/// How fast the fields move what each node keeps in its funnel: its diffusive term, or that of its worst
+/// edge.
 fn drifts(scenario: &Scenario, fields: &[f64]) -> Vec<f64> {
     if scenario.coupling != Coupling::EdgeWise {
         return scenario.graph.diffusive_terms(fields);

@@ -1,4 +1,4 @@
-//! What the sampled law in f32 cannot do (LAW.md 4).
+//! What the sampled law in f32 cannot do (law.md 4).
 
 use serde_json::{Value, json};
 
@@ -24,7 +24,8 @@ pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Findin
     found
 }
 
-/// Part of the narrowest funnel that one exchange per tick takes at the node where that is most, by the formula alone.
+/// Part of the narrowest funnel that one exchange per tick takes at the node where that is most, by the
+/// formula alone.
 pub(super) fn taken_of_narrowest(subject: &Subject<'_>, forecast: &Forecast) -> f64 {
     let index = tightest(forecast);
     forecast.nodes[index].floor / subject.narrowest(index)
@@ -35,8 +36,8 @@ fn tightest(forecast: &Forecast) -> usize {
     largest(forecast.nodes.iter().map(|node| node.taken)).0
 }
 
-/// One exchange per tick adds `theta c T^2 d |d/dt (f_em - f_i)| / psi` to the steady ratio (LAW.md 2, theorem 2). The sum of the sizes is
-/// predicted, and what holds follows from it.
+/// One exchange per tick adds `theta c T^2 d |d/dt (f_em - f_i)| / psi` to the steady ratio (law.md 2,
+/// theorem 2). The sum of the sizes is predicted, and what holds follows from it.
 fn narrowest(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     let index = tightest(forecast);
     let (_, ratio) = largest(forecast.nodes.iter().map(|node| node.ratio));
@@ -121,7 +122,8 @@ impl Longest {
     }
 }
 
-/// The fields against the tick: the node advances its state by a midpoint step, so that it sees a sine once per tick.
+/// The fields against the tick: the node advances its state by a midpoint step, so that it sees a sine once
+/// per tick.
 pub(super) fn speed(subject: &Subject<'_>) -> Finding {
     // In a round the field goes on tick by tick.
     let (nodes, tick) = (&subject.scenario.nodes, subject.scenario.time.step_s());
@@ -173,7 +175,8 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
     set(found.advise(Status::Note, format!("fast for the node's midpoint step; {advice}")), needed)
 }
 
-/// How fast a field decays or turns by itself, 1/s. That of a matrix is its norm: what turns fast makes the node's step grow as well.
+/// How fast a field decays or turns by itself, 1/s. That of a matrix is its norm: what turns fast makes the
+/// node's step grow as well.
 fn stiffness(field: &Dynamics) -> f64 {
     match field.affine() {
         Some(affine) if affine.slope.len() == 1 => -affine.slope(),
@@ -211,8 +214,8 @@ fn resolution(subject: &Subject<'_>, forecast: &Forecast) -> Finding {
     found.advise(Status::Warn, advice)
 }
 
-/// The margin `1 - |s_i|` that the emergent dynamics leave while the funnel is at its floor, against the rounding of `nu`
-/// there. `None` where no funnel reaches its floor.
+/// The margin `1 - |s_i|` that the emergent dynamics leave while the funnel is at its floor, against the
+/// rounding of `nu` there. `None` where no funnel reaches its floor.
 fn margin(forecast: &Forecast) -> Option<Finding> {
     let tight = forecast.at_floor?;
     let text = format!(

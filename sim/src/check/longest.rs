@@ -1,6 +1,8 @@
-//! The longest tick that keeps a scenario inside its funnels, found by following the law at one tick after the other.
+//! The longest tick that keeps a scenario inside its funnels, found by following the law at one tick after
+//! the other.
 //!
-//! The formula for the excess (LAW.md 2, theorem 2) is first order in a narrow funnel. In a wide one it names ticks that are far too long.
+//! The formula for the excess (law.md 2, theorem 2) is first order in a narrow funnel. In a wide one it names
+//! ticks that are far too long.
 
 use super::subject::Subject;
 use crate::extremes::{larger, smaller};
@@ -19,7 +21,8 @@ const FAR: f64 = 8.0;
 /// Hundredths of the work of a run that one tick may take.
 const SHARE: usize = 12;
 
-/// It, in s; none where that is not followed here. `estimate` is what the formula says, `most` what is not asked for, s.
+/// It, in s; none where that is not followed here. `estimate` is what the formula says, `most` what is not
+/// asked for, s.
 pub(super) fn by_law(subject: &Subject<'_>, estimate: f64, most: f64) -> Option<f64> {
     let scenario = subject.scenario;
     let now = scenario.time.tick_s();
@@ -31,7 +34,8 @@ pub(super) fn by_law(subject: &Subject<'_>, estimate: f64, most: f64) -> Option<
     {
         return None;
     }
-    // Upwards from where the law surely keeps its funnels: the first tick that does not is the end, whatever longer ones do.
+    // Upwards from where the law surely keeps its funnels: the first tick that does not is the end, whatever
+    // longer ones do.
     let mut low = if subject.keeps() { larger(now, estimate / FAR) } else { smaller(now, estimate) / 2.0 };
     let mut tries = 0;
     while !keeps(subject, low)? {

@@ -16,7 +16,8 @@ pub struct NodeRow {
     pub start_ratio: f64,
     /// The narrowest funnel that the node keeps, its floor included (state units).
     pub psi_min: f64,
-    /// The narrowest funnel that one exchange per tick can hold (state units); none, as below, where nothing is predicted.
+    /// The narrowest funnel that one exchange per tick can hold (state units); none, as below, where nothing
+    /// is predicted.
     pub tick_floor: Option<f64>,
     /// The narrowest funnel that f32 resolves (state units).
     pub resolution: Option<f64>,

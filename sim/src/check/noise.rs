@@ -1,4 +1,5 @@
-//! Noise on the states that nodes send, against the room that the steady ratio leaves in the funnel (LAW.md 6).
+//! Noise on the states that nodes send, against the room that the steady ratio leaves in the funnel (law.md
+//! 6).
 
 use serde_json::json;
 
@@ -64,8 +65,8 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     Some(found.advise(Status::Warn, advice))
 }
 
-/// Standard deviation of what each node believes its diffusive term to be, by index: a node knows its own state exactly. With edge-wise
-/// coupling that of its worst edge.
+/// Standard deviation of what each node believes its diffusive term to be, by index: a node knows its own
+/// state exactly. With edge-wise coupling that of its worst edge.
 fn deviations(subject: &Subject<'_>) -> Vec<f64> {
     let scenario = subject.scenario;
     let mut squares = vec![0.0; scenario.nodes.len()];

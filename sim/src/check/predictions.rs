@@ -10,8 +10,8 @@ use crate::extremes::{beyond, larger};
 use crate::scenario::Gain;
 use funnelnet_node::params;
 
-/// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at 1.004 to 1.014
-/// (LAW.md 4).
+/// Margin `1 - |s|` below which a tick can carry `|nu|` across the funnel: with 1e-4 the ratio was seen at
+/// 1.004 to 1.014 (law.md 4).
 const TIGHT_MARGIN: f64 = 1e-3;
 /// The margin that advice aims at.
 const GOOD_MARGIN: f64 = 0.02;
@@ -22,8 +22,9 @@ pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Findin
     found
 }
 
-/// Limits and predictions are those of the paper's law for scalar states; elsewhere nothing is said rather than guessed. Of a law that promises
-/// no funnel there is nothing to be said but what it does, where it was followed.
+/// Limits and predictions are those of the paper's law for scalar states; elsewhere nothing is said rather
+/// than guessed. Of a law that promises no funnel there is nothing to be said but what it does, where it was
+/// followed.
 pub(super) fn none_here(subject: &Subject<'_>) -> Finding {
     let scenario = subject.scenario;
     let (coupling, components) = (scenario.coupling, scenario.components());

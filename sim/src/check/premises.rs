@@ -1,4 +1,5 @@
-//! What a prediction rests on. Where a premise does not hold, the finding says so and no longer reads as if it held.
+//! What a prediction rests on. Where a premise does not hold, the finding says so and no longer reads as if
+//! it held.
 
 use super::forecast::Forecast;
 use super::subject::Subject;

@@ -1,4 +1,4 @@
-//! The slowest mode of the network under the law, which a field may excite (LAW.md 6).
+//! The slowest mode of the network under the law, which a field may excite (law.md 6).
 
 use serde_json::json;
 

@@ -6,7 +6,8 @@ use super::subject::Subject;
 use super::widths::instants;
 use super::{Finding, Status, about, figure, largest};
 
-/// Ratio at the start from which the input is nearly all gain and no state: the reciprocal gain is at 10 times its scale.
+/// Ratio at the start from which the input is nearly all gain and no state: the reciprocal gain is at 10
+/// times its scale.
 const TIGHT_START: f64 = 0.9;
 
 pub(super) fn findings(subject: &Subject<'_>) -> Vec<Finding> {

@@ -30,7 +30,8 @@ pub(super) struct Subject<'s> {
     aims: OnceCell<Option<Prediction>>,
 }
 
-/// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than that.
+/// Ratio in the first tenth of a second from which on it is warned about, where the law settles lower than
+/// that.
 const TIGHT_START: f64 = 0.95;
 /// How far a start is above what the law settles at, at least, to count as tight.
 const ABOVE_STEADY: f64 = 0.02;
@@ -60,7 +61,8 @@ impl<'s> Subject<'s> {
         }
     }
 
-    /// The paper's bound on `|x_i - x_j|` per width of the widest funnel: `2 sqrt(N) / lambda2`; 0 for a single node.
+    /// The paper's bound on `|x_i - x_j|` per width of the widest funnel: `2 sqrt(N) / lambda2`; 0 for a
+    /// single node.
     pub fn bound_per_width(&self) -> f64 {
         match self.scenario.nodes.len() {
             0 | 1 => 0.0,
@@ -84,7 +86,8 @@ impl<'s> Subject<'s> {
         self.followed.as_ref().filter(|followed| followed.whole && followed.lost.is_none())
     }
 
-    /// Whether the law keeps every node inside its funnel over the whole run; not where it was not followed so far.
+    /// Whether the law keeps every node inside its funnel over the whole run; not where it was not followed
+    /// so far.
     pub fn keeps(&self) -> bool {
         self.run().is_some_and(|followed| followed.worst.ratio < 1.0)
     }
@@ -94,8 +97,8 @@ impl<'s> Subject<'s> {
         sampled::promises(self.scenario)
     }
 
-    /// Emergent and blended dynamics at the end of the run, by component, where they are not those of the forecast; none where steps do not
-    /// resolve the fields.
+    /// Emergent and blended dynamics at the end of the run, by component, where they are not those of the
+    /// forecast; none where steps do not resolve the fields.
     pub fn aims(&self) -> Option<&Prediction> {
         let found = self.aims.get_or_init(|| {
             let prediction = Predictor::new(self.scenario).advance(self.scenario.time.end_s()).clone();
@@ -104,7 +107,8 @@ impl<'s> Subject<'s> {
         found.as_ref()
     }
 
-    /// What keeps every node inside its funnel where the scenario does not, as far as anything was found that does.
+    /// What keeps every node inside its funnel where the scenario does not, as far as anything was found that
+    /// does.
     pub fn cure(&self) -> Option<&Cure> {
         self.cure.get_or_init(|| cures::search(self)).as_ref()
     }
@@ -118,7 +122,8 @@ impl<'s> Subject<'s> {
         larger(TIGHT_START, steady + ABOVE_STEADY)
     }
 
-    /// The narrowest funnel that f32 resolves at a node; 0 where nothing is known of the states to come (state units).
+    /// The narrowest funnel that f32 resolves at a node; 0 where nothing is known of the states to come
+    /// (state units).
     fn resolution(&self, index: usize) -> f64 {
         self.forecast.as_ref().map_or(0.0, |forecast| forecast.resolution[index])
     }

@@ -68,7 +68,7 @@ fn the_paper_example_holds() {
 
 #[test]
 fn a_funnel_below_what_the_tick_can_hold_is_warned_about() {
-    // LAW.md 4: the prototype kept 0.02 at 2 ms, and left it at 10 ms.
+    // law.md 4: the prototype kept 0.02 at 2 ms, and left it at 10 ms.
     assert_eq!(find(&load("narrow-ring.toml", &["time.tick=2ms"]), "narrowest-funnel").status, Status::Ok);
     let report = load("narrow-ring.toml", &["time.tick=10ms"]);
     let found = find(&report, "narrowest-funnel");
@@ -124,8 +124,8 @@ fn capacity_of_can_fd_is_that_of_the_wire() {
     let arbitration = ["SOF", "RRS", "IDE", "FDF", "res", "BRS"].len() + 11;
     let end = ["ACK", "ACK delimiter"].len() + 7 + 3;
     let data = ["ESI", "CRC delimiter"].len() + 4 + 8 * 16;
-    // A stuff bit after every four bits from the start of the frame to the end of the data; before the count of stuff bits and after every
-    // four bits of it and of the CRC, a fixed one.
+    // A stuff bit after every four bits from the start of the frame to the end of the data; before the count
+    // of stuff bits and after every four bits of it and of the CRC, a fixed one.
     let stuffed = (arbitration - 1) / 4;
     let stuffed_data = (arbitration + data - 2) / 4 - stuffed;
     let checks = |crc: usize| 4 + crc + (4 + crc).div_ceil(4);
@@ -313,7 +313,8 @@ fn contraction_is_decided_along_the_way() {
     assert_eq!(value(&report, "emergent", "largest_slope"), 1.0);
     let steeper = ["node.1.dynamics.slope=3", "node.3.dynamics.slope=2"];
     assert_eq!(find(&load("contractive-together.toml", &steeper), "emergent").status, Status::Note);
-    // Two unstable agents swing about a stable one, which weighs the most but when they meet: then all weigh the same.
+    // Two unstable agents swing about a stable one, which weighs the most but when they meet: then all weigh
+    // the same.
     let report = pair(&[
         "graph.nodes=3",
         "node.1.dynamics.slope=1",
@@ -366,7 +367,8 @@ fn the_tick_holds_what_the_fields_leave() {
     // xi rests; u_1 = -10 sin(5 t) changes by 50 at most, from the start on; both degrees are 1.
     let report = pair(&[]);
     assert_eq!(find(&report, "narrowest-funnel").status, Status::Ok);
-    // (1 - 2 g) 1.1 T^2 50 cos(5 t), in the margin 1 / (1 + |u|) that a reciprocal gain leaves with |u| = 10 sin(5 t).
+    // (1 - 2 g) 1.1 T^2 50 cos(5 t), in the margin 1 / (1 + |u|) that a reciprocal gain leaves with |u| = 10
+    // sin(5 t).
     let excess = |angle: f64| 0.8 * 5.5e-5 * math::cos(angle) * (1.0 + 10.0 * math::sin(angle));
     let most = (0..9000).map(|part| excess(f64::from(part) * 1e-4)).fold(0.0, f64::max);
     near(value(&report, "narrowest-funnel", "narrowest"), most, 1e-3);
@@ -478,7 +480,8 @@ fn a_schedule_that_widens_first_is_widest_where_it_joins() {
 
 #[test]
 fn a_ripple_of_whole_turns_per_tick_is_predicted_and_warned_about() {
-    // -x + 1 + 10 sin(100 pi t + 1.2): beside the ripple, which is 0.03 high, xi goes to 1. A node that ticks at 20 ms sees a constant.
+    // -x + 1 + 10 sin(100 pi t + 1.2): beside the ripple, which is 0.03 high, xi goes to 1. A node that ticks
+    // at 20 ms sees a constant.
     let ripple =
         "{kind='affine',slope=-1.0,offset=1.0,sines=[{amplitude=10.0,frequency=314.159265358979,phase=1.2}]}";
     let sets = [format!("node.1.dynamics={ripple}"), format!("node.2.dynamics={ripple}")];

@@ -15,7 +15,8 @@ pub(super) struct Widths {
     pub narrowest: Vec<f64>,
     /// Widest funnel of all over the run (state units); infinite where one is infinite at t = 0.
     pub widest: f64,
-    /// `r_psi`: the largest `psi_i / min_j psi_j` over the run (Assumption 5 (d)); infinite where only some funnels close.
+    /// `r_psi`: the largest `psi_i / min_j psi_j` over the run (Assumption 5 (d)); infinite where only some
+    /// funnels close.
     pub spread: f64,
 }
 

@@ -5,8 +5,9 @@ use crate::scenario::{Coupling, NodeSpec, Scenario};
 use funnelnet_law::emergent::{Agent, field};
 use funnelnet_law::gain::Gain;
 
-/// Agents whose funnels are scaled so that the widest is one. The funnels enter the emergent dynamics by their ratios only, so a
-/// funnel that tends to zero leaves them as they are (paper, remark on time-invariant emergent dynamics).
+/// Agents whose funnels are scaled so that the widest is one. The funnels enter the emergent dynamics by
+/// their ratios only, so a funnel that tends to zero leaves them as they are (paper, remark on time-invariant
+/// emergent dynamics).
 pub(super) struct Agents<'a> {
     pub(super) scenario: &'a Scenario,
     gains: Vec<Gain<f64>>,
@@ -54,7 +55,8 @@ impl<'a> Agents<'a> {
         self.guess.clone()
     }
 
-    /// The derivatives of the scaled funnels at time `t`, by index (1/s): zero where all funnels shrink alike.
+    /// The derivatives of the scaled funnels at time `t`, by index (1/s): zero where all funnels shrink
+    /// alike.
     pub(super) fn psi_rates(&self, t: f64) -> impl Iterator<Item = f64> {
         let t = t.max(AFTER_START);
         let width = |node: &NodeSpec| node.funnel.width(t);

@@ -1,5 +1,5 @@
-//! The blended dynamics of a scenario (paper, eq. (blend)): the plain average of the fields, which a linear high-gain coupling
-//! follows and funnel coupling in general does not.
+//! The blended dynamics of a scenario (paper, (4), blend): the plain average of the fields, which a linear
+//! high-gain coupling follows and funnel coupling in general does not.
 
 use super::grid::{Grid, Walk};
 use super::start::plain_mean;

@@ -1,9 +1,10 @@
-//! The emergent dynamics without a root finder (paper, eq. (chi)): `chi = h` is integrated along with `xi`.
+//! The emergent dynamics without a root finder (paper, (23), chi): `chi = h` is integrated along with `xi`.
 //!
-//! An independent check of [`EmergentTrajectory`](super::EmergentTrajectory). The equation says `dH/dt = 0`, so that an error of
-//! `chi` stays: with `xi' = chi` and `e = chi - f_em(t, xi)`, `e' = -e d/dt ln(sum_j psi_j (mu_j^-1)')` to first order. The paper
-//! has `df_em/dxi` in addition there, which the `chi` in `d/dt f_em(t, xi)` takes away again. Hence the small tolerance, and the
-//! funnels scaled by their widest: with funnels that tend to zero, `e` would grow as they shrink.
+//! An independent check of [`EmergentTrajectory`](super::EmergentTrajectory). The equation says `dH/dt = 0`,
+//! so that an error of `chi` stays: with `xi' = chi` and `e = chi - f_em(t, xi)`,
+//! `e' = -e d/dt ln(sum_j psi_j (mu_j^-1)')` to first order. The paper has `df_em/dxi` in addition there,
+//! which the `chi` in `d/dt f_em(t, xi)` takes away again. Hence the small tolerance, and the funnels scaled
+//! by their widest: with funnels that tend to zero, `e` would grow as they shrink.
 
 use super::agents::Agents;
 use super::{STEPS_PER_CONSTANT, fastest, follows_the_paper, start};
@@ -27,13 +28,14 @@ pub struct ChiTrajectory<'a> {
     t: f64,
     state: Pair,
     step: f64,
-    /// A step resolves the fields: where a ripple turns whole times in half a step, the estimate of its error is zero.
+    /// A step resolves the fields: where a ripple turns whole times in half a step, the estimate of its error
+    /// is zero.
     longest: f64,
 }
 
 impl<'a> ChiTrajectory<'a> {
-    /// Starts at the mean of the initial states, with `chi = h + offset` (state units / s; the paper's is zero); `None` for
-    /// vector states, and where the coupling is not the paper's.
+    /// Starts at the mean of the initial states, with `chi = h + offset` (state units / s; the paper's is
+    /// zero); `None` for vector states, and where the coupling is not the paper's.
     pub fn new(scenario: &'a Scenario, offset: f64) -> Option<Self> {
         let mut agents = Agents::new(scenario).filter(|_| follows_the_paper(scenario.coupling))?;
         let &[xi] = start(scenario).as_slice() else { return None };
@@ -63,7 +65,8 @@ impl<'a> ChiTrajectory<'a> {
         (xi, chi)
     }
 
-    /// Two half steps, improved by what one whole step differs from them, and the relative size of that difference.
+    /// Two half steps, improved by what one whole step differs from them, and the relative size of that
+    /// difference.
     fn doubled(&mut self, step: f64) -> (Pair, f64) {
         let half = 0.5 * step;
         let whole = self.runge_kutta(self.t, self.state, step);
@@ -84,7 +87,7 @@ impl<'a> ChiTrajectory<'a> {
         [0, 1].map(|k| y[k] + step / 6.0 * (k1[k] + 2.0 * (k2[k] + k3[k]) + k4[k]))
     }
 
-    /// The right side of eq. (chi), for funnels scaled by their widest.
+    /// The right side of (23), chi, for funnels scaled by their widest.
     fn field(&mut self, t: f64, [xi, chi]: Pair) -> Pair {
         self.agents.place(t, xi);
         let agents = &self.agents.placed;
@@ -150,8 +153,8 @@ mod tests {
 
     #[test]
     fn an_error_of_chi_stays() {
-        // Eq. (chi) is dH/dt = 0, so H keeps whatever value it starts with, and chi is off by about H / sum psi_j (mu_j^-1)':
-        // bounded, not forgotten.
+        // Eq. (chi) is dH/dt = 0, so H keeps whatever value it starts with, and chi is off by about H / sum
+        // psi_j (mu_j^-1)': bounded, not forgotten.
         let scenario = five_agents(&[]);
         let mut by_chi = ChiTrajectory::new(&scenario, 0.1).unwrap();
         let h = |by_chi: &mut ChiTrajectory<'_>| -> f64 {

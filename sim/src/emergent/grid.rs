@@ -7,9 +7,11 @@ use crate::scenario::{NodeSpec, Scenario};
 
 /// Longest integration step, s.
 const LONGEST_STEP: f64 = 0.002;
-/// Steps per shortest time constant or radian of the fields: the method is then off by some 1e-6 in one of them.
+/// Steps per shortest time constant or radian of the fields: the method is then off by some 1e-6 in one of
+/// them.
 pub(crate) const STEPS_PER_CONSTANT: f64 = 8.0;
-/// Most steps times nodes; a prediction may always take as many steps as the run has ticks, which cost more (5e6 took 5 s in a build for tests).
+/// Most steps times nodes; a prediction may always take as many steps as the run has ticks, which cost more
+/// (5e6 took 5 s in a build for tests).
 const NODE_STEPS: f64 = 5e6;
 /// Part of a step by which two times may differ and be the same.
 const NEAR: f64 = 1e-6;
@@ -20,11 +22,13 @@ pub(crate) fn fastest(scenario: &Scenario) -> f64 {
     largest(0.0, scenario.nodes.iter().map(rates))
 }
 
-/// What the steps are off by beside a state of size one, and what a prediction may be: both as the reference has them.
+/// What the steps are off by beside a state of size one, and what a prediction may be: both as the reference
+/// has them.
 const ERROR: f64 = 1e-9;
 const ALLOWED: f64 = 1e-3;
 
-/// Whether errors that have grown by `e^growth` leave nothing of a motion whose states are up to `size` (state units).
+/// Whether errors that have grown by `e^growth` leave nothing of a motion whose states are up to `size`
+/// (state units).
 pub(crate) fn outgrown(growth: f64, size: f64) -> bool {
     // Written so that what is not a number is outgrown.
     let kept = ERROR * funnelnet_law::math::exp(growth) <= ALLOWED * larger(1.0, size);
@@ -41,8 +45,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Steps that resolve every slope and frequency of the fields. The tick has no part in it: a ripple that turns whole times per tick
-    /// would look like a constant.
+    /// Steps that resolve every slope and frequency of the fields. The tick has no part in it: a ripple that
+    /// turns whole times per tick would look like a constant.
     pub fn of(scenario: &Scenario) -> Self {
         let most = (NODE_STEPS / scenario.nodes.len().max(1) as f64).max(scenario.time.ticks as f64);
         Self::within(scenario, most)
@@ -72,8 +76,8 @@ impl Grid {
     }
 }
 
-/// A state that goes from point to point of a grid, and from the last of them to any time before the next. What is asked for in between
-/// leaves no trace: the points have the same bits whatever is asked.
+/// A state that goes from point to point of a grid, and from the last of them to any time before the next.
+/// What is asked for in between leaves no trace: the points have the same bits whatever is asked.
 #[derive(Clone, Debug)]
 pub(super) struct Walk {
     pub grid: Grid,

@@ -1,4 +1,5 @@
-//! What is predicted of a whole run: at its recorded rows, and over all steps of the integration, which do not depend on the rows.
+//! What is predicted of a whole run: at its recorded rows, and over all steps of the integration, which do
+//! not depend on the rows.
 
 use super::{BlendedTrajectory, EmergentTrajectory};
 use crate::extremes::{larger, largest};
@@ -10,20 +11,22 @@ use serde::Serialize;
 /// integration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Contraction {
-    /// The largest, 1/s: negative where they contract throughout (paper, eq. (contractive_emer)).
+    /// The largest, 1/s: negative where they contract throughout (paper, (22), contractive_emer).
     pub slowest: f64,
     /// The average, 1/s.
     pub mean: f64,
 }
 
-/// The prediction at the last row, and over all steps up to it. Empty where the scenario has no emergent dynamics.
+/// The prediction at the last row, and over all steps up to it. Empty where the scenario has no emergent
+/// dynamics.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Prediction {
     /// The emergent trajectory by component, state units; empty where it is not known.
     pub xi: Vec<f64>,
     /// The blended dynamics by component, state units.
     pub blended: Vec<f64>,
-    /// Why the steps of the integration do not resolve the fields, where they do not: then nothing here is a prediction.
+    /// Why the steps of the integration do not resolve the fields, where they do not: then nothing here is a
+    /// prediction.
     pub unresolved: Option<String>,
     /// How fast the emergent dynamics contract.
     pub contraction: Option<Contraction>,
@@ -44,7 +47,8 @@ pub struct Predictor<'a> {
 }
 
 impl<'a> Predictor<'a> {
-    /// The emergent dynamics start at what the coupling conserves, the blended dynamics at the mean of the initial states.
+    /// The emergent dynamics start at what the coupling conserves, the blended dynamics at the mean of the
+    /// initial states.
     pub fn new(scenario: &'a Scenario) -> Self {
         let (emergent, blended) = (EmergentTrajectory::new(scenario), BlendedTrajectory::new(scenario));
         let unresolved = blended.unresolved().map(str::to_owned);
@@ -52,7 +56,8 @@ impl<'a> Predictor<'a> {
         Self { emergent, blended, seen: 0, growth: Growth::default(), prediction }
     }
 
-    /// Advances to the row at time `t` (s), which must increase from call to call, and gives the prediction so far.
+    /// Advances to the row at time `t` (s), which must increase from call to call, and gives the prediction
+    /// so far.
     pub fn advance(&mut self, t: f64) -> &Prediction {
         let prediction = &mut self.prediction;
         prediction.blended = self.blended.advance(t).to_vec();
@@ -80,7 +85,8 @@ impl<'a> Predictor<'a> {
     }
 }
 
-/// How much the error of a step has grown at most: the emergent dynamics multiply it by `e` to the integral of `df_em/dxi`.
+/// How much the error of a step has grown at most: the emergent dynamics multiply it by `e` to the integral
+/// of `df_em/dxi`.
 #[derive(Default)]
 struct Growth {
     /// The exponent, from the step from which it is largest.
@@ -256,7 +262,8 @@ mod tests {
             let sets = alike(field);
             with_rows(&five_agents(&sets.iter().map(String::as_str).collect::<Vec<_>>()), 100).unresolved
         };
-        // From 0.5, which is where the first of them rests, an error grows by e^20 in 20 s; by e^6 it does no harm.
+        // From 0.5, which is where the first of them rests, an error grows by e^20 in 20 s; by e^6 it does no
+        // harm.
         let why = of("{kind='affine',slope=1.0,offset=-0.5,sines=[]}").unwrap();
         assert!(why.contains("an error has grown by"), "{why}");
         assert_eq!(of("{kind='affine',slope=0.3,offset=-0.15,sines=[]}"), None);

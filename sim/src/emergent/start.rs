@@ -1,7 +1,8 @@
 //! Where `xi` starts: at the mean of the initial states that the inputs of the coupling leave alone.
 //!
-//! A coupling has weights for which its inputs add up to zero, so that the mean by these weights moves by the fields only. The nodes
-//! meet at that mean where their fields are zero, and `xi` has to start there, or it is beside them for ever:
+//! A coupling has weights for which its inputs add up to zero, so that the mean by these weights moves by the
+//! fields only. The nodes meet at that mean where their fields are zero, and `xi` has to start there, or it
+//! is beside them for ever:
 //!
 //! | coupling | adds up to zero | mean by | exact |
 //! |---|---|---|---|
@@ -10,11 +11,12 @@
 //! | weakly centralised | `G sum nu_i = sum psi_i u_i` | `psi_i(0)` | where all funnels have one shape, `psi_i = r_i psi(t)` |
 //! | the paper's law | `sum psi_i mu_i^-1(u_i)`, of which no mean is kept | 1 | with two nodes of one gain and one funnel |
 //!
-//! Funnels of different shapes move the weights: their mean changes by `sum_i w_i' (x_i - mean)` while the states are apart, and by
-//! nothing once they have met. For the paper's law the theorem on emergent behaviour starts `xi` at the plain mean of the states after
-//! the transient, `xi(t_1 + tau) = (1/N) sum_i x_i(t_1 + tau)`, and the remark below it says that this value is hard to identify: it
-//! depends on the graph and on the funnels before `t_1`, and is known to lie between the smallest and the largest initial state. The
-//! plain mean of the initial states stands for it here.
+//! Funnels of different shapes move the weights: their mean changes by `sum_i w_i' (x_i - mean)` while the
+//! states are apart, and by nothing once they have met. For the paper's law the theorem on emergent behaviour
+//! starts `xi` at the plain mean of the states after the transient,
+//! `xi(t_1 + tau) = (1/N) sum_i x_i(t_1 + tau)`, and the remark below it says that this value is hard to
+//! identify: it depends on the graph and on the funnels before `t_1`, and is known to lie between the
+//! smallest and the largest initial state. The plain mean of the initial states stands for it here.
 
 use super::AFTER_START;
 use crate::extremes::largest;

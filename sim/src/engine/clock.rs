@@ -85,13 +85,15 @@ impl Clock {
         }
     }
 
-    /// What it shows at true time `t`, ns. Times do not go back, but by less than from one change to the next.
+    /// What it shows at true time `t`, ns. Times do not go back, but by less than from one change to the
+    /// next.
     pub fn shows(&mut self, t: u64) -> u64 {
         self.advance_to(t);
         u64::try_from(self.parts(t).div_euclid(PARTS).max(0)).unwrap_or(u64::MAX)
     }
 
-    /// The first true time at which it shows `own` or more (ns); where it changes before that, the time of the change.
+    /// The first true time at which it shows `own` or more (ns); where it changes before that, the time of
+    /// the change.
     pub fn when(&self, own: u64) -> u64 {
         let left = i128::from(own) * PARTS - self.shows;
         let passed = if left <= 0 { 0 } else { (left + self.rate() - 1) / self.rate() };

@@ -1,4 +1,5 @@
-//! The vector field of a simulated node: the one that it is configured with, and the inputs from outside that a real node would not know.
+//! The vector field of a simulated node: the one that it is configured with, and the inputs from outside that
+//! a real node would not know.
 
 use crate::scenario::{NodeSpec, Series};
 use funnelnet_law::field::{Inputs, PreparedField, VectorField};

@@ -9,9 +9,10 @@ use funnelnet_node::{Node, Phase};
 use funnelnet_protocol::NodeId;
 
 impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
-    /// Ids of nodes that no neighbour on `graph` has ever heard, and of nodes that were heard and that all their neighbours have lost at the end. Nodes that have stopped say
-    /// nothing any more, as they should; but a stop does not make heard what never was. Nor does anybody hear over a link that an event keeps cut at the end, or a node
-    /// that it keeps off.
+    /// Ids of nodes that no neighbour on `graph` has ever heard, and of nodes that were heard and that all
+    /// their neighbours have lost at the end. Nodes that have stopped say nothing any more, as they should;
+    /// but a stop does not make heard what never was. Nor does anybody hear over a link that an event keeps
+    /// cut at the end, or a node that it keeps off.
     #[must_use]
     pub fn unheard_and_silent(&self, graph: &Graph) -> (Vec<u16>, Vec<u16>) {
         let (mut unheard, mut silent) = (Vec::new(), Vec::new());

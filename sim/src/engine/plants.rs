@@ -40,7 +40,8 @@ impl<P: Plant> Driven for P {
     }
 }
 
-/// The plants of an engine, by index. A node without one is virtual: it has nothing to drive and nothing to measure.
+/// The plants of an engine, by index. A node without one is virtual: it has nothing to drive and nothing to
+/// measure.
 #[derive(Default)]
 pub struct Plants(Vec<Option<Box<dyn Driven>>>);
 
@@ -51,7 +52,8 @@ impl Plants {
         Self(plants)
     }
 
-    /// Does what a node asks of its plant, as the app on a board does: what fails is told to the node, which counts it or stops.
+    /// Does what a node asks of its plant, as the app on a board does: what fails is told to the node, which
+    /// counts it or stops.
     #[cold]
     pub(super) fn act<V: VectorField<f32>>(
         &mut self,

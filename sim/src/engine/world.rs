@@ -1,8 +1,8 @@
 //! The world around the nodes of an engine, as events change it: who is on, and which links are cut.
 //!
-//! A node that comes has a blank memory: it is what its stored configuration makes of it. It does not know the tick, so it ticks by
-//! SYNC, as a board does that joins a network. The engine gives it one at every tick, without loss or delay, and a partition does not
-//! cut it: it stands for a host, not for a neighbour.
+//! A node that comes has a blank memory: it is what its stored configuration makes of it. It does not know
+//! the tick, so it ticks by SYNC, as a board does that joins a network. The engine gives it one at every
+//! tick, without loss or delay, and a partition does not cut it: it stands for a host, not for a neighbour.
 
 use super::field::SimField;
 use crate::scenario::{Change, Course};
@@ -30,10 +30,12 @@ pub struct World<V = SimField> {
 }
 
 impl<V: VectorField<f32> + Clone> World<V> {
-    /// The world of a `course` of events over `neighbours`, by index. `fresh` are the nodes as they are after power-on.
+    /// The world of a `course` of events over `neighbours`, by index. `fresh` are the nodes as they are after
+    /// power-on.
     #[must_use]
     pub fn new(course: &Course, tick_ns: u64, neighbours: Vec<Vec<usize>>, fresh: Vec<Node<f32, V>>) -> Self {
-        // Tick 0 comes a period after the start, when the announced states have arrived. What happens at the start comes before it.
+        // Tick 0 comes a period after the start, when the announced states have arrived. What happens at the
+        // start comes before it.
         let engine_time = |at_ns: u64| if at_ns == 0 { 0 } else { at_ns.saturating_add(tick_ns) };
         Self {
             steps: course.steps().iter().map(|step| (engine_time(step.at_ns), step.change)).collect(),
@@ -100,7 +102,8 @@ impl<V: VectorField<f32> + Clone> World<V> {
         self.cut.contains(&(a.min(b), a.max(b)))
     }
 
-    /// Who hears the frames of each node now, by index. What a node has sent before it went off is on its way.
+    /// Who hears the frames of each node now, by index. What a node has sent before it went off is on its
+    /// way.
     pub(super) fn listeners(&self) -> Vec<Vec<usize>> {
         let hears = |from: usize, &to: &usize| self.is_on(to) && !self.is_cut(from, to);
         let of =

@@ -8,7 +8,8 @@ use funnelnet_node::Observation;
 
 /// A funnel may differ by this share from the scenario's for the rounding of f32.
 const FUNNEL_SHARE: f64 = 1e-3;
-/// And by this share of its width at the start, where a funnel closes at a time: the time that is left has rounding of its own.
+/// And by this share of its width at the start, where a funnel closes at a time: the time that is left has
+/// rounding of its own.
 const FUNNEL_OF_START: f64 = 1e-6;
 /// The floor of f32 is judged by true states and present inputs; a node has measured ones and its last input.
 const FLOOR_SHARE: f64 = 1.5;
@@ -36,7 +37,8 @@ impl<'a> Accounts<'a> {
         self.all
     }
 
-    /// Takes what each node says of itself at tick `k`, by index and then by component, and the funnels `psi` that it is judged by (state units).
+    /// Takes what each node says of itself at tick `k`, by index and then by component, and the funnels `psi`
+    /// that it is judged by (state units).
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence], psi: &[f64]) {
         let components = self.scenario.components();
         let asked = psi.chunks(components);
@@ -91,8 +93,8 @@ impl<'a> Accounts<'a> {
     }
 }
 
-/// Whether a node that ticks by a clock of its own has come to a tick that was not seen yet. Those that nobody has seen are not known: one of them may come
-/// before it is asked for its report.
+/// Whether a node that ticks by a clock of its own has come to a tick that was not seen yet. Those that
+/// nobody has seen are not known: one of them may come before it is asked for its report.
 fn is_next(account: &mut Account, own: u64) -> bool {
     let last = account.last_tick.replace(own);
     if last == Some(own) {

@@ -34,13 +34,15 @@ pub struct Account {
     pub max_ratio: f32,
     /// Ticks that it believed to be outside, as far as they were seen.
     pub breaches: u64,
-    /// The first tick at which its funnel was not the scenario's: tick, its own, the scenario's (state units).
+    /// The first tick at which its funnel was not the scenario's: tick, its own, the scenario's (state
+    /// units).
     pub other_funnel: Option<(u64, f64, f64)>,
     /// The same where it was wider, and the node says that it has floored or reopened it.
     pub widened: Option<(u64, f64, f64)>,
     /// What it reported at the end.
     pub report: Option<(f32, Counters)>,
-    /// Ticks that it may have run beside those that were seen or are unknown: after the last one, until it heard the stop.
+    /// Ticks that it may have run beside those that were seen or are unknown: after the last one, until it
+    /// heard the stop.
     pub unseen: u64,
     /// What it reports is of the whole run: it was not restarted.
     pub whole: bool,
@@ -167,7 +169,8 @@ fn heard(evidence: &Evidence<'_>) -> Check {
     check("heard", never.chain(silent).collect(), "every node was heard to the end")
 }
 
-/// A node that floors its funnel does not do what the designer has drawn, unless the scenario says how narrow it has to be.
+/// A node that floors its funnel does not do what the designer has drawn, unless the scenario says how narrow
+/// it has to be.
 fn floor(scenario: &Scenario, evidence: &Evidence<'_>) -> Check {
     let floored = |account: &Account| {
         let (_, counters) = account.report.as_ref()?;

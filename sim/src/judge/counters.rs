@@ -3,13 +3,14 @@
 use funnelnet_protocol::report::Counters;
 use serde::Serialize;
 
-/// Sums of what the nodes count, and the largest ratio that one of them reports. Whoever reads a verdict reads these beside it: a guarantee
-/// that held by extrapolation only is worth less.
+/// Sums of what the nodes count, and the largest ratio that one of them reports. Whoever reads a verdict
+/// reads these beside it: a guarantee that held by extrapolation only is worth less.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CounterSummary {
     /// Ticks that a node believes to have spent outside its funnel.
     pub breaches: u64,
-    /// The largest `|nu| / psi` that a node reports; `null` where one is not a number, or where no node has reported.
+    /// The largest `|nu| / psi` that a node reports; `null` where one is not a number, or where no node has
+    /// reported.
     pub max_ratio: Option<f64>,
     /// Node-ticks with the funnel at the floor of f32.
     pub floored: u64,
@@ -37,7 +38,8 @@ pub struct CounterSummary {
     pub coasted: u64,
     /// Times that a node's own field was not a finite number.
     pub field_not_finite: u64,
-    /// CAN frames that came to a node and were lost there; of what a controller itself has lost, the occasions.
+    /// CAN frames that came to a node and were lost there; of what a controller itself has lost, the
+    /// occasions.
     pub frames_lost: u64,
     /// Errors that CAN controllers have found on the bus.
     pub bus_errors: u64,

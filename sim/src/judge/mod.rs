@@ -1,8 +1,10 @@
-//! What a run is judged by: the true states of all nodes, and the funnel of the scenario (docs/notes/2026-11-28-verdicts.md).
+//! What a run is judged by: the true states of all nodes, and the funnel of the scenario
+//! (docs/notes/2026-11-28-verdicts.md).
 //!
-//! A node believes what it hears. On a bus that delivers nothing it believes that its diffusive term is zero, and in a funnel that it has
-//! widened for itself that it is inside. So neither enters here: the terms are those of the states at equal true time, over the edges of the
-//! scenario, and the funnel is the scenario's, not narrower than the floor that the scenario accepts.
+//! A node believes what it hears. On a bus that delivers nothing it believes that its diffusive term is zero,
+//! and in a funnel that it has widened for itself that it is inside. So neither enters here: the terms are
+//! those of the states at equal true time, over the edges of the scenario, and the funnel is the scenario's,
+//! not narrower than the floor that the scenario accepts.
 
 mod account;
 mod checks;
@@ -32,7 +34,8 @@ use windows::Windows;
 pub struct Moment<'a> {
     /// The tick.
     pub k: u64,
-    /// Steps of the nodes' own fields since then: 0 but between two ticks of a network that decides in rounds.
+    /// Steps of the nodes' own fields since then: 0 but between two ticks of a network that decides in
+    /// rounds.
     pub part: u8,
     /// States, state units; those of nodes that are not known are not looked at.
     pub x: &'a [f64],
@@ -42,7 +45,7 @@ pub struct Moment<'a> {
     pub presence: &'a [Presence],
 }
 
-/// What the judge found over a whole run.
+/// Figures of the judge over a whole run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Findings {
     /// The largest `|nu| / psi`; NaN where one was not a number.
@@ -57,19 +60,22 @@ pub struct Findings {
     pub judged: u64,
     /// First tick with a breach, and the index of its node.
     pub first_breach: Option<(u64, usize)>,
-    /// The largest `max x - min x` at any tick, state units; none where two nodes were never known at one tick.
+    /// The largest `max x - min x` at any tick, state units; none where two nodes were never known at one
+    /// tick.
     pub max_spread: Option<f64>,
     /// The same at the last tick; none where one of the nodes that are on is not known there, or is alone.
     pub final_spread: Option<f64>,
     /// The largest `|u|`, state units / s; none where no node ran a tick.
     pub max_input: Option<f64>,
-    /// What was found at ticks that events disturb, and is not in the figures above; none where nothing is expected of the recovery.
+    /// What was found at ticks that events disturb, and is not in the figures above; none where nothing is
+    /// expected of the recovery.
     pub during_events: Option<DuringEvents>,
-    /// Longest time from the end of an event to the last tick outside, s; none where it is not asked for or not known.
+    /// Longest time from the end of an event to the last tick outside, s; none where it is not asked for or
+    /// not known.
     pub recovered_s: Option<f64>,
     /// States at the end, by index and then by component; NaN where one is not known.
     pub last: Vec<f64>,
-    /// Which of them an event keeps off.
+    /// Nodes that an event keeps off, by index.
     pub off: Vec<bool>,
     /// By window of the scenario, in its order.
     pub windows: Vec<WindowFigures>,
@@ -77,7 +83,7 @@ pub struct Findings {
     pub worst: Vec<Worst>,
 }
 
-/// What came of one component of one node.
+/// Figures of one component of one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Worst {
     /// Its largest `|nu| / psi`; NaN where one was not a number.
@@ -124,7 +130,7 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// Of a run of `scenario`.
+    /// Judge of a run of `scenario`.
     #[must_use]
     pub fn new(scenario: &'a Scenario) -> Self {
         let entries = scenario.nodes.len() * scenario.components();
@@ -177,7 +183,8 @@ impl<'a> Judge<'a> {
         self.findings.off = off.flat_map(|off| std::iter::repeat_n(off, components)).collect();
     }
 
-    /// The true diffusive terms of the last tick, by index and then by component, state units; NaN where one is not known.
+    /// The true diffusive terms of the last tick, by index and then by component, state units; NaN where one
+    /// is not known.
     #[must_use]
     pub fn terms(&self) -> &[f64] {
         &self.terms
@@ -189,7 +196,7 @@ impl<'a> Judge<'a> {
         &self.psi
     }
 
-    /// What was found.
+    /// Figures of all ticks that were judged.
     #[must_use]
     pub fn finish(self) -> Findings {
         let recovered_s = self.recovery.and_then(Recovery::finish);
@@ -332,8 +339,8 @@ fn raise(largest: &mut Option<f64>, value: Option<f64>) {
     }
 }
 
-/// `max x - min x` over the nodes that are known, of the component in which they are farthest apart; `None` where fewer than two are known:
-/// one alone is in step with nobody.
+/// `max x - min x` over the nodes that are known, of the component in which they are farthest apart; `None`
+/// where fewer than two are known: one alone is in step with nobody.
 fn spread(moment: &Moment<'_>, components: usize) -> Option<f64> {
     let apart = |component: usize| {
         let states = || {

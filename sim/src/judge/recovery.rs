@@ -1,10 +1,13 @@
-//! What events do to a run: the ticks that they disturb, and how long the network takes to be inside its funnels again.
+//! What events do to a run: the ticks that they disturb, and how long the network takes to be inside its
+//! funnels again.
 //!
-//! From the begin of an event to `expect.recovered_within` after its end, node-ticks count by themselves. An event that begins while the
-//! network is still outside takes nothing over: the one before goes on being measured.
+//! From the begin of an event to `expect.recovered_within` after its end, node-ticks count by themselves. An
+//! event that begins while the network is still outside takes nothing over: the one before goes on being
+//! measured.
 //!
-//! An event that ends within another one, or as another one begins, has not ended for the network: its time runs from the end of the last
-//! event that covers it. A node that joins in a partition has nobody to come to before the links are mended.
+//! An event that ends within another one, or as another one begins, has not ended for the network: its time
+//! runs from the end of the last event that covers it. A node that joins in a partition has nobody to come to
+//! before the links are mended.
 
 use crate::scenario::{Scenario, TimeSpec};
 use std::ops::Range;
@@ -29,11 +32,13 @@ pub(super) struct Recovery {
     ends: Vec<u64>,
     /// Ticks that are disturbed, ascending, apart from each other.
     disturbed: Vec<Range<u64>>,
-    /// Events that have ended, and from which the network has not recovered yet, or may leave its funnels again.
+    /// Events that have ended, and from which the network has not recovered yet, or may leave its funnels
+    /// again.
     open: Vec<Open>,
     /// Whether a node was outside at the last tick.
     outside: bool,
-    /// Longest time from the end of an event to the last tick outside, ns; none once no term was known after an event.
+    /// Longest time from the end of an event to the last tick outside, ns; none once no term was known after
+    /// an event.
     longest: Option<u64>,
 }
 
@@ -47,7 +52,8 @@ struct Open {
 }
 
 impl Recovery {
-    /// Of the events of a scenario; `None` where nothing is expected of the recovery, or there is nothing to recover from.
+    /// Of the events of a scenario; `None` where nothing is expected of the recovery, or there is nothing to
+    /// recover from.
     pub(super) fn of(scenario: &Scenario) -> Option<Self> {
         let within = scenario.expect.recovered_within_ns?;
         let disturbances = scenario.course().disturbances(&scenario.events);
@@ -106,8 +112,8 @@ impl Recovery {
         }
     }
 
-    /// The longest time from the end of an event to the last tick outside, s; `None` where the run ended before an event did, or
-    /// with a node outside, or where no term was known after an event.
+    /// The longest time from the end of an event to the last tick outside, s; `None` where the run ended
+    /// before an event did, or with a node outside, or where no term was known after an event.
     pub(super) fn finish(mut self) -> Option<f64> {
         let recovered = self.ends.is_empty() && (!self.outside || self.open.is_empty());
         self.close();
@@ -115,7 +121,8 @@ impl Recovery {
     }
 }
 
-/// When each of `spans` has ended for the network: the end of the last one that covers it. They are in the order of their begins.
+/// When each of `spans` has ended for the network: the end of the last one that covers it. They are in the
+/// order of their begins.
 fn covered(spans: &[Range<u64>]) -> Vec<u64> {
     let joined = joined(spans.iter().cloned());
     let end = |span: &Range<u64>| {

@@ -4,21 +4,24 @@
 use crate::reference::ReferenceSolution;
 use serde::Serialize;
 
-/// How far from the continuous-time reference, in state units.
+/// Distance to the continuous-time reference, in state units.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ReferenceSummary {
     /// Over all nodes and ticks.
     pub max_error: f64,
     /// Over all nodes, at the end.
     pub final_error: f64,
-    /// Whether the reference is near enough to the exact solution to stand for it. If not, no distance to it is judged.
+    /// Whether the reference is near enough to the exact solution to stand for it. If not, no distance to it
+    /// is judged.
     pub resolved: bool,
-    /// How far the reference itself may be from the exact solution; `null` where it is not known to any bound.
+    /// How far the reference itself may be from the exact solution; `null` where it is not known to any
+    /// bound.
     pub error_estimate: f64,
 }
 
 impl ReferenceSummary {
-    /// No distance yet to this solution, with what is known of its own error. One without an estimate is not resolved.
+    /// No distance yet to this solution, with what is known of its own error. One without an estimate is not
+    /// resolved.
     #[cfg(feature = "reference")]
     #[must_use]
     pub fn beside(solution: &ReferenceSolution) -> Self {
@@ -29,8 +32,8 @@ impl ReferenceSummary {
         Self { max_error: 0.0, final_error: 0.0, resolved, error_estimate }
     }
 
-    /// The largest error, to be compared with `limit` (state units); `None` where the reference is too far from the exact solution to say on
-    /// which side of it the error is.
+    /// The largest error, to be compared with `limit` (state units); `None` where the reference is too far
+    /// from the exact solution to say on which side of it the error is.
     pub fn measured(&self, limit: f64) -> Option<f64> {
         let below = self.max_error + self.error_estimate < limit;
         let above = self.max_error - self.error_estimate >= limit;

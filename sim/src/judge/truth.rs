@@ -27,21 +27,22 @@ impl Truth {
         self.neighbours.get(index).map_or(&[], Vec::as_slice)
     }
 
-    /// Whether the term of a node is known: its own state is, and those of all its neighbours are. Edges exist whether or not a frame comes,
-    /// but for those of a node that an event keeps off.
+    /// Whether the term of a node is known: its own state is, and those of all its neighbours are. Edges
+    /// exist whether or not a frame comes, but for those of a node that an event keeps off.
     pub(super) fn is_known(&self, index: usize, presence: &[Presence]) -> bool {
         let known = |index: usize| presence.get(index).is_some_and(|presence| presence.is_known());
         known(index)
             && self.neighbours(index).iter().all(|&(other, _)| known(other) || is_off(other, presence))
     }
 
-    /// Whether a node has a neighbour that is there. A term of no edges is zero whatever the node does, and measures nothing.
+    /// Whether a node has a neighbour that is there. A term of no edges is zero whatever the node does, and
+    /// measures nothing.
     pub(super) fn is_coupled(&self, index: usize, presence: &[Presence]) -> bool {
         self.neighbours(index).iter().any(|&(other, _)| !is_off(other, presence))
     }
 
-    /// Writes `sum_j alpha_ij (x_j - x_i)` by index and then by component, state units; with edge-wise coupling the term of the edge where
-    /// it is largest. NaN where it is not known, or has no edge.
+    /// Writes `sum_j alpha_ij (x_j - x_i)` by index and then by component, state units; with edge-wise
+    /// coupling the term of the edge where it is largest. NaN where it is not known, or has no edge.
     pub(super) fn terms(&self, x: &[f64], presence: &[Presence], terms: &mut [f64]) {
         let components = self.components;
         for (at, slot) in terms.iter_mut().enumerate() {

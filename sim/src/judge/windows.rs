@@ -5,7 +5,7 @@ use crate::emergent::EmergentTrajectory;
 use crate::extremes::larger;
 use crate::scenario::{Scenario, Window};
 
-/// What a window came to; `None` where nothing could be measured in it.
+/// Figures of a window; `None` where nothing could be measured in it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WindowFigures {
     /// The largest true `|nu| / psi`.
@@ -79,7 +79,8 @@ impl<'a> Windows<'a> {
     }
 }
 
-/// The largest distance of a known state to a point, or to the states of a reference, state units; `None` where none is known.
+/// The largest distance of a known state to a point, or to the states of a reference, state units; `None`
+/// where none is known.
 fn distance(moment: &Moment<'_>, components: usize, point: &[f64]) -> Option<f64> {
     let known = |&(at, _): &(usize, (&f64, &f64))| super::is_known(moment, at / components);
     let apart = moment.x.iter().zip(point.iter().cycle()).enumerate().filter(known);

@@ -185,7 +185,8 @@ impl Unknowns for System<'_> {
         (!closes).then(|| format!("the diffusive terms add up to {:e} psi instead of 0", seen.sigma))
     }
 
-    /// An error `du` of an input is one of `psi du / mu'(s)` in `nu`, and at most `deviation_gain` times that in a state.
+    /// An error `du` of an input is one of `psi du / mu'(s)` in `nu`, and at most `deviation_gain` times that
+    /// in a state.
     fn tolerances(&self, options: &ReferenceOptions, t: f64, y: &[f64]) -> (f64, Vec<f64>) {
         let tolerance = options.tolerance * LOCAL_SHARE;
         let reach = self.network.deviation_gain().max(1e-3);

@@ -1,5 +1,5 @@
-//! Every gain, funnel and coupling against the classical Runge-Kutta method with a small fixed step, on right-hand sides that are written
-//! once more, straight from the paper.
+//! Every gain, funnel and coupling against the classical Runge-Kutta method with a small fixed step, on
+//! right-hand sides that are written once more, straight from the paper.
 
 use super::examples::{five_agents, path, ring};
 use super::*;
@@ -255,7 +255,8 @@ fn every_funnel_agrees_with_another_method() {
     }
 }
 
-/// After it has closed all states are one, which moves as the emergent dynamics: with equal funnels and linear inputs their mean field.
+/// After it has closed all states are one, which moves as the emergent dynamics: with equal funnels and
+/// linear inputs their mean field.
 #[test]
 fn a_funnel_that_has_closed_leaves_the_emergent_motion() {
     let mut problem = scalar(Coupling::NodeWise);

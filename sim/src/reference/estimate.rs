@@ -1,9 +1,10 @@
 //! How far a reference solution may be from the exact one.
 //!
-//! The solver controls the error of each step, and an unstable network multiplies it: by `e^30` in 30 s with a slope of 1/s. So the
-//! problem is solved once more, ten times less exactly and from states that are all moved by the tolerance, and the distance of both is
-//! the estimate. The move is what the tolerance allows at the start. It makes sure that the two come apart where errors grow, even where
-//! the steps happen to make none: both would otherwise stay on an equilibrium that no real network stays on.
+//! The solver controls the error of each step, and an unstable network multiplies it: by `e^30` in 30 s with
+//! a slope of 1/s. So the problem is solved once more, ten times less exactly and from states that are all
+//! moved by the tolerance, and the distance of both is the estimate. The move is what the tolerance allows at
+//! the start. It makes sure that the two come apart where errors grow, even where the steps happen to make
+//! none: both would otherwise stay on an equilibrium that no real network stays on.
 
 use super::coordinates::System;
 use super::error::ReferenceError;
@@ -24,7 +25,8 @@ const SMALL: f64 = 1e3;
 const LOOSER: f64 = 10.0;
 /// The loosest tolerance that the solver takes.
 const LOOSEST: f64 = 1e-2;
-/// Into so many parts the time is divided by the instants at which the two are compared, whatever the output times are.
+/// Into so many parts the time is divided by the instants at which the two are compared, whatever the output
+/// times are.
 const COMPARED: usize = 2_000;
 
 /// The distance of two solutions of a problem.
@@ -32,9 +34,10 @@ const COMPARED: usize = 2_000;
 pub struct ErrorEstimate {
     /// The largest, state units; infinite where the second solution could not be had to the end.
     pub error: f64,
-    /// The largest over the largest state up to then, or over the smallest that the tolerance allows for where states are smaller.
+    /// The largest over the largest state up to then, or over the smallest that the tolerance allows for
+    /// where states are smaller.
     pub share: f64,
-    /// When that was, s.
+    /// Time of the largest distance, s.
     pub at: f64,
 }
 
@@ -46,7 +49,8 @@ impl ErrorEstimate {
     }
 }
 
-/// Like [`solve_with`](super::solve_with), with an estimate of the error. `on_step` sees the time go from 0 to the end once.
+/// Like [`solve_with`](super::solve_with), with an estimate of the error. `on_step` sees the time go from 0
+/// to the end once.
 ///
 /// # Errors
 /// Those of [`solve_with`](super::solve_with) for the problem itself.
@@ -148,7 +152,8 @@ impl Merged {
     }
 }
 
-/// The distance of two solutions, given as time and states; no state counts as smaller than `smallest` (state units).
+/// The distance of two solutions, given as time and states; no state counts as smaller than `smallest` (state
+/// units).
 fn distance<'a>(rows: impl Iterator<Item = (f64, &'a [f64], &'a [f64])>, smallest: f64) -> ErrorEstimate {
     let mut estimate = ErrorEstimate { error: 0.0, share: 0.0, at: 0.0 };
     let mut scale = smallest;
@@ -181,7 +186,8 @@ mod tests {
         (solution, estimate)
     }
 
-    /// Three nodes of one unstable field with a sine, all at one state: they stay together, and that state is known in closed form.
+    /// Three nodes of one unstable field with a sine, all at one state: they stay together, and that state is
+    /// known in closed form.
     fn unstable(slope: f64, offset: f64, x0: f64) -> ReferenceProblem {
         let field = Dynamics::from(Affine::scalar(slope, offset, Vec::new()));
         ReferenceProblem {
@@ -199,7 +205,8 @@ mod tests {
         }
     }
 
-    /// The same with a sine that keeps the exact state bounded: `x = a sin(w t) + b cos(w t)`, from `x(0) = b`.
+    /// The same with a sine that keeps the exact state bounded: `x = a sin(w t) + b cos(w t)`, from
+    /// `x(0) = b`.
     fn balanced(slope: f64, frequency: f64) -> (ReferenceProblem, impl Fn(f64) -> f64) {
         // x' = slope x + sin(w t) has this bounded solution, and e^(slope t) times any error beside it.
         let size = slope * slope + frequency * frequency;

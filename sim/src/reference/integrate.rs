@@ -74,7 +74,8 @@ impl Run<'_> {
             .init(|_, _, y| y.copy_from_slice(&y0), system.size())
             .build()
             .map_err(why)?;
-        // A start at the very edge of the funnel relaxes within 1e-30 s; `accept` sees steps that lead nowhere.
+        // A start at the very edge of the funnel relaxes within 1e-30 s; `accept` sees steps that lead
+        // nowhere.
         problem.ode_options.min_timestep = f64::MIN_POSITIVE;
         problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
         let mut solver = problem.bdf::<RowPivotingLu>().map_err(why)?;
@@ -118,7 +119,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Notes the largest ratio and defect at the present state. The last step may lead beyond the end, where nobody asks for them.
+    /// Notes the largest ratio and defect at the present state. The last step may lead beyond the end, where
+    /// nobody asks for them.
     fn watch(&mut self, point: &Seen) {
         if self.t <= self.end {
             self.solution.max_defect = larger(self.solution.max_defect, point.sigma.abs());

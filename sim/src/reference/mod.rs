@@ -1,8 +1,9 @@
 //! The continuous-time closed loop in `f64`, as exact as a stiff adaptive solver makes it: what every other
 //! fidelity is measured against.
 //!
-//! diffsol's BDF integrates. For the node-wise law of scalar states the coordinates (`coordinates.rs`) are chosen so that a state outside the
-//! funnel cannot be written down; every other coupling is solved in its states (`states.rs`). The system is dense: time grows as `N^3`, memory as `N^2`.
+//! diffsol's BDF integrates. For the node-wise law of scalar states the coordinates (`coordinates.rs`) are
+//! chosen so that a state outside the funnel cannot be written down; every other coupling is solved in its
+//! states (`states.rs`). The system is dense: time grows as `N^3`, memory as `N^2`.
 
 mod coordinates;
 #[cfg(test)]
@@ -66,7 +67,8 @@ fn check(times: &[f64], options: &ReferenceOptions) -> Result<(), ReferenceError
     Ok(())
 }
 
-/// Solves a problem that was checked, with all states moved by `shift` at the start (state units), which moves no diffusive term.
+/// Solves a problem that was checked, with all states moved by `shift` at the start (state units), which
+/// moves no diffusive term.
 fn start_from(
     system: &dyn unknowns::Unknowns,
     times: &[f64],

@@ -94,8 +94,9 @@ impl CoupledProblem {
         self.coupling.keeps_funnels() && self.gains.iter().all(Gain::keeps_funnels)
     }
 
-    /// Whether a component of a node may be at the edge of its funnel and beyond: where `mu` is larger than any limit its input is at one. Not
-    /// where inputs are sums over edges, or have the gain of another: those have no such limit.
+    /// Whether a component of a node may be at the edge of its funnel and beyond: where `mu` is larger than
+    /// any limit its input is at one. Not where inputs are sums over edges, or have the gain of another:
+    /// those have no such limit.
     pub(super) fn may_leave(&self, node: usize) -> bool {
         let by_itself =
             matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
@@ -113,8 +114,8 @@ impl CoupledProblem {
         }
     }
 
-    /// The same in the form that has the better unknowns, where it is that law: node-wise, scalar, without limits. An input at its limit says
-    /// nothing of the ratio.
+    /// The same in the form that has the better unknowns, where it is that law: node-wise, scalar, without
+    /// limits. An input at its limit says nothing of the ratio.
     #[must_use]
     pub fn as_scalar(&self) -> Option<ReferenceProblem> {
         let law = matches!(self.coupling, Coupling::NodeWise | Coupling::ElementWise | Coupling::MaxGain);
@@ -122,8 +123,8 @@ impl CoupledProblem {
     }
 }
 
-/// Width below which a funnel that closes at an instant stays (state units): from there on the paper's law has no solution, and this one is
-/// the emergent motion.
+/// Width below which a funnel that closes at an instant stays (state units): from there on the paper's law
+/// has no solution, and this one is the emergent motion.
 const CLOSED: f64 = 1e-9;
 
 /// `psi(t)` (state units).

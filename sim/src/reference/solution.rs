@@ -11,7 +11,8 @@ use crate::extremes::{beyond, largest};
 /// `psi = 1e-12` and `x = 500` all digits of `nu` cancel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceSolution {
-    /// Number of nodes, or of the components of all of them: the length of a row, by node and then by component.
+    /// Number of nodes, or of the components of all of them: the length of a row, by node and then by
+    /// component.
     pub nodes: usize,
     /// The output times that were reached, in seconds.
     pub times: Vec<f64>,
@@ -23,8 +24,8 @@ pub struct ReferenceSolution {
     pub psi: Vec<f64>,
     /// Coupling inputs `u_i = mu_i(nu_i / psi_i)`, in state units per second.
     pub u: Vec<f64>,
-    /// The largest `|nu_i| / psi_i` over all nodes and accepted steps, and at the last output time. The other output times have no part in
-    /// it, so that it does not depend on how many are asked for.
+    /// The largest `|nu_i| / psi_i` over all nodes and accepted steps, and at the last output time. The other
+    /// output times have no part in it, so that it does not depend on how many are asked for.
     pub max_ratio: f64,
     /// When that was, in seconds.
     pub max_ratio_at: f64,
@@ -33,7 +34,7 @@ pub struct ReferenceSolution {
     pub max_defect: f64,
     /// Accepted steps.
     pub steps: usize,
-    /// How far the states may be from the exact solution, where that was asked for.
+    /// Estimate of the distance to the exact solution, where that was asked for.
     pub estimate: Option<ErrorEstimate>,
     /// Up to where the solution is resolved, in seconds: the last output time, or less if the run failed.
     pub resolved_until: f64,

@@ -1,7 +1,8 @@
 //! The closed loop in the states themselves, for every coupling.
 //!
-//! A state outside its funnel can be written down here, and a solver's iterates go there. So `mu` goes on beyond [`EDGE`] on its tangent:
-//! increasing still, and never used by a solution, since a step that ends there is refused, unless the input is at a limit there. Digits of `nu / psi` are lost as the funnel
+//! A state outside its funnel can be written down here, and a solver's iterates go there. So `mu` goes on
+//! beyond [`EDGE`] on its tangent: increasing still, and never used by a solution, since a step that ends
+//! there is refused, unless the input is at a limit there. Digits of `nu / psi` are lost as the funnel
 //! narrows; the node-wise law of scalar states has better unknowns (`coordinates.rs`).
 
 use super::coordinates::LOCAL_SHARE;
@@ -100,7 +101,8 @@ impl<'a> States<'a> {
         Seen { x: x.to_vec(), ratio: ratio(&nu), nu, psi, u, sigma: 0.0 }
     }
 
-    /// The states at `t` from those at 0, by the classical Runge-Kutta method: for the first instants of a funnel that is infinite at 0.
+    /// The states at `t` from those at 0, by the classical Runge-Kutta method: for the first instants of a
+    /// funnel that is infinite at 0.
     fn opened(&self, t: f64, shift: f64) -> Vec<f64> {
         let add =
             |y: &[f64], k: &[f64], h: f64| -> Vec<f64> { y.iter().zip(k).map(|(y, k)| y + h * k).collect() };
@@ -128,7 +130,8 @@ impl<'a> States<'a> {
         y
     }
 
-    /// Where funnels that are infinite at t = 0 have come down to some ten times what they have to hold; 0 where there is none, s.
+    /// Where funnels that are infinite at t = 0 have come down to some ten times what they have to hold; 0
+    /// where there is none, s.
     pub(super) fn opening(&self) -> f64 {
         let problem = self.problem;
         let most = 1.0 + largest(0.0, self.diffuse(&problem.x0).iter().map(|nu| nu.abs()));

@@ -1,11 +1,13 @@
-//! What a node is told to stay within while the network is disturbed: found from the run that is not (LAW.md 9).
+//! What a node is told to stay within while the network is disturbed: found from the run that is not (law.md
+//! 9).
 
 use super::{Followed, WORK, follow_for, promises};
 use crate::extremes::smaller;
 use crate::scenario::{BusModel, Coupling, Loss, Scenario};
 use funnelnet_node::params;
 
-/// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back from far away.
+/// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back
+/// from far away.
 const INPUT: f64 = 12.0;
 /// The same of the slope by which a silent neighbour is extrapolated.
 const SLOPE: f64 = 1.2;
@@ -29,8 +31,8 @@ impl Bounds {
     /// Those of a network of which nothing is known.
     pub const NONE: Self = Self { input: None, slope: None, extrapolate: EXTRAPOLATE.0 };
 
-    /// Those of a scenario. An ideal bus that loses nothing, and no event, need none, and where the whole run cannot be followed there is none: a bound
-    /// must never clip what the law does undisturbed.
+    /// Those of a scenario. An ideal bus that loses nothing, and no event, need none, and where the whole run
+    /// cannot be followed there is none: a bound must never clip what the law does undisturbed.
     pub fn of(scenario: &Scenario) -> Self {
         let is_ideal = scenario.bus.model == BusModel::Ideal;
         let is_calm = scenario.bus.loss.is_none() && scenario.links.is_empty() && scenario.events.is_empty();

@@ -1,4 +1,5 @@
-//! What a bus that loses, delays or disturbs makes of the states: each node hears its neighbours as LAW.md 5 has it.
+//! What a bus that loses, delays or disturbs makes of the states: each node hears its neighbours as law.md 5
+//! has it.
 
 use super::Bounds;
 use super::member::Member;

@@ -1,4 +1,5 @@
-//! Edge-wise coupling: every edge has a funnel and a memory of its own. Both ends know the same, so that it is followed once for both.
+//! Edge-wise coupling: every edge has a funnel and a memory of its own. Both ends know the same, so that it
+//! is followed once for both.
 
 use super::member::Member;
 use crate::extremes::larger;

@@ -11,7 +11,8 @@ use funnelnet_law::law::max_gain::{self, Term};
 use funnelnet_law::law::node_wise::{Constants, Memory, NodeWise, THETA};
 use funnelnet_law::start::{PARTS, Pace};
 
-/// By how much a floor has to be above a funnel so that the f32 of a node, which rounds elsewhere, is above it as well.
+/// By how much a floor has to be above a funnel so that the f32 of a node, which rounds elsewhere, is above
+/// it as well.
 const SURELY: f64 = 1.05;
 
 /// One component.
@@ -122,7 +123,8 @@ impl<'s> Member<'s> {
         self.seen = larger(self.seen, other.x.abs());
     }
 
-    /// The same of one of its edges, with the input that it asks for (state units / s) and its floor (state units).
+    /// The same of one of its edges, with the input that it asks for (state units / s) and its floor (state
+    /// units).
     pub fn takes_edge(&mut self, component: usize, nu: f64, u: f64, floor: f64) {
         let part = &mut self.parts[component];
         part.pushed += u;
@@ -135,12 +137,14 @@ impl<'s> Member<'s> {
         self.node.funnel.width(t)
     }
 
-    /// Whether rounding makes it keep a funnel that is clearly wider than the scenario's at `t` (s), and than `accepted` (state units).
+    /// Whether rounding makes it keep a funnel that is clearly wider than the scenario's at `t` (s), and than
+    /// `accepted` (state units).
     pub fn floors(&self, t: f64, accepted: f64) -> bool {
         self.kept > SURELY * larger(self.node.funnel.width(t), accepted)
     }
 
-    /// The largest `|nu| / psi`; the funnel is the scenario's, or what the node and the designer do not go below.
+    /// The largest `|nu| / psi`; the funnel is the scenario's, or what the node and the designer do not go
+    /// below.
     pub fn ratio(&mut self, t: f64, asked: f64) -> f64 {
         let input = largest(0.0, self.parts.iter().map(|part| part.u.abs()));
         self.kept = match self.coupling {
@@ -168,7 +172,8 @@ impl<'s> Member<'s> {
         self.guard.of(k as u32, psi)
     }
 
-    /// Weakly-centralised coupling: the gain `|u| / |s|` that the node would use by itself (1/s times state units).
+    /// Weakly-centralised coupling: the gain `|u| / |s|` that the node would use by itself (1/s times state
+    /// units).
     pub fn own_gain(&mut self, k: u64, t: f64) -> f64 {
         let (psi, gain, b) = (self.psi(k, t), self.law.gain, self.law.b());
         let of = |part: &mut Part| {

@@ -16,7 +16,8 @@ pub(crate) struct Watched {
     pub spread: f64,
     /// The largest `|u|` (state units / s).
     pub input: f64,
-    /// Time (s), lowest and highest state of each tick, where an emergent error is expected of a scalar state.
+    /// Time (s), lowest and highest state of each tick, where an emergent error is expected of a scalar
+    /// state.
     pub reach: Vec<(f64, f64, f64)>,
     wants_reach: bool,
 }

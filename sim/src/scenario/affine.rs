@@ -3,8 +3,8 @@
 use super::Sine;
 use funnelnet_law::math;
 
-/// `f(t, x) = slope x + offset + sum amplitude sin(frequency t + phase)`, in state units per second, for a state of n
-/// components.
+/// `f(t, x) = slope x + offset + sum amplitude sin(frequency t + phase)`, in state units per second, for a
+/// state of n components.
 ///
 /// The methods without a component are for scalar states.
 #[derive(Clone, Debug, PartialEq)]

@@ -333,8 +333,8 @@ fn misread(item: &Item, error: &ExpressionError) -> Box<Diagnostic> {
     diagnostic
 }
 
-/// The field, once it is known to be finite where its node starts: a node would refuse it. Its steepest slope is looked for where nodes may
-/// come to.
+/// The field, once it is known to be finite where its node starts: a node would refuse it. Its steepest slope
+/// is looked for where nodes may come to.
 fn begun(
     item: &Item,
     dynamics: Dynamics,

@@ -34,7 +34,7 @@ pub(super) const MOST_BIT_ERRORS: f64 = 0.1;
 /// Where in a bit its level can be read.
 pub(super) const SAMPLE_POINT: Range = Range::between(0.001, 0.999, "of a bit");
 
-/// What carries the states.
+/// Model of the bus that carries the states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BusModel {
     /// No arbitration and no capacity; loss, latency and jitter only.
@@ -67,7 +67,7 @@ impl BusModel {
     }
 }
 
-/// Where serial lines lead.
+/// Wiring of the serial lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wiring {
     /// One for each edge, from node to node.
@@ -83,7 +83,7 @@ pub enum Wiring {
 pub struct Loss {
     /// Probability that a frame is lost in the good state, in which it begins.
     pub good: f64,
-    /// The same in the bad one.
+    /// Probability of a loss in the bad state.
     pub bad: f64,
     /// Probability that the bad state follows the good one.
     pub to_bad: f64,
@@ -135,7 +135,7 @@ impl Loss {
 pub struct BusSpec {
     /// Its kind.
     pub model: BusModel,
-    /// How a receiver misses frames, each receiver by itself.
+    /// Loss of frames, at each receiver by itself.
     pub loss: Loss,
     /// Delay of every frame in nanoseconds.
     pub latency_ns: u64,
@@ -145,13 +145,13 @@ pub struct BusSpec {
     pub bitrate: u32,
     /// Bit rate of the data of CAN FD, bit/s.
     pub data_bitrate: u32,
-    /// Where in a bit a CAN controller reads its level, per mille of it.
+    /// Sample point of a bit on CAN, per mille of it.
     pub sample_per_mille: u32,
-    /// The same in the data of CAN FD.
+    /// Sample point in the data of CAN FD, per mille of a bit.
     pub data_sample_per_mille: u32,
     /// Disturbed bits among a billion, on CAN and on serial lines.
     pub bit_errors: u32,
-    /// Where serial lines lead.
+    /// Wiring of the serial lines.
     pub wiring: Wiring,
     /// Bytes that the driver of a serial line holds for a node that computes.
     pub receive_buffer: u32,
@@ -178,7 +178,7 @@ impl Default for BusSpec {
 /// What a link does to the frames of one node on their way to another, after what the bus does.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinkSettings {
-    /// How they get lost.
+    /// Loss of frames.
     pub loss: Loss,
     /// Delay of each, ns.
     pub latency_ns: u64,
@@ -199,7 +199,7 @@ pub struct LinkSpec {
     pub from: usize,
     /// Index of the receiver.
     pub to: usize,
-    /// What happens to frames.
+    /// Settings of the link.
     pub settings: LinkSettings,
 }
 

@@ -25,9 +25,9 @@ pub(super) const WANDER: Range = Range::between(0.0, MOST_WANDER, "ppm in a seco
 /// The clock of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ClockSpec {
-    /// How far it is ahead at the start, ns.
+    /// Time by which it is ahead at the start, ns.
     pub offset_ns: i64,
-    /// How much too fast it is, parts in a billion.
+    /// Rate by which it is too fast, parts in a billion.
     pub drift_ppb: i64,
     /// Standard deviation of the change of that in a second, parts in a billion.
     pub wander_ppb: u64,
@@ -37,7 +37,7 @@ pub struct ClockSpec {
     pub drifts: Vec<(u64, i64)>,
 }
 
-/// What keeps the clocks together.
+/// SYNC that keeps the clocks together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SyncSpec {
     /// Time from one SYNC to the next, ns.

@@ -1,4 +1,4 @@
-//! `coupling.damping`, the `c` of (**): what is written of it, once the graph is known (LAW.md 4).
+//! `coupling.damping`, the `c` of (**): what is written of it, once the graph is known (law.md 4).
 
 use super::graph::Graph;
 use super::model::NodeSpec;
@@ -29,7 +29,8 @@ pub(super) fn resolve(
     if written.iter().all(Option::is_none) {
         return;
     }
-    // Each edge has one of its own: of an edge, and of its neighbours' edges, nothing sharper is known than 2.
+    // Each edge has one of its own: of an edge, and of its neighbours' edges, nothing sharper is known than
+    // 2.
     let lambda_max = if coupling == Coupling::EdgeWise { Some(2.0) } else { largest_eigenvalue(graph) };
     for (node, item) in nodes.iter_mut().zip(written) {
         match item.map_or(Ok(C), |item| read(item, lambda_max)) {

@@ -36,15 +36,15 @@ pub struct Diagnostic {
     pub line: usize,
     /// Column in characters, from 1; 0 like `line`.
     pub column: usize,
-    /// What sort of mistake it is.
+    /// Kind of mistake.
     pub problem: Problem,
     /// Full key, such as `coupling.funnel.rate`; empty where no key is concerned.
     pub key: String,
     /// The value as written, where there is one.
     pub found: Option<String>,
-    /// What is allowed, with its unit.
+    /// Values that are allowed, with their unit.
     pub allowed: String,
-    /// What would mend it, where that is known.
+    /// Change that would mend it, where one is known.
     pub hint: Option<String>,
 }
 

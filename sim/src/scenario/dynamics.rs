@@ -87,7 +87,8 @@ impl Dynamics {
         }
     }
 
-    /// The largest row sum of `|df/dx|` (1/s): a Lipschitz constant of an affine field, the steepest that was found of an expression.
+    /// The largest row sum of `|df/dx|` (1/s): a Lipschitz constant of an affine field, the steepest that was
+    /// found of an expression.
     #[must_use]
     pub fn steepness(&self) -> f64 {
         match self {

@@ -89,7 +89,8 @@ fn window(item: &Item, log: &Log) -> Option<Window> {
     Some(window)
 }
 
-/// Makes ticks of the times of all windows: those at and between `from` and `to`. Reports a window that the run does not have.
+/// Makes ticks of the times of all windows: those at and between `from` and `to`. Reports a window that the
+/// run does not have.
 pub(super) fn in_ticks(expect: &mut Expect, time: &TimeSpec, section: Option<&Item>, log: &Log) {
     let items = match section.and_then(|section| section.get("window")).map(|item| &item.value) {
         Some(Value::Array(items)) => items.as_slice(),

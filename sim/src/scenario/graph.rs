@@ -35,7 +35,8 @@ impl Graph {
         degrees
     }
 
-    /// The neighbours of a node with their weights, by index. Looks at every edge: not for a loop over the nodes.
+    /// The neighbours of a node with their weights, by index. Looks at every edge: not for a loop over the
+    /// nodes.
     #[must_use]
     pub fn neighbours(&self, index: usize) -> Vec<(usize, f64)> {
         let other = |edge: &Edge| match index {
@@ -60,7 +61,8 @@ impl Graph {
         terms
     }
 
-    /// The longest of the shortest ways between two nodes, where an edge is `1 / alpha` long; 0 for a single node.
+    /// The longest of the shortest ways between two nodes, where an edge is `1 / alpha` long; 0 for a single
+    /// node.
     #[must_use]
     pub fn resistive_diameter(&self) -> f64 {
         crate::extremes::largest(0.0, (0..self.nodes).map(|from| self.farthest(from)))

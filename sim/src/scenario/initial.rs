@@ -10,8 +10,8 @@ use funnelnet_law::Coupling;
 use funnelnet_law::funnel::Shape;
 use funnelnet_law::math;
 
-/// `|nu| / psi` at t = 0, by index and then by component; with edge-wise coupling that of each node's worst edge. The
-/// guarantee needs every one below 1 (the paper's Theorem 1).
+/// `|nu| / psi` at t = 0, by index and then by component; with edge-wise coupling that of each node's worst
+/// edge. The guarantee needs every one below 1 (the paper's Theorem 1).
 #[must_use]
 pub fn initial_ratios(scenario: &Scenario) -> Vec<f64> {
     let count = scenario.components();
@@ -20,7 +20,8 @@ pub fn initial_ratios(scenario: &Scenario) -> Vec<f64> {
     terms.iter().zip(widths).map(|(nu, psi)| nu.abs() / psi).collect()
 }
 
-/// The diffusive terms at t = 0, by index and then by component; with edge-wise coupling the largest of an edge.
+/// The diffusive terms at t = 0, by index and then by component; with edge-wise coupling the largest of an
+/// edge.
 fn initial_terms(scenario: &Scenario) -> Vec<f64> {
     let count = scenario.components();
     let mut terms = vec![0.0f64; scenario.nodes.len() * count];
@@ -55,8 +56,8 @@ fn largest_edge_terms(graph: &Graph, states: &[f64]) -> Vec<f64> {
     terms
 }
 
-/// Refuses nodes that start on or outside their funnel; `places` says where each node's state was given. A coupling that
-/// promises nothing may start anywhere.
+/// Refuses nodes that start on or outside their funnel; `places` says where each node's state was given. A
+/// coupling that promises nothing may start anywhere.
 pub(super) fn check(scenario: &Scenario, places: &[Place]) -> Result<(), Diagnostics> {
     if !scenario.coupling.keeps_funnels() {
         return Ok(());

@@ -1,4 +1,5 @@
-//! `inputs`: values over time from a CSV file, which expressions may name. In simulation and reference only: no node knows them.
+//! `inputs`: values over time from a CSV file, which expressions may name. In simulation and reference only:
+//! no node knows them.
 
 use super::diagnostic::Problem;
 use super::reader::{Log, Section};
@@ -70,7 +71,8 @@ const TIME: &str = "t";
 /// Column of the values in a file that this program writes.
 const VALUE: &str = "value";
 
-/// A column of a file that the scenario names, as a file of its own, so that a run can be repeated without the first one.
+/// A column of a file that the scenario names, as a file of its own, so that a run can be repeated without
+/// the first one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputFile {
     /// Its name in the folder of the scenario as it was run.
@@ -243,7 +245,8 @@ fn read_column(path: &Path, time: &str, column: &str) -> Column {
     if points.is_empty() { Err(format!("{shown} has no rows")) } else { Ok(points) }
 }
 
-/// An input must be known for the whole run, which ends at `end` (s): a value that is only held looks like one that was measured.
+/// An input must be known for the whole run, which ends at `end` (s): a value that is only held looks like
+/// one that was measured.
 pub(super) fn cover(inputs: &[Series], end: f64) -> Result<(), String> {
     for series in inputs {
         let (first, last) = series.span();

@@ -21,13 +21,13 @@ pub struct Scenario {
     pub seed: u64,
     /// Tick and duration.
     pub time: TimeSpec,
-    /// Who hears whom.
+    /// Graph: who hears whom.
     pub graph: Graph,
     /// The coupling law.
     pub coupling: Coupling<f64>,
     /// The narrowest funnel that is asked for.
     pub floor: FloorSpec,
-    /// What a node does outside its funnel.
+    /// Policy of a node outside its funnel.
     pub on_breach: Breach<f64>,
     /// The law runs in `(1 - guard) psi`, once that has grown from nothing.
     pub guard: f64,
@@ -39,17 +39,17 @@ pub struct Scenario {
     pub unit: Option<String>,
     /// The bus between the nodes.
     pub bus: BusSpec,
-    /// What lies between it and single receivers.
+    /// Links between the bus and single receivers.
     pub links: Vec<LinkSpec>,
-    /// What happens to nodes and links, in the order of time.
+    /// Events of nodes and links, in the order of time.
     pub events: Vec<EventSpec>,
     /// The clocks of the nodes, by index; none where all are right.
     pub clocks: Vec<ClockSpec>,
-    /// What keeps them together.
+    /// SYNC that keeps the clocks together.
     pub sync: Option<SyncSpec>,
-    /// What stops a node, beside its own state and funnel.
+    /// Causes that stop a node, beside its own state and funnel.
     pub safety: SafetySpec,
-    /// What must hold at the end.
+    /// Expectations of the run.
     pub expect: Expect,
     /// The file that it came from, as named by the user.
     pub path: PathBuf,
@@ -78,7 +78,7 @@ impl Scenario {
         !self.events.iter().any(|event| event.kind.is_of_lies())
     }
 
-    /// What its events come to, step by step.
+    /// Course of its events, step by step.
     #[must_use]
     pub fn course(&self) -> Course {
         Course::of(&self.events, &self.graph)
@@ -111,9 +111,9 @@ impl Scenario {
 }
 
 /// The network tick and how many of them are run. Where the law decides once in a round of several ticks, all that counts ticks, here and
-/// on the wire, counts rounds (LAW.md 5): a tick of the network is a round.
+/// on the wire, counts rounds (law.md 5): a tick of the network is a round.
 ///
-/// Time is that of the network. With a slow start (LAW.md 7) it passes more slowly than the nodes' clocks at first: `on_clock` and `from_clock` are about theirs.
+/// Time is that of the network. With a slow start (law.md 7) it passes more slowly than the nodes' clocks at first: `on_clock` and `from_clock` are about theirs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimeSpec {
     /// Network tick T in nanoseconds, above zero: a whole round.
@@ -256,12 +256,12 @@ pub enum FloorSpec {
     F32,
 }
 
-/// What stops a node, beside its own state and funnel.
+/// Causes that stop a node, beside its own state and funnel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SafetySpec {
-    /// So many neighbours lost at the same time; 0 never does.
+    /// Number of neighbours lost at the same time that stop a node; 0: none does.
     pub lost_neighbours: u8,
-    /// So long without SYNC, ns, where the nodes tick by it.
+    /// Time without SYNC that stops a node which ticks by it, ns.
     pub holdover_ns: Option<u64>,
 }
 
@@ -274,7 +274,7 @@ pub struct NodeSpec {
     pub state: Vec<f64>,
     /// The node's own vector field.
     pub dynamics: Dynamics,
-    /// What its actuator can do, where that is said.
+    /// Limits of its actuator, where they are given.
     pub limits: Option<InputLimits>,
     /// Its gain.
     pub gain: Gain<f64>,
@@ -310,7 +310,7 @@ pub struct Expect {
     pub blended_error: Option<f64>,
     /// Largest distance to the continuous-time reference over nodes and time (state units).
     pub reference_error: Option<f64>,
-    /// Where every component of every node ends.
+    /// Value at which every component of every node ends.
     pub final_value: Option<FinalValue>,
     /// The largest `|u|` over all nodes and ticks (state units / s).
     pub max_input: Option<f64>,
@@ -386,7 +386,7 @@ impl Expect {
     }
 }
 
-/// Where all states end, and how near to it.
+/// Value at which all states end, and how near to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FinalValue {
     /// State units.

@@ -22,10 +22,11 @@ impl Graph {
         matrix
     }
 
-    /// The eigenvalues of the Laplacian, ascending; the first is zero up to rounding, which is some N ulp of the largest.
+    /// The eigenvalues of the Laplacian, ascending; the first is zero up to rounding, which is some N ulp of
+    /// the largest.
     ///
-    /// Dense, O(N^3): a small `lambda2` (a path of 1,000 has 1e-5) is where iterations on the sparse matrix converge badly.
-    /// On one thread, so that the bits do not depend on the number of cores.
+    /// Dense, O(N^3): a small `lambda2` (a path of 1,000 has 1e-5) is where iterations on the sparse matrix
+    /// converge badly. On one thread, so that the bits do not depend on the number of cores.
     #[must_use]
     pub fn spectrum(&self) -> Vec<f64> {
         spectrum_of(&self.laplacian())
@@ -43,8 +44,8 @@ impl Graph {
         self.spectrum().last().copied().unwrap_or(0.0)
     }
 
-    /// The largest eigenvalue of `D^-1 L`, from 1 to 2, which is what the damping of the law has to be above (LAW.md 2); 2, which is
-    /// above all, for a graph of more than 300 nodes, where it takes long.
+    /// The largest eigenvalue of `D^-1 L`, from 1 to 2, which is what the damping of the law has to be above
+    /// (law.md 2); 2, which is above all, for a graph of more than 300 nodes, where it takes long.
     #[must_use]
     pub fn normalised_lambda_max(&self) -> f64 {
         if self.nodes > LARGEST_DENSE {
@@ -54,7 +55,8 @@ impl Graph {
         if largest.is_finite() { largest.clamp(1.0, 2.0) } else { 2.0 }
     }
 
-    /// The second eigenvalue of `D^-1 L`, from 0 to 2; not a number for a single node, and for a graph of more than 300 nodes.
+    /// The second eigenvalue of `D^-1 L`, from 0 to 2; not a number for a single node, and for a graph of
+    /// more than 300 nodes.
     #[must_use]
     pub fn normalised_lambda2(&self) -> f64 {
         if self.nodes > LARGEST_DENSE {

@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 /// The first line of such a file, by which this program knows its own again.
 pub const FIRST_LINE: &str = "# The scenario as it was run, written by sim-host.";
 
-/// The text of a scenario with the values of the command line in it. It is the file itself where that says everything: without `--set`,
-/// and with a title, which is otherwise the name of the file.
+/// The text of a scenario with the values of the command line in it. It is the file itself where that says
+/// everything: without `--set`, and with a title, which is otherwise the name of the file.
 pub(super) fn as_run(text: &str, mut root: Item, title: &str, is_unchanged: bool) -> String {
     let body = match &mut root.value {
         Value::Table(table) if !is_unchanged || !table.contains_key("title") => {

@@ -1,4 +1,5 @@
-//! What a simulation drives: nodes on any of the simulated buses, or the one loop of weakly-centralised coupling.
+//! What a simulation drives: nodes on any of the simulated buses, or the one loop of weakly-centralised
+//! coupling.
 
 use crate::bus::Medium;
 use crate::central::Central;

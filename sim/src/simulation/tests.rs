@@ -34,7 +34,8 @@ fn the_nodes_and_the_bits_are_those_of_the_engine() {
     }
 }
 
-/// Where nobody watches, receptions are no events of the bus: nothing that nodes hear depends on it, nor what their controllers stamp.
+/// Where nobody watches, receptions are no events of the bus: nothing that nodes hear depends on it, nor what
+/// their controllers stamp.
 #[test]
 fn who_watches_a_bus_changes_nothing_on_it() {
     let drifting = "../sim-host/tests/clocks/five-agents.toml";
@@ -98,7 +99,8 @@ fn a_funnel_that_f32_does_not_resolve_holds_nothing() {
     assert!(verdict.to_string().contains("has floored its funnel"), "{verdict}");
 }
 
-/// As the command judges them: more is allowed for some time after an event, and a node that is alone has no term.
+/// As the command judges them: more is allowed for some time after an event, and a node that is alone has no
+/// term.
 #[test]
 fn events_are_judged_as_in_a_run() {
     let scenario = gallery("bounce-join.toml", &[]);

@@ -3,26 +3,29 @@
 use crate::judge::{Check, Findings, Stop};
 use std::fmt;
 
-/// What a simulation came to, judged as a run of the command is: by the true states of all nodes and the scenario's funnels, not by what nodes believe.
+/// Verdict on a simulation, by the judge of the command: by the true states of all nodes and the scenario's
+/// funnels, not by what nodes believe.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Verdict {
-    /// All that the judge found.
+    /// Figures that the judge found.
     pub findings: Findings,
-    /// What every run must do: all ticks, no stop but those that the scenario allows, every node heard, no funnel floored, every figure a number.
+    /// Checks that every run has to pass: all ticks, no stop but those that the scenario allows, every node
+    /// heard, no funnel floored, every figure a number.
     pub checks: Vec<Check>,
     /// Nodes that stopped by themselves, in the order in which they did.
     pub stops: Vec<Stop>,
 }
 
 impl Verdict {
-    /// Whether the guarantee held: all checks did, and every diffusive term was known and inside its funnel, but at ticks at which the scenario's events allow more.
+    /// Whether the guarantee held: all checks passed, and every diffusive term was known and inside its
+    /// funnel, except at ticks at which the scenario's events allow more.
     #[must_use]
     pub fn holds(&self) -> bool {
         self.reasons().is_empty()
     }
 
-    /// Why it did not hold, as sentences; none where it did.
+    /// Reasons why it did not hold, as sentences; none if it did.
     #[must_use]
     pub fn reasons(&self) -> Vec<String> {
         let Findings { breaches, max_ratio, unknown, .. } = &self.findings;

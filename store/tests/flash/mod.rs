@@ -1,4 +1,5 @@
-//! NOR flash with the manners of the real one: writing clears bits, erasing sets them, and the power can fail in between.
+//! NOR flash with the manners of the real one: writing clears bits, erasing sets them, and the power can fail
+//! in between.
 #![allow(dead_code)] // each test uses a part
 
 use core::ops::Range;

@@ -64,7 +64,8 @@ impl Table {
         Self::default()
     }
 
-    /// A row: the instructions of `f`, on average over the inputs and with the costliest one, without the loop.
+    /// A row: the instructions of `f`, on average over the inputs and with the costliest one, without the
+    /// loop.
     pub fn row<I: Copy, R>(&self, name: &str, what: &str, inputs: &[I; INPUTS], f: impl FnMut(I) -> R) {
         self.print(name, None, what, &count(inputs, f), &count(inputs, |input| input));
     }
@@ -81,8 +82,8 @@ impl Table {
         self.print(name, Some(limit), what, &count(inputs, f), &count(inputs, |input| input));
     }
 
-    /// A row for something with a state, which `prepare` makes ready for each call of `f`; only `f` is counted. Gives
-    /// the state in the end, so that the caller can see that it did what it was to do.
+    /// A row for something with a state, which `prepare` makes ready for each call of `f`; only `f` is
+    /// counted. Gives the state in the end, so that the caller can see that it did what it was to do.
     pub fn stateful<S>(
         &self,
         name: &str,

@@ -1,4 +1,5 @@
-//! The parts of all affine fields that do not depend on the state, at equally spaced times: sines by rotation, not one by one.
+//! The parts of all affine fields that do not depend on the state, at equally spaced times: sines by
+//! rotation, not one by one.
 
 use crate::scenario::{Affine, Scenario, Sine};
 use funnelnet_law::math;
@@ -14,7 +15,8 @@ struct Phasor {
     turn: (f64, f64),
 }
 
-/// `f_i(t, x) - slope_i x` and its derivative by time, by index; nothing for an expression, which has no such part.
+/// `f_i(t, x) - slope_i x` and its derivative by time, by index; nothing for an expression, which has no such
+/// part.
 pub(super) struct Forcing {
     offsets: Vec<f64>,
     phasors: Vec<Phasor>,

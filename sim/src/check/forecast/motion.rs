@@ -22,7 +22,7 @@ pub(super) struct Motion {
     pub velocity: Vec<f64>,
     /// The blended dynamics at the end (state units).
     pub blended: f64,
-    /// The largest of the paper's `|chi|`, eq. (uplowdyn) (state units).
+    /// The largest of the paper's `|chi|`, (5), uplowdyn (state units).
     pub reach: f64,
     /// See `Forecast::largest_state`.
     pub largest_state: f64,
@@ -149,7 +149,8 @@ fn next_instants(fields: &mut Fields<'_>, forcing: &mut Forcing, widths: &Widths
     }
 }
 
-/// The affine nodes that stay bounded when left to themselves, followed exactly in their linear part and with the middle's forcing.
+/// The affine nodes that stay bounded when left to themselves, followed exactly in their linear part and with
+/// the middle's forcing.
 struct Alone {
     /// Index, state, and what the state and the forcing are multiplied by in one step.
     nodes: Vec<(usize, f64, f64, f64)>,

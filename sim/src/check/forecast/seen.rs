@@ -11,7 +11,8 @@ use funnelnet_law::floor::Floor;
 use funnelnet_law::gain::{Gain, GainFunction};
 use funnelnet_law::law::node_wise::{G, THETA};
 
-/// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnelnet_law::floor` (5 ulp at degree 2).
+/// How far the rounding of `nu` moves it on graphs of many nodes, in units of `funnelnet_law::floor` (5 ulp
+/// at degree 2).
 const ROUNDING: f64 = 2.5;
 /// Relative distance of two rates that differ by rounding only.
 const ROUNDED: f64 = 1e-12;
@@ -24,10 +25,11 @@ pub(in crate::check) struct NodeSeen {
     /// The smallest `1 - |s_i|`, `s_i = mu_i^-1(f_em - f_i)`, and when (s).
     pub margin: f64,
     pub margin_at: f64,
-    /// The narrowest funnel that one exchange per tick can hold: the largest `(1 - 2 g) theta c T^2 d |d/dt (f_em - f_i)| / (1 - |s_i|)`
-    /// (state units).
+    /// The narrowest funnel that one exchange per tick can hold: the largest
+    /// `(1 - 2 g) theta c T^2 d |d/dt (f_em - f_i)| / (1 - |s_i|)` (state units).
     pub floor: f64,
-    /// The largest share of the kept funnel that this takes up, when (s), and how wide the funnel is then (state units).
+    /// The largest share of the kept funnel that this takes up, when (s), and how wide the funnel is then
+    /// (state units).
     pub taken: f64,
     pub taken_at: f64,
     pub taken_of: f64,
@@ -191,7 +193,7 @@ fn apart(a: f64, b: f64) -> f64 {
     if distance <= ROUNDED * larger(a.abs(), b.abs()) { 0.0 } else { distance }
 }
 
-/// The excess over the steady ratio that one exchange per tick leaves (LAW.md 2, theorem 2).
+/// The excess over the steady ratio that one exchange per tick leaves (law.md 2, theorem 2).
 struct Excess<'s> {
     scenario: &'s Scenario,
     /// `(1 - 2 g) theta c T^2 d_i` (s^2).
@@ -203,7 +205,7 @@ struct Excess<'s> {
 impl<'s> Excess<'s> {
     fn new(scenario: &'s Scenario, degrees: &[f64]) -> Self {
         let tick = scenario.time.tick_s();
-        // The look back takes its part of the excess (LAW.md 3).
+        // The look back takes its part of the excess (law.md 3).
         let share = THETA * (1.0 - 2.0 * G) * tick * tick;
         let per_drift = |(degree, node): (&f64, &NodeSpec)| share * node.damping * degree;
         let shapes = scenario.nodes.windows(2).all(|pair| pair[0].funnel.shape == pair[1].funnel.shape);

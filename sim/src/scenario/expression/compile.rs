@@ -124,7 +124,8 @@ impl Compiler {
         }
     }
 
-    /// A function of an angle that time turns evenly: by the integer phase of a sinusoid, which loses nothing in long runs.
+    /// A function of an angle that time turns evenly: by the integer phase of a sinusoid, which loses nothing
+    /// in long runs.
     fn turning(
         &mut self,
         function: Function,

@@ -1,4 +1,5 @@
-//! Numbers that carry a derivative along (forward mode, W. K. Clifford's dual numbers): the program that gives `f` gives its slope as well.
+//! Numbers that carry a derivative along (forward mode, W. K. Clifford's dual numbers): the program that
+//! gives `f` gives its slope as well.
 
 use funnelnet_law::math::Real;
 use std::cmp::Ordering;
@@ -19,7 +20,8 @@ impl Dual {
 
     /// `f(self)`, with `f'` there.
     fn by(self, value: f64, derivative: f64) -> Self {
-        // What does not move has no slope, however steep the function is there: 0 times infinity is no number.
+        // What does not move has no slope, however steep the function is there: 0 times infinity is no
+        // number.
         let slope = if self.slope == 0.0 { 0.0 } else { derivative * self.slope };
         Self { value, slope }
     }

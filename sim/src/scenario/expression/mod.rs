@@ -1,7 +1,8 @@
 //! A vector field written as an expression: `-x + 3*tanh(x) + 2*sin(0.5*t)`.
 //!
-//! `token` and `syntax` are its words and what they say, `parse` reads it, and `compile` makes the program of it that nodes run
-//! (`funnelnet_law::program`). Everything else here runs that same program in f64, and in dual numbers for derivatives.
+//! `token` and `syntax` are its words and what they say, `parse` reads it, and `compile` makes the program of
+//! it that nodes run (`funnelnet_law::program`). Everything else here runs that same program in f64, and in
+//! dual numbers for derivatives.
 
 mod compile;
 mod dual;
@@ -104,14 +105,16 @@ impl Expression {
         })
     }
 
-    /// The same, with its steepest slope looked for in states up to `size` (state units) and times up to `end` (s).
+    /// The same, with its steepest slope looked for in states up to `size` (state units) and times up to
+    /// `end` (s).
     #[must_use]
     pub fn explored(mut self, size: f64, end: f64) -> Self {
         self.steepness = self.steepest(size, end);
         self
     }
 
-    /// The largest row sum of `|df/dx|` (1/s) that was found where the nodes may come to; there may be a larger one elsewhere.
+    /// The largest row sum of `|df/dx|` (1/s) that was found where the nodes may come to; there may be a
+    /// larger one elsewhere.
     #[must_use]
     pub fn steepness(&self) -> f64 {
         self.steepness

@@ -1,7 +1,7 @@
 //! From a text to a tree: operator precedence by binding power (V. R. Pratt, POPL 1973).
 //!
-//! Written by hand, in 150 lines: what users see of a parser is its messages, and a combinator library (winnow is there, below `toml`) gives
-//! where it stopped, not what would have been right.
+//! Written by hand, in 150 lines: what users see of a parser is its messages, and a combinator library
+//! (winnow is there, below `toml`) gives where it stopped, not what would have been right.
 
 use super::ExpressionError;
 use super::syntax::{Binary, FUNCTIONS, Function, Kind, Term};

@@ -1,7 +1,8 @@
 //! `sim-host check`: what can be said about a scenario without running it.
 //!
-//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (LAW.md section 4), what the emergent
-//! dynamics predict, what the sampled law itself does in f64, and whether that is what the scenario expects.
+//! The paper's assumptions and bounds (named in the README), the limits of the sampled law in f32 (law.md
+//! section 4), what the emergent dynamics predict, what the sampled law itself does in f64, and whether that
+//! is what the scenario expects.
 
 mod actuators;
 mod assumptions;
@@ -39,7 +40,7 @@ use funnelnet_law::range::{LARGEST, SHORTEST_TICK_NS};
 pub use nodes::NodeRow;
 use subject::Subject;
 
-/// How a finding stands.
+/// Status of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
@@ -55,15 +56,15 @@ pub enum Status {
     Fail,
 }
 
-/// What to change.
+/// Advice: what to change.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Advice {
-    /// For people.
+    /// Text for people.
     pub text: String,
-    /// For programs, where one setting would do.
+    /// Setting for programs, where one would do.
     #[serde(flatten)]
     pub setting: Option<Setting>,
-    /// What has to be set beside it.
+    /// Settings that have to be made with it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub also: Vec<Setting>,
 }
@@ -93,13 +94,13 @@ pub struct Setting {
 pub struct Finding {
     /// A stable name for machines.
     pub name: &'static str,
-    /// What was looked at, for people.
+    /// Name of what was checked, for people.
     pub title: &'static str,
-    /// How it stands.
+    /// Status.
     pub status: Status,
-    /// What was found, for people.
+    /// Finding in words, for people.
     pub text: String,
-    /// What to change, where something is to be changed.
+    /// Advice, where something is to be changed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<Advice>,
     /// The figures, in SI units.
@@ -149,7 +150,7 @@ pub struct Report {
     pub findings: Vec<Finding>,
     /// The figures of every node, by index.
     pub per_node: Vec<NodeRow>,
-    /// No finding failed; warnings do not count.
+    /// Whether no finding failed; warnings do not count.
     pub pass: bool,
     /// The bus as it is computed, for the text; the finding `bus` has it, too.
     #[serde(skip)]
@@ -157,7 +158,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// How many findings stand so.
+    /// Number of findings with this status.
     #[must_use]
     pub fn count(&self, status: Status) -> usize {
         self.findings.iter().filter(|finding| finding.status == status).count()
@@ -211,8 +212,9 @@ pub fn check(scenario: &Scenario) -> Report {
     }
 }
 
-/// Part of the narrowest funnel that one exchange per tick takes, by the formula: `narrowest` over `psi_min` of the finding `narrowest-funnel`. `None` where
-/// the motion is not predicted. For who asks of thousands of scenarios: the law itself is not followed.
+/// Part of the narrowest funnel that one exchange per tick takes, by the formula: `narrowest` over `psi_min`
+/// of the finding `narrowest-funnel`. `None` where the motion is not predicted. For who asks of thousands of
+/// scenarios: the law itself is not followed.
 #[must_use]
 pub fn taken_of_narrowest(scenario: &Scenario) -> Option<f64> {
     let subject = Subject::by_formula(scenario);
@@ -269,7 +271,8 @@ fn range(low: f64, high: f64) -> String {
     if low == high { low } else { format!("{low} to {high}") }
 }
 
-/// The tick of so many seconds as a scenario has it, with two digits and not longer; none where no node takes one that short.
+/// The tick of so many seconds as a scenario has it, with two digits and not longer; none where no node takes
+/// one that short.
 fn tick_of(seconds: f64) -> Option<String> {
     let ns = tick_ns_of(seconds);
     (seconds.is_finite() && ns >= u64::from(SHORTEST_TICK_NS)).then(|| format_duration(ns))

@@ -88,7 +88,7 @@ use outbox::Outbox;
 use part::Part;
 use step::Step;
 
-/// Next thing that the app shall do.
+/// Action that the app shall take next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
     /// Put this message on the link.
@@ -166,12 +166,12 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.outbox.introduce(self.neighbours.count() as u8);
     }
 
-    /// Own id.
+    /// Id of the node.
     pub fn id(&self) -> NodeId {
         self.params.id
     }
 
-    /// Phase.
+    /// Phase of the node's life.
     pub fn phase(&self) -> Phase {
         self.phase
     }
@@ -191,17 +191,17 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.clock.tick
     }
 
-    /// Doings of the law at the last tick, component by component.
+    /// Observations of the last tick, component by component.
     pub fn observations(&self) -> &[Observation<F>] {
         &self.observations
     }
 
-    /// Presence of its neighbour `id`, by the first component of that one's state; `None` for a stranger.
+    /// Presence of neighbour `id`, by the first component of its state; `None` for a stranger.
     pub fn neighbour_presence(&self, id: NodeId) -> Option<Presence> {
         self.neighbours.presence(id)
     }
 
-    /// Whether its neighbour `id` was ever heard, in any component; `None` for a stranger.
+    /// Whether neighbour `id` was ever heard, in any component; `None` for a stranger.
     pub fn neighbour_was_heard(&self, id: NodeId) -> Option<bool> {
         self.neighbours.was_heard(id)
     }
@@ -211,7 +211,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         &self.counters
     }
 
-    /// The closing report.
+    /// Report of the run so far, as it is sent at its end.
     pub fn report(&self) -> Report {
         Report { max_ratio: self.funnel.max_ratio.to_f32(), counters: self.counters.clone() }
     }

@@ -102,28 +102,28 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         }
     }
 
-    /// With nodes that compute for so long (ns, by index) before they send.
+    /// Lets nodes compute for `compute` (ns, by index) before they send.
     pub fn with_compute(self, compute: Vec<u64>) -> Self {
         let takes_time = compute.iter().any(|&ns| ns > 0);
         Self { compute: if takes_time { compute } else { Vec::new() }, ..self }
     }
 
-    /// With noise on the states that nodes send.
+    /// Adds noise to the states that nodes send.
     pub fn with_noise(self, noise: Noise) -> Self {
         Self { noise, ..self }
     }
 
-    /// With nodes that say what is not so.
+    /// Lets nodes say what is not so.
     pub fn with_lies(self, lies: Option<Box<Lies>>) -> Self {
         Self { lies, ..self }
     }
 
-    /// With nodes that measure and drive these plants.
+    /// Lets nodes measure and drive these plants.
     pub fn with_plants(self, plants: Plants) -> Self {
         Self { plants, ..self }
     }
 
-    /// With the events of a world.
+    /// Adds the events of a world.
     pub fn with_world(mut self, world: World<V>) -> Self {
         self.bus.set_listeners(world.listeners());
         self.world = Some(world);

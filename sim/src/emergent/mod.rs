@@ -1,17 +1,17 @@
-//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, eq. (emer)), in f64, from the mean
-//! of the initial states that the coupling conserves, and the blended dynamics beside it.
+//! What the network does as one: the emergent trajectory `xi` of a scenario (paper, (18), emer), in f64, from
+//! the mean of the initial states that the coupling conserves, and the blended dynamics beside it.
 //!
 //! What the inputs of a coupling add up to gives its emergent field `h`, component by component:
 //!
 //! | coupling | adds up to zero | `h` |
 //! |---|---|---|
-//! | node-wise, element-wise, and maximum gain for scalar states | `nu_i = psi_i mu_i^-1(u_i)` | paper, eq. (alg) |
+//! | node-wise, element-wise, and maximum gain for scalar states | `nu_i = psi_i mu_i^-1(u_i)` | paper, (19), alg |
 //! | linear | `nu_i = u_i / k_i` | the average with weights `1 / k_i` |
 //! | edge-wise | `u_i` | the average |
 //! | weakly centralised | `nu_i = psi_i u_i / G` | the average with weights `psi_i` |
 //!
-//! `start` says what that means for the initial value. Maximum gain ties the components of a vector together, and the gains of lambda-trackers depend on their past: neither has an `h`
-//! that is found here.
+//! `start` says what that means for the initial value. Maximum gain ties the components of a vector together,
+//! and the gains of lambda-trackers depend on their past: neither has an `h` that is found here.
 
 mod agents;
 mod blended;
@@ -38,7 +38,8 @@ use grid::{Grid, Walk};
 /// An instant just after the start, where a funnel that is infinite at t = 0 has a width, in s.
 const AFTER_START: f64 = 1e-9;
 
-/// One classical Runge-Kutta step of `x' = f(t, x)` from `t` over `step` (both s), for all components at once.
+/// One classical Runge-Kutta step of `x' = f(t, x)` from `t` over `step` (both s), for all components at
+/// once.
 fn runge_kutta(t: f64, x: &[f64], step: f64, mut f: impl FnMut(f64, &[f64]) -> Vec<f64>) -> Vec<f64> {
     let half = step * 0.5;
     let ahead = |by: f64, k: &[f64]| x.iter().zip(k).map(|(x, k)| x + by * k).collect::<Vec<_>>();
@@ -57,7 +58,8 @@ pub struct EmergentTrajectory<'a> {
 }
 
 impl<'a> EmergentTrajectory<'a> {
-    /// Starts at the mean of the initial states that the coupling conserves; `None` where a coupling has no emergent dynamics here.
+    /// Starts at the mean of the initial states that the coupling conserves; `None` where a coupling has no
+    /// emergent dynamics here.
     pub fn new(scenario: &'a Scenario) -> Option<Self> {
         let agents = Agents::new(scenario)?;
         Some(Self { agents, walk: Walk::new(Grid::of(scenario), start::start(scenario)) })
@@ -70,7 +72,8 @@ impl<'a> EmergentTrajectory<'a> {
         &self.walk.x
     }
 
-    /// Goes on by one step, unless that would lead beyond `until` (s). The points that it leads to are the same whatever else is asked.
+    /// Goes on by one step, unless that would lead beyond `until` (s). The points that it leads to are the
+    /// same whatever else is asked.
     pub(super) fn step(&mut self, until: f64) -> bool {
         let agents = &mut self.agents;
         self.walk.step(until, |t, x| agents.fields(t, x))
@@ -81,9 +84,9 @@ impl<'a> EmergentTrajectory<'a> {
         self.walk.grid.unresolved.as_deref()
     }
 
-    /// The ratios `s_i = mu_i^-1(f_em - f_i)` that hold the nodes together at the time of the last [`Self::advance`], by
-    /// index: what `nu_i / psi_i` settles to under a narrow funnel. Empty for vector states, and where the coupling is not one of
-    /// diffusive terms in funnels.
+    /// The ratios `s_i = mu_i^-1(f_em - f_i)` that hold the nodes together at the time of the last
+    /// [`Self::advance`], by index: what `nu_i / psi_i` settles to under a narrow funnel. Empty for vector
+    /// states, and where the coupling is not one of diffusive terms in funnels.
     pub fn steady_ratios(&mut self) -> impl Iterator<Item = f64> {
         let common = match follows_the_paper(self.agents.scenario.coupling) {
             true => self.common(),
@@ -95,21 +98,23 @@ impl<'a> EmergentTrajectory<'a> {
             .flat_map(move |common| placed.iter().map(move |agent| agent.gain.inverse(common - agent.f)))
     }
 
-    /// `df_em/dxi` at the time of the last [`Self::advance`] (1/s): negative where the emergent dynamics contract. `None` for
-    /// vector states.
+    /// `df_em/dxi` at the time of the last [`Self::advance`] (1/s): negative where the emergent dynamics
+    /// contract. `None` for vector states.
     pub fn contraction(&mut self) -> Option<f64> {
         let common = self.common()?;
         let &[xi] = self.walk.x.as_slice() else { return None };
         Some(contraction(&self.agents.placed, common, self.agents.slopes(self.walk.t, xi)))
     }
 
-    /// The field at the time of the last [`Self::advance`], with the agents left there (state units / s); `None` for vector states.
+    /// The field at the time of the last [`Self::advance`], with the agents left there (state units / s);
+    /// `None` for vector states.
     fn common(&mut self) -> Option<f64> {
         let (&[xi], t) = (self.walk.x.as_slice(), self.walk.t) else { return None };
         Some(self.aside(|agents, _| agents.field(t, xi)))
     }
 
-    /// Does something that leaves no trace in the steps to come: each search for a root begins at the last one that was found.
+    /// Does something that leaves no trace in the steps to come: each search for a root begins at the last
+    /// one that was found.
     fn aside<R>(&mut self, f: impl FnOnce(&mut Agents<'a>, &mut Walk) -> R) -> R {
         let guess = self.agents.guess.clone();
         let result = f(&mut self.agents, &mut self.walk);

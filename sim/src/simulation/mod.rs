@@ -1,4 +1,5 @@
-//! A scenario's network in a test of your own: the node of the firmware, on a simulated bus, with fields and plants that you write.
+//! A scenario's network in a test of your own: the node of the firmware, on a simulated bus, with fields and
+//! plants that you write.
 
 mod field;
 mod network;
@@ -54,7 +55,7 @@ pub struct Simulation<'s> {
 }
 
 impl<'s> Simulation<'s> {
-    /// The network of a scenario, whose nodes are as it says, on its bus.
+    /// Network of a scenario, with its nodes, fields and bus.
     ///
     /// # Errors
     /// See [`Refused`].
@@ -62,7 +63,7 @@ impl<'s> Simulation<'s> {
         Self::setup(scenario).start()
     }
 
-    /// The same, where nodes get fields or plants first.
+    /// Network of a scenario whose nodes first get fields or plants of your own.
     #[must_use]
     pub fn setup(scenario: &'s Scenario) -> Setup<'s> {
         let nodes = scenario.nodes.len();
@@ -74,7 +75,8 @@ impl<'s> Simulation<'s> {
         }
     }
 
-    /// Runs the next tick of all nodes and gives its number, from 0 on; `None` after the last one of the scenario.
+    /// Runs the next tick of all nodes and gives its number, from 0 on; `None` after the last one of the
+    /// scenario.
     pub fn step(&mut self) -> Option<u64> {
         let k = self.next;
         if k > self.scenario.time.ticks {
@@ -100,7 +102,7 @@ impl<'s> Simulation<'s> {
         self.verdict()
     }
 
-    /// Judges the ticks so far; a run that is not whole holds nothing.
+    /// Judges the ticks so far; a run that is not complete does not hold.
     #[must_use]
     pub fn verdict(self) -> Verdict {
         let scenario = self.scenario;
@@ -132,7 +134,8 @@ impl<'s> Simulation<'s> {
         Verdict { findings, checks, stops }
     }
 
-    /// What the node with this id saw at the last tick, component by component; empty for an id that is not there.
+    /// Observations of the node with this id at the last tick, component by component; empty for an id that
+    /// is not there.
     #[must_use]
     pub fn node(&self, id: u16) -> &[Observation<f32>] {
         let components = self.scenario.components();
@@ -141,7 +144,7 @@ impl<'s> Simulation<'s> {
         seen.get(first..first.saturating_add(components)).unwrap_or_default()
     }
 
-    /// What nodes reported so far.
+    /// Events that nodes reported so far.
     #[must_use]
     pub fn events(&self) -> &[NodeEvent] {
         &self.events
@@ -149,7 +152,8 @@ impl<'s> Simulation<'s> {
 }
 
 impl<'s> Setup<'s> {
-    /// Gives the node with this id a vector field in place of the scenario's, as `funnelnet_node::Fixed` does on a board.
+    /// Gives the node with this id a vector field in place of the scenario's, as `funnelnet_node::Fixed` does
+    /// on a board.
     ///
     /// An id that is not in the scenario is refused by [`Self::start`].
     #[must_use]
@@ -157,7 +161,8 @@ impl<'s> Setup<'s> {
         self.with(id, move |config| made(config, &Fixed(field.clone())), None)
     }
 
-    /// Gives the node with this id a plant, the same that a board has: the node samples and drives it, and its model is the node's field.
+    /// Gives the node with this id a plant, the same that a board has: the node samples and drives it, and
+    /// its model is the node's field.
     #[must_use]
     pub fn plant<P: Plant + 'static>(self, id: u16, plant: P) -> Self
     where

@@ -1,4 +1,5 @@
-//! What the emergent dynamics predict, without running the nodes: first the motion of the whole, then what it asks of each node.
+//! What the emergent dynamics predict, without running the nodes: first the motion of the whole, then what it
+//! asks of each node.
 
 mod forcing;
 mod motion;
@@ -12,8 +13,8 @@ use funnelnet_law::gain::Gain;
 use motion::Motion;
 pub(super) use seen::{AtFloor, NodeSeen};
 
-/// Node-steps that are spent on a prediction; it decides how many steps a large or long scenario gets, so that `check` stays
-/// quick and its result depends on the scenario only.
+/// Node-steps that are spent on a prediction; it decides how many steps a large or long scenario gets, so
+/// that `check` stays quick and its result depends on the scenario only.
 const NODE_STEPS: usize = 2_000_000;
 /// Most steps.
 const MOST_STEPS: usize = 50_000;
@@ -29,8 +30,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Steps that resolve the fields. The tick has no part in it: a ripple that turns whole times per tick would look like a constant. A
-    /// run that is too long for them is looked at up to where they end.
+    /// Steps that resolve the fields. The tick has no part in it: a ripple that turns whole times per tick
+    /// would look like a constant. A run that is too long for them is looked at up to where they end.
     fn of(scenario: &Scenario) -> Self {
         let end = scenario.time.end_s();
         let resolving = end * emergent::STEPS_PER_CONSTANT * emergent::fastest(scenario);
@@ -62,9 +63,11 @@ pub(super) struct Forecast {
     pub xi: Vec<f64>,
     /// The blended dynamics at the end of the grid (state units).
     pub blended_end: f64,
-    /// The bound that the escape estimate (Assumption 4) gives on every `|x_i|` up to the end of the grid (state units).
+    /// The bound that the escape estimate (Assumption 4) gives on every `|x_i|` up to the end of the grid
+    /// (state units).
     pub reach: f64,
-    /// Largest `|x|` of the initial states, of `xi`, and of the contracting nodes left to themselves (state units).
+    /// Largest `|x|` of the initial states, of `xi`, and of the contracting nodes left to themselves (state
+    /// units).
     pub largest_state: f64,
     /// The width at which a node floors its funnel, `funnelnet_law::floor`, by index (state units).
     pub resolution: Vec<f64>,
@@ -123,8 +126,8 @@ fn gains(scenario: &Scenario) -> Vec<Gain<f64>> {
     scenario.nodes.iter().map(|node| node.gain.prepared()).collect()
 }
 
-/// Relative widths `psi_i / max_j psi_j` at time `t` (s), which is all that the emergent dynamics depend on (paper, remark on
-/// time-invariant emergent dynamics); the factors where all funnels are closed.
+/// Relative widths `psi_i / max_j psi_j` at time `t` (s), which is all that the emergent dynamics depend on
+/// (paper, remark on time-invariant emergent dynamics); the factors where all funnels are closed.
 fn relative_widths(scenario: &Scenario, widths: &Widths, t: f64, relative: &mut Vec<f64>) {
     relative.clear();
     // Just after the start, where a funnel that is infinite at t = 0 has a width.

@@ -22,7 +22,7 @@ use funnelnet_protocol::service::{Identity, Reply, Request, ResetCause, StageErr
 use storage_request::{Staged, StorageRequest};
 use telemetry::Teller;
 
-/// Next thing that the firmware shall do.
+/// Action that the firmware shall take next.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Output {
     /// Put this frame of the real-time plane on the link.
@@ -43,7 +43,7 @@ pub enum Output {
     StorageRequest,
 }
 
-/// A node that may still be blank.
+/// Node behind a line to a host; it may still be blank.
 #[derive(Debug)]
 pub struct Session<M: Model = Configured> {
     identity: Identity,
@@ -78,7 +78,7 @@ pub struct Session<M: Model = Configured> {
 }
 
 impl Session {
-    /// A blank node that will be what its configuration describes.
+    /// Blank node that will be what its configuration describes.
     pub fn new(identity: Identity) -> Self {
         Self::with_model(identity, Configured)
     }
@@ -130,12 +130,14 @@ impl<M: Model> Session<M> {
         self.config.as_ref()
     }
 
-    /// How often the configuration has changed, wrapping: an app that hands parts of it to a driver does so when this changes.
+    /// Count of changes of the configuration, wrapping. An app that hands parts of it to a driver does so
+    /// when this changes.
     pub fn changes(&self) -> u8 {
         self.changes
     }
 
-    /// Takes note of what the link has lost since the start: REPORT says what of it was since the configuration.
+    /// Takes note of what the link has lost since the start: REPORT says what of it was since the
+    /// configuration.
     pub fn note_losses(&mut self, losses: Losses) {
         self.losses = losses;
     }
@@ -165,7 +167,7 @@ impl<M: Model> Session<M> {
         }
     }
 
-    /// Own id, 0 while blank: the source of its frames.
+    /// Id of the node, the source of its frames; 0 while blank.
     pub fn id(&self) -> u8 {
         self.node.as_ref().map_or(HOST, |node| node.id().get())
     }

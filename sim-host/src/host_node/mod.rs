@@ -1,7 +1,9 @@
-//! A node in a process of its own: the app of every board, with a line for the service plane and, if wanted, a CAN interface for states.
+//! A node in a process of its own: the app of every board, with a line for the service plane and, if wanted,
+//! a CAN interface for states.
 //!
-//! So a Linux computer with a CAN adapter takes part in a network, and a bench is tried without a board. It ticks by its own clock or by
-//! SYNC like any node, but on a computer whose system takes its time now and then: what is late is counted.
+//! So a Linux computer with a CAN adapter takes part in a network, and a bench is tried without a board. It
+//! ticks by its own clock or by SYNC like any node, but on a computer whose system takes its time now and
+//! then: what is late is counted.
 
 mod clock;
 mod inbox;
@@ -57,7 +59,8 @@ impl From<&End> for Exit {
     }
 }
 
-/// Runs a node until its line is closed, with what `storage` keeps for it. `uid` is the unique number that it gives itself.
+/// Runs a node until its line is closed, with what `storage` keeps for it. `uid` is the unique number that it
+/// gives itself.
 pub fn run(line: Line, can: Option<CanPort>, storage: Option<FileStorage>, uid: u64) -> End {
     let fd = matches!(can, Some(CanPort::Fd(_)));
     let can = can.map(Arc::new);

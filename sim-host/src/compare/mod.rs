@@ -1,4 +1,5 @@
-//! Two recorded runs side by side: where they differ first, how far apart they come, and which figures of their summaries differ.
+//! Two recorded runs side by side: where they differ first, how far apart they come, and which figures of
+//! their summaries differ.
 
 mod overlay;
 mod summaries;

@@ -1,7 +1,9 @@
-//! The sampled law itself, in f64, for the whole network: what a run on `loopback` does but for the rounding of f32.
+//! The sampled law itself, in f64, for the whole network: what a run on `loopback` does but for the rounding
+//! of f32.
 //!
-//! The emergent dynamics say what happens once the states have come together. Everything before, and everything that the bus does, is
-//! found by following the law. That is cheap for small networks and short runs; else only the start is followed.
+//! The emergent dynamics say what happens once the states have come together. Everything before, and
+//! everything that the bus does, is found by following the law. That is cheap for small networks and short
+//! runs; else only the start is followed.
 
 mod bounds;
 mod bus;
@@ -23,9 +25,11 @@ pub(crate) use window::Watched;
 
 /// What is followed at least, s, as long as it is cheap.
 pub(crate) const START: f64 = 0.1;
-/// Work that is spent, in edges and ticks; it depends on the scenario only, so that `check` says the same on every machine.
+/// Work that is spent, in edges and ticks; it depends on the scenario only, so that `check` says the same on
+/// every machine.
 const WORK: usize = 25_000_000;
-/// Work of one component of a node, and of an end of an edge where the bus loses or delays, beside that of an edge.
+/// Work of one component of a node, and of an end of an edge where the bus loses or delays, beside that of an
+/// edge.
 const NODE_WORK: usize = 20;
 const EAR_WORK: usize = 4;
 /// Funnels from which on the states are called lost.
@@ -65,7 +69,8 @@ pub(crate) struct Followed {
     pub input: f64,
     /// The largest `|x'|` (state units / s).
     pub slope: f64,
-    /// Root mean square of the second derivative of the mean state, once the states have come together (state units / s^2).
+    /// Root mean square of the second derivative of the mean state, once the states have come together (state
+    /// units / s^2).
     pub bend: f64,
     /// When the states ran away, s.
     pub lost: Option<f64>,

@@ -41,13 +41,13 @@ pub fn scalar<F>(x: F) -> State<F> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sine<F> {
-    /// The component that it drives, from 0.
+    /// Component of the state that the sinusoid drives, from 0.
     pub component: u8,
-    /// State units / s.
+    /// Amplitude, state units / s.
     pub amplitude: F,
-    /// rad/s. f64, since its error grows with the length of the run.
+    /// Frequency, rad/s. f64, since its error grows with the length of the run.
     pub frequency: f64,
-    /// rad.
+    /// Phase, rad.
     pub phase: f64,
 }
 
@@ -62,16 +62,16 @@ pub struct Sine<F> {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Field<F> {
-    /// 1/s: one number for all components, or n times n, row by row.
+    /// Slope, 1/s: one number for all components, or n times n, row by row.
     pub slope: Vec<F, MAX_MATRIX>,
-    /// State units / s, n numbers.
+    /// Offset, state units / s, n numbers.
     pub offset: State<F>,
     /// Sinusoids.
     pub sines: Vec<Sine<F>, MAX_SINES>,
 }
 
 impl<F> Field<F> {
-    /// The field of a state with one component: 1/s, state units / s.
+    /// Field of a state with one component, from slope (1/s) and offset (state units / s).
     pub fn scalar(slope: F, offset: F, sines: impl IntoIterator<Item = Sine<F>>) -> Self {
         let slope = [slope].into_iter().collect();
         Self { slope, offset: scalar(offset), sines: sines.into_iter().take(MAX_SINES).collect() }
@@ -94,11 +94,12 @@ impl<F> Field<F> {
 /// assert!((x - 1.0).abs() < 1e-6);
 /// ```
 pub trait VectorField<F: Real> {
-    /// `f(t, x)` of a state with one component, state units / s, at `t = half_ticks * T / 2`: integer time does not lose bits
-    /// in long runs.
+    /// `f(t, x)` of a state with one component, state units / s, at `t = half_ticks * T / 2`: integer time
+    /// does not lose bits in long runs.
     fn at(&self, half_ticks: u64, x: F) -> F;
 
-    /// Component `index` of `f(t, x)` for a vector state. Unless it is overridden, every component has [`Self::at`] to itself.
+    /// Component `index` of `f(t, x)` for a vector state. Unless it is overridden, every component has
+    /// [`Self::at`] to itself.
     #[inline]
     fn component(&self, half_ticks: u64, x: &[F], index: usize) -> F {
         x.get(index).map_or(F::ZERO, |&x| self.at(half_ticks, x))
@@ -144,7 +145,8 @@ pub struct AffineSines<F> {
 }
 
 impl<F: Real> AffineSines<F> {
-    /// Prepares a validated field for tick period `tick` (s). Its numbers are f32, as they travel, whatever `F` is.
+    /// Prepares a validated field for tick period `tick` (s). Its numbers are f32, as they travel, whatever
+    /// `F` is.
     #[must_use]
     pub fn new(field: &Field<f32>, tick: f64) -> Self {
         let phasors = field.sines.iter().map(|sine| Phasor::new(sine, tick));
@@ -183,19 +185,19 @@ impl<F: Real> VectorField<F> for AffineSines<F> {
     }
 }
 
-/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (LAW.md 4); compensated, since `T xdot` is small
-/// beside `x`. `carry` is what rounding has left behind so far.
+/// Advances `x` by tick `k` with `u` held and a midpoint step for `f` (law.md 4); compensated, since `T xdot`
+/// is small beside `x`. `carry` is what rounding has left behind so far.
 #[inline]
 pub fn midpoint_step<F: Real, V: VectorField<F>>(field: &V, tick: F, k: u64, x: &mut F, carry: &mut F, u: F) {
     Stride { tick, half: 1 }.midpoint_step(field, k << 1, x, carry, u);
 }
 
-/// How far a step goes: `T` is what a field was prepared for, and a step may be longer.
+/// Length of a step, which may be longer than the `T` that a field was prepared for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stride<F> {
-    /// Its length, s.
+    /// Length, s.
     pub tick: F,
-    /// The half of it in half ticks of the field.
+    /// Half of the length, in half ticks of the field.
     pub half: u64,
 }
 
