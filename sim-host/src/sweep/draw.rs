@@ -149,8 +149,8 @@ mod tests {
             let cube = Cube::new(method, 8, 2, 1).unwrap();
             [cube.at(0, 0), cube.at(0, 1), cube.at(7, 1)]
         };
-        assert_eq!(first(Method::Sobol), [0.0, 0.0, 0.0]);
-        assert_eq!(first(Method::Lhs), [0.0, 0.0, 0.0]);
+        assert_eq!(first(Method::Sobol), [0.1214444637298584, 0.5689133405685425, 0.03452789783477783]);
+        assert_eq!(first(Method::Lhs), [0.039167467517941826, 0.24018895336426188, 0.48873153610503406]);
     }
 
     #[test]
