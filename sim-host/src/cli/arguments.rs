@@ -97,10 +97,9 @@ Values are as in --set. A list or a drawing comes with every combination of the 
 Exit codes: 0 every run passes, 1 one fails, 2 nothing was run, or a run is refused; a signal as in run.
 
 Examples:
-  sim-host sweep lossy.toml --grid bus.loss=0.0,0.1,0.3 --seeds 20 --out out/loss
-  sim-host sweep five.toml --grid graph.kind=ring,star --grid time.tick=1ms,2ms --out o
-  sim-host sweep five.toml --lhs 200 --range coupling.funnel.rate=0.1..10.0:log --out o
-  sim-host sweep five.toml --list points.csv --seeds 5 --shard 2/8 --resume --out o";
+  sim-host sweep five.toml --grid bus.loss=0.0,0.1,0.3 --seeds 20 --out loss
+  sim-host sweep five.toml --lhs 200 --range bus.loss=1e-3..0.3:log --out o
+  sim-host sweep five.toml --list points.csv --shard 2/8 --resume --out o";
 
 const SCHEMA_HELP: &str = "\
 Examples:

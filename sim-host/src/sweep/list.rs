@@ -24,28 +24,39 @@ impl List {
     }
 
     fn parse(text: &str) -> Result<Self, String> {
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
-        let failed = |error: csv::Error| format!(": {error}");
-        let keys = reader.headers().map_err(failed)?.iter().map(key_of).collect::<Result<Vec<_>, _>>();
-        let keys =
-            keys.map_err(|_| ", line 1: must name the keys of the columns, as in bus.loss,time.tick")?;
+        let is_said = |(_, line): &(u64, &str)| !line.trim().is_empty() && !line.starts_with('#');
+        let mut lines = (1..).zip(text.lines()).filter(is_said);
+        let (first, header) = lines.next().ok_or_else(no_points)?;
+        let keys = cells(header).iter().map(|key| key_of(key)).collect::<Result<Vec<_>, _>>();
+        let keys = keys.map_err(|_| {
+            format!(", line {first}: must name the keys of the columns, as in bus.loss,time.tick")
+        })?;
         let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(failed)?;
-            let line = record.position().map_or(0, csv::Position::line);
-            let row: Vec<_> = record.iter().map(str::to_owned).collect();
+        for (line, text) in lines {
+            let row = cells(text);
+            if row.len() != keys.len() {
+                let (wanted, there) = (keys.len(), row.len());
+                return Err(format!(", line {line}: has {there} values for {wanted} keys"));
+            }
             if let Some((key, _)) = keys.iter().zip(&row).find(|(_, value)| value.is_empty()) {
                 return Err(format!(", line {line}: has no value for {key}"));
             }
             rows.push((line, row));
         }
-        if rows.is_empty() {
-            Err(" has no points: no line below its keys".to_owned())
-        } else {
-            Ok(Self { keys, rows })
-        }
+        if rows.is_empty() { Err(no_points()) } else { Ok(Self { keys, rows }) }
     }
+}
+
+fn no_points() -> String {
+    " has no points: no line below its keys".to_owned()
+}
+
+/// The cells of one line, without blanks around them.
+fn cells(line: &str) -> Vec<String> {
+    let mut reader =
+        csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(line.as_bytes());
+    let record = reader.records().find_map(Result::ok).unwrap_or_default();
+    record.iter().map(str::to_owned).collect()
 }
 
 #[cfg(test)]
@@ -67,6 +78,6 @@ mod tests {
         assert!(wrong("").contains("has no points"));
         assert!(wrong("bus.loss,\n1,2\n").contains("line 1: must name the keys"));
         assert_eq!(wrong("a,b\n1,2\n1,\n"), ", line 3: has no value for b");
-        assert!(wrong("a,b\n1,2,3\n").contains("line: 2"));
+        assert_eq!(wrong("a,b\n\n1,2,3\n"), ", line 3: has 3 values for 2 keys");
     }
 }
