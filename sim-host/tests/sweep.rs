@@ -305,7 +305,8 @@ fn a_failing_run_prints_its_command_and_leaves_its_scenario() {
     assert!(table[2]["why"].starts_with("final_spread = "), "{}", table[2]["why"]);
     assert_eq!(place.names("o/failed"), ["run-3", "run-4"]);
     // Both the command and the scenario are the run, to the bit.
-    let command = ended.err.split("repeat with: ").nth(2).unwrap().split("; its scenario: ").next().unwrap();
+    let told = ended.err.split("run 4 failed: ").nth(1).unwrap();
+    let command = told.split("repeat with: ").nth(1).unwrap().split("; its scenario: ").next().unwrap();
     assert!(
         command.contains(" run a.toml --set time.duration=20ms --set node.1.state=4.5 --seed 5"),
         "{command}"
