@@ -65,7 +65,7 @@ impl Table {
     /// # Errors
     /// [`RecordError`], for example on a full disk; the rows before are whole.
     pub fn append(&mut self, rows: &[Row]) -> Result<(), RecordError> {
-        let grew = rows.iter().fold(false, |grew, row| self.columns.add(row.cells.keys()) || grew);
+        let grew = self.columns.add(rows.iter().flat_map(|row| row.cells.keys()));
         if grew || self.open.is_none() {
             let mut all = read(&self.path, &mut self.columns).map_err(|error| self.unreadable(&error))?.0;
             all.extend(rows.iter().cloned());
