@@ -623,8 +623,14 @@ cmd_test() { #: set up, then every check, cheap ones first
     say "all checks passed"
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards; an hour
+cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where it is installed, against the same in one process
+    cargo build --release --locked --quiet --package sim-host
+    tests/shards/run.sh target/release/sim-host
+}
+
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, shards on HyperQueue and Slurm; an hour
     cmd_sweep
+    cmd_shards
     cmd_same-bits
     cargo test --locked -p sim-host --test memory -- --ignored --nocapture
     cargo test --release --locked -p system-tests --test properties --test outages --test editions -- --ignored --nocapture

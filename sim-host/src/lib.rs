@@ -25,3 +25,4 @@ pub mod progress;
 pub mod record;
 pub mod replay;
 pub mod run;
+pub mod sweep;

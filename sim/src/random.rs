@@ -44,6 +44,8 @@ pub enum Purpose {
     EventNoise = 26,
     /// Events by chance.
     Faults = 27,
+    /// Points of a sweep.
+    Design = 64,
 }
 
 /// The generator (PCG XSL RR 128/64) for one purpose and index, such as a node or a link.
@@ -56,7 +58,8 @@ pub fn stream(seed: u64, purpose: Purpose, index: u64) -> Pcg64 {
 }
 
 /// The finaliser of SplitMix64 (Steele, Lea and Flood, 2014): neighbouring seeds give unrelated states.
-const fn mix(value: u64) -> u64 {
+#[must_use]
+pub const fn mix(value: u64) -> u64 {
     let z = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

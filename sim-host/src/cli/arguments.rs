@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand};
 use crate::bench;
 use crate::run::Fidelity;
 use crate::scenario::{Override, parse_duration};
+use crate::sweep::{Axis, Range, Shard};
 
 // Here and below: a line for each paragraph, so that it is wrapped to the terminal's width.
 const AFTER_HELP: &str = "\
@@ -93,6 +94,20 @@ Examples:
   candump -L can0 > bench.log
   sim-host replay bench.log --scenario scenarios/five-agents.toml --node 3";
 
+const SWEEP_HELP: &str = "\
+Runs every point of a design with every seed, on all cores, and writes a row for each run into DIR/runs.csv. Repetition r \
+has the seed of the scenario plus r - 1 at every point. A run that does not pass prints the command that repeats it, and \
+leaves its scenario in DIR/failed. After Ctrl-C, a crash or a power cut the same command with --resume goes on.
+
+Values are as in --set. A list or a drawing comes with every combination of the grid.
+
+Exit codes: 0 every run passes, 1 one fails, 2 nothing was run, or a run is refused; a signal as in run.
+
+Examples:
+  sim-host sweep five.toml --grid bus.loss=0.0,0.1,0.3 --seeds 20 --out loss
+  sim-host sweep five.toml --lhs 200 --range bus.loss=1e-3..0.3:log --out o
+  sim-host sweep five.toml --list points.csv --shard 2/8 --resume --out o";
+
 const SCHEMA_HELP: &str = "\
 Examples:
   sim-host schema > scenario.schema.json
@@ -134,6 +149,9 @@ pub(super) enum Command {
     /// Run the firmware's node in this process: on a computer with a CAN adapter, or to try a bench without boards
     #[command(after_help = NODE_HELP)]
     Node(NodeArgs),
+    /// Run a scenario over many values and seeds, on all cores, with a table of all figures
+    #[command(after_help = SWEEP_HELP)]
+    Sweep(SweepArgs),
     /// Check a scenario's assumptions, bounds and capacity without running it
     #[command(after_help = CHECK_HELP)]
     Check(CheckArgs),
@@ -273,6 +291,54 @@ pub(super) struct OutputArgs {
     /// Also print what nodes report
     #[arg(short, long)]
     pub(super) verbose: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct SweepArgs {
+    #[command(flatten)]
+    pub(super) source: Source,
+    /// Values of a key, TOML or bare strings; several grids are combined (repeatable)
+    #[arg(long, value_name = "key=a,b,c", value_parser = Axis::parse)]
+    pub(super) grid: Vec<Axis>,
+    /// Points from a CSV file: keys in its first line, then a line for each point
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["sobol", "lhs"])]
+    pub(super) list: Option<PathBuf>,
+    /// Draw so many points of a Sobol sequence, best a power of two, from the ranges
+    #[arg(long, value_name = "N", conflicts_with = "lhs")]
+    pub(super) sobol: Option<u64>,
+    /// Draw a Latin hypercube of so many points from the ranges
+    #[arg(long, value_name = "N")]
+    pub(super) lhs: Option<u64>,
+    /// Range of a key for --sobol and --lhs: real numbers, whole ones, or times; :log for equal ratios (repeatable)
+    #[arg(long, value_name = "key=low..high[:log]", value_parser = Range::parse)]
+    pub(super) range: Vec<Range>,
+    /// Seed of the drawing
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(super) design_seed: u64,
+    /// Repetitions of each point, each with a seed of its own
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) seeds: u64,
+    /// Mix the point into the seed: no two points share random streams
+    #[arg(long)]
+    pub(super) independent: bool,
+    /// Run every n-th run only, from the i-th on, into runs-i-of-n.csv; the last shard to end merges them
+    #[arg(long, value_name = "i/n")]
+    pub(super) shard: Option<Shard>,
+    /// Go on with the rows that are there; begins where there are none
+    #[arg(long)]
+    pub(super) resume: bool,
+    /// Threads [default: as many as there are cores]
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub(super) jobs: Option<u16>,
+    /// Folder for the table; made where it is missing
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: PathBuf,
+    /// A run that is refused is a row, and not the end of the sweep
+    #[arg(long)]
+    pub(super) allow_refused: bool,
+    /// Say nothing but errors and runs that do not pass
+    #[arg(short, long)]
+    pub(super) quiet: bool,
 }
 
 #[derive(Args, Debug)]

@@ -1,6 +1,7 @@
 //! The command line: arguments in, exit code out.
 
 mod arguments;
+mod sweeping;
 mod words;
 
 use std::ffi::OsString;
@@ -101,6 +102,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Run(args) => run_command(&args, arguments),
         Command::Bench(args) => bench_command(&args, arguments),
         Command::Node(args) => node_command(&args),
+        Command::Sweep(args) => sweeping::sweep_command(&args, arguments),
         Command::Check(args) => check_command(&args),
         Command::Diff(args) => diff_command(&args),
         Command::Replay(args) => replay_command(&args),

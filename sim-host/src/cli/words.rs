@@ -10,6 +10,11 @@ pub(super) fn command(arguments: &[OsString]) -> String {
     arguments.iter().map(|word| quote(word)).collect::<Vec<_>>().join(" ")
 }
 
+/// Words as a command.
+pub(super) fn quoted(words: &[String]) -> String {
+    words.iter().map(|word| quote(OsStr::new(word))).collect::<Vec<_>>().join(" ")
+}
+
 /// The same with the seed made explicit.
 pub(super) fn repeat(arguments: &[OsString], seed: u64) -> String {
     let has_seed = |word: &OsString| word == "--seed" || word.as_bytes().starts_with(b"--seed=");

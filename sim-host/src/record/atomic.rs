@@ -224,6 +224,26 @@ pub fn write_atomic(path: impl Into<PathBuf>, content: &[u8]) -> Result<(), Reco
     file.commit()
 }
 
+/// Writes `content` to `path`, whole or not at all, where there is no file yet. Of several processes that do so at once one succeeds.
+///
+/// # Errors
+/// [`RecordError`], naming `path`; of kind [`io::ErrorKind::AlreadyExists`] where there is one.
+pub fn place_new(path: &Path, content: &[u8]) -> Result<(), RecordError> {
+    let failed = |reason| RecordError { path: path.to_owned(), reason };
+    let temporary = temporary::beside(path).ok_or_else(|| failed(io::ErrorKind::InvalidInput.into()))?;
+    let write = |path: &Path| {
+        let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        file.write_all(content).and_then(|()| file.sync_all())
+    };
+    let placed = write(&temporary).and_then(|()| match fs::hard_link(&temporary, path) {
+        // Not every file system has hard links.
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => write(path),
+        linked => linked,
+    });
+    let _ = fs::remove_file(&temporary);
+    placed.map_err(failed)
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -262,6 +282,15 @@ pub(super) mod tests {
         write_atomic(&path, b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
         assert_eq!(folder.names(), ["a.csv"]);
+    }
+
+    #[test]
+    fn a_new_file_is_placed_once() {
+        let folder = Folder::new("placed");
+        let path = folder.0.join("sweep.json");
+        place_new(&path, b"first").unwrap();
+        assert_eq!(place_new(&path, b"second").unwrap_err().reason.kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!((fs::read(&path).unwrap().as_slice(), folder.names().len()), (&b"first"[..], 1));
     }
 
     #[test]

@@ -13,7 +13,7 @@ mod trace_hash;
 mod trajectory;
 
 pub(crate) use atomic::follow;
-pub use atomic::{AtomicFile, RecordError, is_standard_output, write_atomic};
+pub use atomic::{AtomicFile, RecordError, is_standard_output, place_new, write_atomic};
 pub use bus_files::{BusFiles, BusLogs, OnBus};
 pub use junit::{JunitError, junit, junit_error};
 pub use rights::remove_earlier;

@@ -43,7 +43,7 @@ impl Claim {
             remove_abandoned_beside(path);
         }
         let cleared = match &folder {
-            Ok(Some(folder)) => folder.clear(),
+            Ok(Some(folder)) => folder.has_no_sweep().and_then(|()| folder.clear()),
             _ => Ok(()),
         };
         if let Some(out) = wanted.out.filter(|_| cleared.is_err()) {

@@ -1,20 +1,20 @@
 //! The folder of outputs: made, locked against a second run, and cleared of an earlier one.
 
 use super::error::RunError;
+use super::lock::{Access, Lock, LockError};
 use super::names;
 use crate::printable::printable;
 use crate::record::{RecordError, remove_abandoned, remove_earlier};
 use crate::scenario::FIRST_LINE;
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Write};
-use std::os::unix::fs::MetadataExt;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// A folder that no other run writes into. The lock goes with the process, however that ends.
+/// A folder that no other run writes into; several processes of one sweep do.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
-    lock: File,
+    lock: Lock,
 }
 
 impl Folder {
@@ -23,30 +23,40 @@ impl Folder {
     /// # Errors
     /// It cannot be written, or another run has it.
     pub fn take(path: &Path) -> Result<Self, RunError> {
+        Self::open(path, Access::Alone)
+    }
+
+    /// The same for one of several processes that write into it together.
+    ///
+    /// # Errors
+    /// It cannot be written, or a run has it for itself.
+    pub fn share(path: &Path) -> Result<Self, RunError> {
+        Self::open(path, Access::Shared)
+    }
+
+    fn open(path: &Path, access: Access) -> Result<Self, RunError> {
         let failed = |reason| RunError::from(RecordError { path: path.to_owned(), reason });
         fs::create_dir_all(path).map_err(failed)?;
-        loop {
-            let lock = open(&path.join(names::LOCK)).map_err(failed)?;
-            if let Err(TryLockError::WouldBlock) = lock.try_lock() {
-                return Err(taken(path, lock));
-            }
-            // Where the file system has no locks there is nobody to tell apart.
-            // A run that has just ended may have removed the file that was opened here.
-            if is_current(&lock, path) {
-                let folder = Self { path: path.to_owned(), lock };
-                folder.sign();
-                return Ok(folder);
-            }
+        match Lock::take(&path.join(names::LOCK), access) {
+            Ok(lock) => Ok(Self { path: path.to_owned(), lock }),
+            Err(LockError::Taken(holder)) => Err(taken(path, holder)),
+            Err(LockError::Failed(reason)) => Err(failed(reason)),
         }
     }
 
-    fn lock_path(&self) -> PathBuf {
-        self.path.join(names::LOCK)
-    }
-
-    /// Says who has the folder. Where the disk is full the lock holds without it.
-    fn sign(&self) {
-        let _ = self.lock.set_len(0).and_then(|()| write!(&self.lock, "{}", std::process::id()));
+    /// Refuses a folder with a sweep: that may be days of work.
+    ///
+    /// # Errors
+    /// There is one.
+    pub fn has_no_sweep(&self) -> Result<(), RunError> {
+        if !self.path.join(names::SWEEP).exists() {
+            return Ok(());
+        }
+        let path = self.path.display().to_string();
+        Err(RunError::bad_input(format!(
+            "--out {0}: has a sweep, which a run must not remove; name another folder, or remove {0} first",
+            printable(&path)
+        )))
     }
 
     /// Removes what an earlier run, of whatever command, has left: files of this program's names only.
@@ -62,7 +72,7 @@ impl Folder {
                 printable(&name)
             )));
         }
-        let earlier = names::in_folder(&self.path).into_iter().filter(|path| *path != self.lock_path());
+        let earlier = names::in_folder(&self.path).into_iter().filter(|path| path != self.lock.path());
         for path in earlier {
             remove_earlier(&path)?;
         }
@@ -71,34 +81,8 @@ impl Folder {
     }
 }
 
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // Before the lock is given up; nobody is left to tell if it stays.
-        let _ = fs::remove_file(self.lock_path());
-    }
-}
-
-fn open(path: &Path) -> io::Result<File> {
-    match fs::symlink_metadata(path) {
-        Ok(metadata) if !metadata.is_file() => {
-            Err(io::Error::new(io::ErrorKind::AlreadyExists, format!("{} in it is no file", names::LOCK)))
-        }
-        _ => OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path),
-    }
-}
-
-fn is_current(lock: &File, folder: &Path) -> bool {
-    let number = |metadata: io::Result<fs::Metadata>| metadata.ok().map(|it| (it.dev(), it.ino()));
-    number(lock.metadata()) == number(fs::symlink_metadata(folder.join(names::LOCK)))
-}
-
-fn taken(path: &Path, lock: File) -> RunError {
-    let mut holder = String::new();
-    let _ = lock.take(20).read_to_string(&mut holder);
-    let holder = match holder.parse::<u32>() {
-        Ok(process) => format!(" (process {process})"),
-        Err(_) => String::new(),
-    };
+fn taken(path: &Path, holder: Option<u32>) -> RunError {
+    let holder = holder.map_or(String::new(), |process| format!(" (process {process})"));
     RunError::bad_input(format!(
         "--out {}: another run{holder} is writing into this folder; wait for it, or name another folder",
         printable(&path.display().to_string())

@@ -10,7 +10,10 @@ pub const SUMMARY: &str = "summary.json";
 /// Held locked while a run writes into the folder.
 pub const LOCK: &str = ".sim-host.lock";
 
-/// Files of every command.
+/// What the runs of a sweep have in common. A folder with it is cleared by no run.
+pub const SWEEP: &str = "sweep.json";
+
+/// Files of every command but `sweep`.
 const FILES: [&str; 12] = [
     SUMMARY,
     "trajectory.csv",

@@ -98,6 +98,21 @@ impl Wanted<'_> {
     }
 }
 
+/// The first file of `folder` that a sweep may write or remove, by these names or by those of other commands, and that is one of `inputs`.
+pub fn overwritten(folder: &Path, names: &[&str], inputs: &[PathBuf]) -> Option<String> {
+    let outputs = names.iter().map(|name| folder.join(name)).chain(names::in_folder(folder));
+    let outputs: Vec<_> = outputs.map(|path| Named::new(file_name(&path), &path)).collect();
+    inputs.iter().find_map(|input| {
+        let named = Named::new(shown(input), input);
+        let output = outputs.iter().find(|output| output.is(&named))?;
+        let (folder, output) = (shown(folder), &output.what);
+        Some(format!(
+            "--out {folder} ({output}) is {}, which must not be overwritten; name another folder",
+            named.what
+        ))
+    })
+}
+
 fn shown(path: &Path) -> String {
     printable(&path.display().to_string()).into_owned()
 }

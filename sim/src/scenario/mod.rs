@@ -37,7 +37,7 @@ use crate::printable::printable;
 use funnelnet_law::start::SlowStart;
 use funnelnet_node::params;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use affine::Affine;
 pub use bus::{BusModel, BusSpec, LinkSettings, LinkSpec, Loss, Wiring};
@@ -81,11 +81,7 @@ impl Scenario {
     /// # Errors
     /// Everything that was found to be wrong, with file, line and column.
     pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, Diagnostics> {
-        if is_standard_input(path) {
-            let name = Path::new(STANDARD_INPUT);
-            return Self::parse(&read_standard_input()?, name, overrides);
-        }
-        Self::parse(&read_text(path)?, path, overrides)
+        Source::read(path)?.scenario(overrides)
     }
 
     /// The same for a text that is already in memory; `path` is only named in messages.
@@ -113,6 +109,50 @@ impl Scenario {
 const LARGEST_FILE: u64 = 8 << 20;
 /// How messages name a scenario that comes through standard input.
 const STANDARD_INPUT: &str = "standard input";
+
+/// The text of a scenario file that has been read and is not made sense of yet: several scenarios can be made of it.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The text.
+    pub text: String,
+    /// The file as messages name it.
+    pub path: PathBuf,
+}
+
+impl Source {
+    /// Reads a scenario file; `-` is standard input.
+    ///
+    /// # Errors
+    /// It cannot be read, or is no UTF-8.
+    pub fn read(path: &Path) -> Result<Self, Diagnostics> {
+        let (text, path) = match is_standard_input(path) {
+            true => (read_standard_input()?, Path::new(STANDARD_INPUT)),
+            false => (read_text(path)?, path),
+        };
+        Ok(Self { text, path: path.to_owned() })
+    }
+
+    /// The scenario, with `overrides` put in first.
+    ///
+    /// # Errors
+    /// Everything that was found to be wrong, with file, line and column.
+    pub fn scenario(&self, overrides: &[Override]) -> Result<Scenario, Diagnostics> {
+        Scenario::parse(&self.text, &self.path, overrides)
+    }
+
+    /// The seed that the text names, or the default one. Where it is none the reader of the scenario says so.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        let root = tree::parse_file(&self.text, "").ok();
+        match root.as_ref().and_then(|root| root.get("seed")).map(|item| &item.value) {
+            Some(tree::Value::Integer(seed)) => u64::try_from(*seed).unwrap_or(DEFAULT_SEED),
+            _ => DEFAULT_SEED,
+        }
+    }
+}
+
+/// Where a scenario names none.
+const DEFAULT_SEED: u64 = 1;
 
 /// Whether a path means standard input.
 #[must_use]
@@ -161,7 +201,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
     let Some(mut file) = Section::open(root, &log) else { return Err(unread()) };
     file.integer("version", None, (1, 1), "the version of this format; write version = 1");
     let title = file.text("title").unwrap_or_else(|| default_title(path));
-    let seed = file.integer("seed", Some(1), (0, u64::MAX), "");
+    let seed = file.integer("seed", Some(DEFAULT_SEED), (0, u64::MAX), "");
     let time = need_section(&mut file, "time").map(read_time);
     let network = need_section(&mut file, "graph").and_then(network::read);
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);

@@ -18,7 +18,15 @@ impl Override {
     /// # Errors
     /// Where there is no `=`, or no key before it.
     pub fn parse(text: &str) -> Result<Self, Box<Diagnostic>> {
-        let option = format!("--set {text}");
+        Self::from_option(&format!("--set {text}"), text)
+    }
+
+    /// The same for a value that something else than `--set` brings in; messages name it as `option`.
+    ///
+    /// # Errors
+    /// Where there is no `=`, or no key before it.
+    pub fn from_option(option: &str, text: &str) -> Result<Self, Box<Diagnostic>> {
+        let option = option.to_owned();
         let (key, value) = text.split_once('=').unwrap_or(("", ""));
         let path: Vec<_> = key.trim().split('.').map(|part| part.trim().to_owned()).collect();
         if path.iter().any(String::is_empty) {
@@ -32,6 +40,18 @@ impl Override {
     #[must_use]
     pub fn seed(seed: u64) -> Self {
         Self { path: vec!["seed".to_owned()], value: seed.to_string(), option: format!("--seed {seed}") }
+    }
+
+    /// The full key, such as `coupling.funnel.rate`.
+    #[must_use]
+    pub fn key(&self) -> String {
+        self.path.join(".")
+    }
+
+    /// `section.key=value`, as `--set` takes it.
+    #[must_use]
+    pub fn setting(&self) -> String {
+        format!("{}={}", self.key(), self.value)
     }
 
     /// Puts the value into the tree, making the tables on the way.
