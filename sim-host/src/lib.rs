@@ -24,4 +24,5 @@ pub mod plot;
 pub mod progress;
 pub mod record;
 pub mod replay;
+pub mod report;
 pub mod run;

@@ -11,7 +11,7 @@ mod error;
 mod event_log;
 mod fidelity;
 mod folder;
-mod names;
+pub(crate) mod names;
 mod network;
 mod options;
 mod outcome;

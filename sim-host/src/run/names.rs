@@ -7,13 +7,17 @@ use std::path::{Path, PathBuf};
 pub const SCENARIO: &str = "scenario.toml";
 /// The summary.
 pub const SUMMARY: &str = "summary.json";
+/// The rows of a run.
+pub const TRAJECTORY: &str = "trajectory.csv";
+/// The page that `report` makes of the others.
+pub const REPORT: &str = "report.html";
 /// Held locked while a run writes into the folder.
 pub const LOCK: &str = ".sim-host.lock";
 
 /// Files of every command.
-const FILES: [&str; 12] = [
+const FILES: [&str; 13] = [
     SUMMARY,
-    "trajectory.csv",
+    TRAJECTORY,
     "events.txt",
     "states.svg",
     "funnels.svg",
@@ -23,6 +27,7 @@ const FILES: [&str; 12] = [
     "bench.csv",
     "can.log",
     "can.pcapng",
+    REPORT,
     LOCK,
 ];
 
