@@ -11,6 +11,7 @@ mod curve;
 mod envelope;
 mod funnels;
 mod legend;
+mod lines;
 mod losses;
 mod marks;
 mod notes;
@@ -24,6 +25,7 @@ mod trace;
 
 pub use agreement::agreement_svg;
 pub use funnels::funnels_svg;
+pub use lines::{Lines, Spot};
 pub use marks::Kind as MarkKind;
 pub use overlay::Overlay;
 pub use states::{inputs_svg, states_svg};

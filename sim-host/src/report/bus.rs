@@ -24,19 +24,20 @@ pub(super) fn bus(summary: &Value) -> Option<Markup> {
     })
 }
 
-/// All counts but those of the tables above.
+/// All counts but those of the tables above, which are lists.
 fn counts(bus: &Value) -> Markup {
     let mut rest = bus.clone();
     if let Some(map) = rest.as_object_mut() {
         map.remove("can");
     }
-    super::page::folded("All counts of the bus", false, part(&rest, "Bus: counts"))
+    part(&rest, "Bus: counts")
 }
 
 /// One CAN bus: a row for each identifier.
 fn identifiers(can: &Value) -> Markup {
     let name = at(can, "interface").map_or("CAN".to_owned(), shown);
-    let share = number(can, "utilisation").map_or("not known".to_owned(), |load| format!("{} %", short(100.0 * load)));
+    let share = number(can, "utilisation")
+        .map_or("not known".to_owned(), |load| format!("{} %", short(100.0 * load)));
     let us = |row: &Value, path: &str| number(row, path).map_or("not known".to_owned(), |s| short(1e6 * s));
     let from = at(can, "latency_from").and_then(Value::as_str).unwrap_or("tick");
     html! {

@@ -84,21 +84,25 @@ impl Pair {
     fn beside(&self) -> Markup {
         let [a, b] = &self.runs;
         let named = |run: &Run| -> Vec<(&'static str, String)> {
-            let mut rows = vec![("verdict", run.verdict().word().to_owned()), ("seed", known(&run.summary, "seed"))];
+            let mut rows =
+                vec![("verdict", run.verdict().word().to_owned()), ("seed", known(&run.summary, "seed"))];
             rows.extend(glance(&run.summary).into_iter().filter(|(name, _)| *name != "bus load"));
             rows
         };
         let (left, right) = (named(a), named(b));
-        wide("A beside B", html! {
-            table {
-                caption { "First figures of both runs" }
-                thead { tr { th scope="col" { "figure" } th.n scope="col" { "A" } th.n scope="col" { "B" } th scope="col" { "the same" } } }
-                tbody { @for ((name, a), (_, b)) in left.iter().zip(&right) { tr {
-                    th scope="row" { (name) } td.n { (a) } td.n { (b) }
-                    td { @if a == b { "yes" } @else { strong { "no" } } }
-                } } }
-            }
-        })
+        wide(
+            "A beside B",
+            html! {
+                table {
+                    caption { "First figures of both runs" }
+                    thead { tr { th scope="col" { "figure" } th.n scope="col" { "A" } th.n scope="col" { "B" } th scope="col" { "the same" } } }
+                    tbody { @for ((name, a), (_, b)) in left.iter().zip(&right) { tr {
+                        th scope="row" { (name) } td.n { (a) } td.n { (b) }
+                        td { @if a == b { "yes" } @else { strong { "no" } } }
+                    } } }
+                }
+            },
+        )
     }
 
     fn picture(&self) -> Markup {
@@ -152,16 +156,19 @@ impl Pair {
 
 fn columns(apart: &[Apart]) -> Markup {
     let or = |value: Option<f64>, word: &str| value.map_or(word.to_owned(), short);
-    wide("Columns that differ", html! {
-        table {
-            caption { "Columns that differ" }
-            thead { tr {
-                th scope="col" { "column" } th.n scope="col" { "largest distance" } th.n scope="col" { "at t, s" } th.n scope="col" { "rows" }
-            } }
-            tbody { @for apart in apart.iter().take(SHOWN) { tr {
-                th scope="row" { (printable(&apart.column)) }
-                td.n { (or(apart.distance, "known in one only")) } td.n { (or(apart.t, "")) } td.n { (apart.rows) }
-            } } }
-        }
-    })
+    wide(
+        "Columns that differ",
+        html! {
+            table {
+                caption { "Columns that differ" }
+                thead { tr {
+                    th scope="col" { "column" } th.n scope="col" { "largest distance" } th.n scope="col" { "at t, s" } th.n scope="col" { "rows" }
+                } }
+                tbody { @for apart in apart.iter().take(SHOWN) { tr {
+                    th scope="row" { (printable(&apart.column)) }
+                    td.n { (or(apart.distance, "known in one only")) } td.n { (or(apart.t, "")) } td.n { (apart.rows) }
+                } } }
+            }
+        },
+    )
 }

@@ -28,8 +28,6 @@ pub(super) struct Digest {
 pub(super) struct Node {
     /// Its id, with the component of a vector: `3`, or `3, x1`.
     pub(super) name: String,
-    /// The id alone.
-    pub(super) id: String,
     /// First and last known state, state units; NaN where there is none.
     pub(super) first: f64,
     pub(super) last: f64,
@@ -82,7 +80,8 @@ impl Digest {
         let head = reader.headers().map_err(|error| error.to_string())?.clone();
         let names: Vec<&str> = head.iter().collect();
         let columns = Columns::of(&names)?;
-        let mut digest = Self { nodes: nodes(&names), rows: 0, span: (f64::NAN, f64::NAN), samples: Vec::new() };
+        let mut digest =
+            Self { nodes: nodes(&names), rows: 0, span: (f64::NAN, f64::NAN), samples: Vec::new() };
         let (mut every, mut record, mut last) = (1, ByteRecord::new(), None);
         while reader.read_byte_record(&mut record).map_err(|error| error.to_string())? {
             let row = columns.row(&record, &mut digest.nodes, &names)?;
@@ -114,12 +113,6 @@ impl Digest {
         }
     }
 
-    /// Components of a state.
-    pub(super) fn components(&self) -> usize {
-        let first = self.nodes.first().map(|node| &node.id);
-        self.nodes.iter().filter(|node| Some(&node.id) == first).count()
-    }
-
     /// The range of the states at a sample; none where none is known.
     pub(super) fn range(sample: &Sample) -> Option<Range<f64>> {
         let known = || sample.x.iter().copied().filter(|x| !x.is_nan());
@@ -142,14 +135,13 @@ impl Digest {
 fn nodes(names: &[&str]) -> Vec<Node> {
     let node = |name: &&str| {
         let of = name.strip_prefix("x_")?;
-        let (id, name) = match of.split_once('_') {
-            Some((id, component)) => (id, format!("{id}, x{component}")),
-            None => (of, of.to_owned()),
+        let name = match of.split_once('_') {
+            Some((id, component)) => format!("{id}, x{component}"),
+            None => of.to_owned(),
         };
         let unknown = f64::NAN;
-        let id = id.to_owned();
         let [first, last, ratio, ratio_at, input] = [unknown; 5];
-        Some(Node { name, id, first, last, ratio, ratio_at, input })
+        Some(Node { name, first, last, ratio, ratio_at, input })
     };
     names.iter().filter_map(node).collect()
 }
@@ -172,7 +164,12 @@ impl Columns {
             names.iter().filter_map(|name| name.strip_prefix("x_")?.split('_').next()).collect();
         let t = place("t").filter(|_| !nodes.is_empty());
         let t = t.ok_or("is no trajectory: it has no column t, or no state x_1")?;
-        Ok(Self { t, xi: first_of(["xi".to_owned(), "xi_0".to_owned()]), components: nodes.len() / ids.len(), nodes })
+        Ok(Self {
+            t,
+            xi: first_of(["xi".to_owned(), "xi_0".to_owned()]),
+            components: nodes.len() / ids.len(),
+            nodes,
+        })
     }
 
     fn row(&self, record: &ByteRecord, nodes: &mut [Node], names: &[&str]) -> Result<Sample, String> {
@@ -248,7 +245,7 @@ mod tests {
         let [one, two] = digest.nodes.as_slice() else { panic!("{digest:?}") };
         assert_eq!((one.first, one.last, one.ratio, one.ratio_at, one.input), (1.0, 0.5, 0.75, 1.0, 7.0));
         assert_eq!((two.first, two.last, two.ratio, two.input), (-2.0, -2.0, 0.5, 3.0));
-        assert_eq!((digest.rows, digest.span, digest.components()), (2, (0.0, 1.0), 1));
+        assert_eq!((digest.rows, digest.span), (2, (0.0, 1.0)));
         assert_eq!((digest.samples[0].spread, digest.samples[0].ratio), (3.0, 0.5));
         assert!(digest.samples[1].spread.is_nan());
     }
@@ -262,14 +259,17 @@ mod tests {
             assert_eq!(times.len(), rows.min(SAMPLES), "{rows}");
             assert_eq!((times[0], times[times.len() - 1]), (0.0, (rows - 1) as f64), "{rows}");
             let even = (rows - 1) as f64 / (times.len().max(2) - 1) as f64;
-            assert!(times.windows(2).all(|w| w[1] - w[0] > 0.5 * even && w[1] - w[0] < 1.6 * even), "{times:?}");
+            assert!(
+                times.windows(2).all(|w| w[1] - w[0] > 0.5 * even && w[1] - w[0] < 1.6 * even),
+                "{times:?}"
+            );
         }
     }
 
     #[test]
     fn components_belong_to_their_node() {
         let digest = Digest::read("t,x_1_0,x_1_1,x_2_0,x_2_1\n0,0,5,1,9\n".as_bytes()).unwrap();
-        assert_eq!((digest.components(), digest.samples[0].spread), (2, 4.0));
+        assert_eq!(digest.samples[0].spread, 4.0);
         assert_eq!(digest.nodes[3].name, "2, x1");
     }
 

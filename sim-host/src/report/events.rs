@@ -50,7 +50,10 @@ mod tests {
     #[test]
     fn events_are_rows_and_their_words_are_escaped() {
         let text = table("# shortened\n0.5 s, node 3 stopped: <b>\n", true).into_string();
-        assert!(text.contains("<th class=\"n\" scope=\"row\">0.5</th><td>node 3 stopped: &lt;b&gt;</td>"), "{text}");
+        assert!(
+            text.contains("<th class=\"n\" scope=\"row\">0.5</th><td>node 3 stopped: &lt;b&gt;</td>"),
+            "{text}"
+        );
         assert!(text.contains("shortened") && text.contains("1 events"), "{text}");
         assert!(table("", true).into_string().contains("No event"));
     }

@@ -64,15 +64,19 @@ pub(super) fn shown(value: &Value) -> String {
     }
 }
 
-/// A part of a summary as a table of names and values; lists of objects are left to those who know them.
+/// A part of a summary as a table of names and values, with what is 0 in one line; lists of objects are left to those who know them.
 pub(super) fn part(value: &Value, caption: &str) -> Markup {
     let mut rows = Vec::new();
     collect("", value, &mut rows);
+    let (zero, rows): (Vec<_>, Vec<_>) = rows.into_iter().partition(|(_, value)| value == "0");
     html! {
-        table.pairs {
-            caption { (caption) }
-            tbody { @for (name, value) in &rows { tr { th scope="row" { (name) } td.n { (value) } } } }
+        @if !rows.is_empty() {
+            table.pairs {
+                caption { (caption) }
+                tbody { @for (name, value) in &rows { tr { th scope="row" { (name) } td.n { (value) } } } }
+            }
         }
+        @if !zero.is_empty() { p.note { "0: " (zero.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")) "." } }
     }
 }
 
@@ -99,7 +103,8 @@ mod tests {
 
     #[test]
     fn what_is_missing_or_null_is_not_known() {
-        let summary = json!({ "funnel": { "max_ratio": 0.123_456, "reopened_ratio": null }, "ticks": 123_456_789 });
+        let summary =
+            json!({ "funnel": { "max_ratio": 0.123_456, "reopened_ratio": null }, "ticks": 123_456_789 });
         assert_eq!(known(&summary, "funnel.max_ratio"), "0.1235");
         assert_eq!(known(&summary, "ticks"), "123456789");
         for path in ["funnel.reopened_ratio", "funnel.max", "sync.bound", "ticks.more"] {
@@ -109,8 +114,13 @@ mod tests {
 
     #[test]
     fn a_part_is_a_table_and_its_texts_are_escaped() {
-        let text = part(&json!({ "a": { "b<i>": "</td>" }, "n": [{}, {}] }), "Part").into_string();
-        assert!(text.contains("<th scope=\"row\">a.b&lt;i&gt;</th><td class=\"n\">&lt;/td&gt;</td>"), "{text}");
-        assert!(text.contains("2 entries"), "{text}");
+        let text =
+            part(&json!({ "a": { "b<i>": "</td>" }, "n": [{}, {}], "x": 0, "y": 0.0, "z": 1 }), "Part")
+                .into_string();
+        assert!(
+            text.contains("<th scope=\"row\">a.b&lt;i&gt;</th><td class=\"n\">&lt;/td&gt;</td>"),
+            "{text}"
+        );
+        assert!(text.contains("2 entries") && text.contains("<p class=\"note\">0: x, y.</p>"), "{text}");
     }
 }

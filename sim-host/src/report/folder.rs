@@ -45,7 +45,9 @@ impl Folder {
             () if has(RUNS) || !shards(path).is_empty() => Kind::Sweep,
             () if has(names::SUMMARY) || has(names::TRAJECTORY) => Kind::Run,
             () if has(names::LOCK) => {
-                return Err(format!("{name}: a run into this folder was killed before it had written anything"));
+                return Err(format!(
+                    "{name}: a run into this folder was killed before it had written anything"
+                ));
             }
             () => {
                 return Err(format!(
@@ -135,7 +137,8 @@ pub(super) fn shards(path: &Path) -> Vec<(u32, u32)> {
 /// The numbers in `runs-i-of-n.csv`.
 fn shard(name: &str) -> Option<(u32, u32)> {
     let (i, n) = name.strip_prefix("runs-")?.strip_suffix(".csv")?.split_once("-of-")?;
-    let number = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit()).then(|| text.parse().ok()).flatten();
+    let number =
+        |text: &str| text.bytes().all(|byte| byte.is_ascii_digit()).then(|| text.parse().ok()).flatten();
     Some((number(i)?, number(n)?))
 }
 
@@ -172,7 +175,14 @@ mod tests {
     #[test]
     fn shards_are_known_by_their_names() {
         assert_eq!(shard("runs-2-of-10.csv"), Some((2, 10)));
-        for name in ["runs.csv", "runs-2.csv", "runs-a-of-b.csv", "runs-+1-of-2.csv", "runs-1-of-2.csv.bak", "runs--of-.csv"] {
+        for name in [
+            "runs.csv",
+            "runs-2.csv",
+            "runs-a-of-b.csv",
+            "runs-+1-of-2.csv",
+            "runs-1-of-2.csv.bak",
+            "runs--of-.csv",
+        ] {
             assert_eq!(shard(name), None, "{name}");
         }
     }

@@ -15,6 +15,7 @@ mod picture;
 mod pictures;
 mod provenance;
 mod run;
+mod sweep;
 mod verdict;
 
 use crate::run::names;
@@ -22,6 +23,7 @@ use comparison::Pair;
 use folder::{Folder, Kind};
 use run::Run;
 use std::path::Path;
+use sweep::Table;
 
 /// What a report is called in the folder that it is of.
 pub const FILE: &str = names::REPORT;
@@ -45,7 +47,7 @@ impl Report {
         let Some(other) = other else {
             return match first.kind {
                 Kind::Run => Self::of_run(&Run::read(first)?),
-                Kind::Sweep => Err("not yet".to_owned()),
+                Kind::Sweep => Self::of_sweep(&first),
             };
         };
         let runs = [first, Folder::open(other)?];
@@ -55,6 +57,16 @@ impl Report {
         let [a, b] = runs;
         let pair = Pair::read([Run::read(a)?, Run::read(b)?])?;
         Ok(Self { html: pair.page()?.html(), told: pair.told().to_owned() })
+    }
+
+    fn of_sweep(folder: &Folder) -> Result<Self, String> {
+        let table = Table::read(folder)?;
+        // A part of a sweep is no sweep: the shards that are missing could not be told from it later.
+        if table.merged && table.missing.is_empty() {
+            let path = folder.path.join(folder::RUNS);
+            crate::record::write_atomic(path, &table.csv()).map_err(|error| error.to_string())?;
+        }
+        Ok(Self { html: sweep::page(folder, &table)?.html(), told: sweep::told(&table) })
     }
 
     fn of_run(run: &Run) -> Result<Self, String> {

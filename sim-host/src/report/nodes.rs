@@ -17,23 +17,28 @@ pub(super) fn nodes(digest: &Digest, summary: &Value) -> Markup {
         let ratio = steady.get(at).and_then(Value::as_f64).filter(|_| steady.len() == digest.nodes.len());
         ratio.map_or(f64::NAN, |ratio| 1.0 - ratio.abs())
     };
-    let least = (0..digest.nodes.len()).filter(|&at| !margin(at).is_nan()).min_by(|&a, &b| margin(a).total_cmp(&margin(b)));
-    let table = wide("Nodes", html! {
-        table {
-            caption { "Nodes. Ratio and input are the largest of the recorded rows" }
-            thead { tr {
-                th scope="col" { "node" } th.n scope="col" { "first state" } th.n scope="col" { "last state" }
-                th.n scope="col" { "|\u{3BD}|/\u{3C8}" } th.n scope="col" { "at t, s" } th.n scope="col" { "|u|" }
-                th.n scope="col" { "predicted margin" }
-            } }
-            tbody { @for (at, node) in digest.nodes.iter().enumerate() { tr {
-                th scope="row" { (node.name) }
-                td.n { (short(node.first)) } td.n { (short(node.last)) }
-                td.n { (short(node.ratio)) @if node.ratio >= 1.0 { " outside" } }
-                td.n { (short(node.ratio_at)) } td.n { (short(node.input)) } td.n { (short(margin(at))) }
-            } } }
-        }
-    });
+    let least = (0..digest.nodes.len())
+        .filter(|&at| !margin(at).is_nan())
+        .min_by(|&a, &b| margin(a).total_cmp(&margin(b)));
+    let table = wide(
+        "Nodes",
+        html! {
+            table {
+                caption { "Nodes. Ratio and input are the largest of the recorded rows" }
+                thead { tr {
+                    th scope="col" { "node" } th.n scope="col" { "first state" } th.n scope="col" { "last state" }
+                    th.n scope="col" { "|\u{3BD}|/\u{3C8}" } th.n scope="col" { "at t, s" } th.n scope="col" { "|u|" }
+                    th.n scope="col" { "predicted margin" }
+                } }
+                tbody { @for (at, node) in digest.nodes.iter().enumerate() { tr {
+                    th scope="row" { (node.name) }
+                    td.n { (short(node.first)) } td.n { (short(node.last)) }
+                    td.n { (short(node.ratio)) @if node.ratio >= 1.0 { " outside" } }
+                    td.n { (short(node.ratio_at)) } td.n { (short(node.input)) } td.n { (short(margin(at))) }
+                } } }
+            }
+        },
+    );
     html! {
         @if let Some(at) = least {
             p {

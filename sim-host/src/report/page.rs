@@ -9,7 +9,7 @@ pub(super) const FIRST_LINE: &str = "<!DOCTYPE html><!-- report of sim-host -->"
 const STYLE: &str = include_str!("style.css");
 const SORT: &str = include_str!("sort.js");
 /// The hash of [`SORT`], which is the only script that a reader may run, whatever a file of the folder says.
-const SORT_HASH: &str = "sha256-AAAA";
+const SORT_HASH: &str = "sha256-Z/GKBsmzmxqvca46siHkWlEg1LMBOlJDqExYADXL7TM=";
 
 /// A report without its frame.
 pub(super) struct Page {
@@ -47,7 +47,7 @@ impl Page {
                 }
             }
         };
-            format!("{FIRST_LINE}\n{}\n", page.into_string())
+        format!("{FIRST_LINE}\n{}\n", page.into_string())
     }
 }
 
@@ -70,4 +70,34 @@ pub(super) fn wide(label: &str, body: Markup) -> Markup {
 pub(super) fn mark(is_good: bool, word: &str) -> Markup {
     let (class, sign) = if is_good { ("good", "\u{2714}") } else { ("bad", "\u{2718}") };
     html! { span class=(class) { span aria-hidden="true" { (sign) } " " (word) } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sha2::{Digest, Sha256};
+
+    /// Base 64 with its padding.
+    fn base64(bytes: &[u8]) -> String {
+        const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+        let group = |group: &[u8]| {
+            let bits = (0..3).fold(0, |bits, at| bits << 8 | u32::from(group.get(at).copied().unwrap_or(0)));
+            let digit = |at: usize| match at <= group.len() {
+                true => char::from(DIGITS[(bits >> (18 - 6 * at)) as usize & 63]),
+                false => '=',
+            };
+            (0..4).map(digit).collect::<String>()
+        };
+        bytes.chunks(3).map(group).collect()
+    }
+
+    #[test]
+    fn the_only_script_that_may_run_is_the_one_of_the_page() {
+        assert_eq!(base64(b"any carnal pleas"), "YW55IGNhcm5hbCBwbGVhcw==");
+        assert_eq!(SORT_HASH, format!("sha256-{}", base64(&Sha256::digest(SORT))));
+        let page = |sorts| Page { title: "a <b>".to_owned(), body: html! { p { "c" } }, sorts }.html();
+        assert!(page(true).contains(&format!("script-src '{SORT_HASH}'")) && page(true).contains(SORT));
+        assert!(page(false).contains("script-src 'none'") && !page(false).contains("<script"));
+        assert!(page(false).starts_with(FIRST_LINE) && page(false).contains("<title>a &lt;b&gt;</title>"));
+    }
 }

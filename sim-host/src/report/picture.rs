@@ -12,12 +12,41 @@ const ELEMENTS: [&str; 10] =
     ["svg", "g", "rect", "text", "polyline", "polygon", "line", "circle", "path", "ellipse"];
 /// Attributes that say where and how. Those of colours can be set by the page, for a dark one.
 const ATTRIBUTES: [&str; 30] = [
-    "x", "y", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry", "width", "height", "points", "d", "fill", "stroke",
-    "stroke-width", "opacity", "fill-opacity", "stroke-opacity", "font-family", "font-size", "font-style", "font-weight",
-    "text-anchor", "dx", "dy", "transform", "viewBox",
+    "x",
+    "y",
+    "x1",
+    "y1",
+    "x2",
+    "y2",
+    "cx",
+    "cy",
+    "r",
+    "rx",
+    "ry",
+    "width",
+    "height",
+    "points",
+    "d",
+    "fill",
+    "stroke",
+    "stroke-width",
+    "opacity",
+    "fill-opacity",
+    "stroke-opacity",
+    "font-family",
+    "font-size",
+    "font-style",
+    "font-weight",
+    "text-anchor",
+    "dx",
+    "dy",
+    "transform",
+    "viewBox",
 ];
 /// Deeper than any plot.
 const DEEPEST: usize = 8;
+/// Plots that are wider have several panels beside each other, and need more room to be read.
+const WIDE: f64 = 5500.0;
 
 /// The picture for a page, named and described by the element with the id `described_by`.
 ///
@@ -86,7 +115,8 @@ fn element(
         let _ = write!(out, " d=\"{points}\"");
     }
     if let Some(id) = described_by {
-        let _ = write!(out, " class=\"plot\" role=\"img\" aria-labelledby=\"{}\"", escape(id));
+        let class = if width(start) > WIDE { "plot sheet" } else { "plot" };
+        let _ = write!(out, " class=\"{class}\" role=\"img\" aria-labelledby=\"{}\"", escape(id));
     }
     for attribute in start.attributes() {
         let attribute = attribute.map_err(|error| format!("is no SVG: {error}"))?;
@@ -98,7 +128,10 @@ fn element(
             continue;
         }
         if !ATTRIBUTES.contains(&key.as_str()) || value.contains("url(") || value.contains(':') {
-            return Err(format!("has an attribute '{}', which no plot has", crate::printable::printable(&key)));
+            return Err(format!(
+                "has an attribute '{}', which no plot has",
+                crate::printable::printable(&key)
+            ));
         }
         // As drawn without it.
         if key == "opacity" && value == "1" {
@@ -108,6 +141,13 @@ fn element(
     }
     out.push_str(if ends { "/>" } else { ">" });
     Ok(name)
+}
+
+/// The width of a picture in the units of its shapes; 0 where it does not say.
+fn width(start: &BytesStart<'_>) -> f64 {
+    let view = start.try_get_attribute("viewBox").ok().flatten();
+    let view = view.map(|view| String::from_utf8_lossy(&view.value).into_owned()).unwrap_or_default();
+    view.split_ascii_whitespace().nth(2).and_then(|width| width.parse().ok()).unwrap_or(0.0)
 }
 
 /// The same line as `points` of whole numbers, by its steps: that takes a third of the room. `None` for other points.
@@ -180,7 +220,9 @@ mod tests {
             let text = PLOT.replace("</svg>", &format!("{bad}</svg>"));
             assert!(inline(&text, "a").is_err(), "{bad}");
         }
-        for whole in ["", "words", "<svg>", "<html></html>", "<svg></svg><svg></svg>", "<!DOCTYPE svg><svg></svg>"] {
+        for whole in
+            ["", "words", "<svg>", "<html></html>", "<svg></svg><svg></svg>", "<!DOCTYPE svg><svg></svg>"]
+        {
             assert!(inline(whole, "a").is_err(), "{whole}");
         }
     }

@@ -21,24 +21,33 @@ struct Picture {
 
 /// States, funnels, inputs, and spread beside its bound.
 pub(super) fn pictures(folder: &Folder, summary: &Value, digest: &Digest) -> Result<Markup, String> {
-    let id = |name| name;
     let all = [
-        Picture { file: "states.svg", id: id("states-words"), words: states(digest, summary), table: state_table(digest) },
+        Picture {
+            file: "states.svg",
+            id: "states-words",
+            words: states(digest, summary),
+            table: state_table(digest),
+        },
         Picture {
             file: "funnels.svg",
-            id: id("funnels-words"),
+            id: "funnels-words",
             words: funnels(digest, summary),
-            table: over_time(digest, "Largest |\u{3BD}|/\u{3C8} of all nodes over time", "largest |\u{3BD}|/\u{3C8}", |row| row.ratio),
+            table: over_time(
+                digest,
+                "Largest |\u{3BD}|/\u{3C8} of all nodes over time",
+                "largest |\u{3BD}|/\u{3C8}",
+                |row| row.ratio,
+            ),
         },
         Picture {
             file: "inputs.svg",
-            id: id("inputs-words"),
+            id: "inputs-words",
             words: inputs(digest, summary),
             table: over_time(digest, "Largest |u| of all nodes over time", "largest |u|", |row| row.input),
         },
         Picture {
             file: "agreement.svg",
-            id: id("agreement-words"),
+            id: "agreement-words",
             words: agreement(summary),
             table: over_time(digest, "Largest distance of two nodes over time", "spread", |row| row.spread),
         },
@@ -85,7 +94,9 @@ fn span(digest: &Digest) -> String {
 fn states(digest: &Digest, summary: &Value) -> String {
     let range = |sample: Option<&Sample>| {
         let range = sample.and_then(Digest::range);
-        range.map_or("are not known".to_owned(), |range| format!("lie between {} and {}", short(range.start), short(range.end)))
+        range.map_or("are not known".to_owned(), |range| {
+            format!("lie between {} and {}", short(range.start), short(range.end))
+        })
     };
     let mut words = format!(
         "States {}: at the begin they {}, at the end they {}.",
@@ -122,14 +133,24 @@ fn funnels(digest: &Digest, summary: &Value) -> String {
 
 fn inputs(digest: &Digest, summary: &Value) -> String {
     let strongest = digest.strongest().map_or(String::new(), |node| {
-        format!(" Of the recorded rows the largest is that of node {}, with {}.", node.name, short(node.input))
+        format!(
+            " Of the recorded rows the largest is that of node {}, with {}.",
+            node.name,
+            short(node.input)
+        )
     });
-    format!("Coupling inputs {}. The largest |u| of all ticks is {}.{strongest}", span(digest), known(summary, "max_input"))
+    format!(
+        "Coupling inputs {}. The largest |u| of all ticks is {}.{strongest}",
+        span(digest),
+        known(summary, "max_input")
+    )
 }
 
 fn agreement(summary: &Value) -> String {
     let share = match (number(summary, "sync.final_spread"), number(summary, "sync.bound")) {
-        (Some(spread), Some(bound)) if bound > 0.0 => format!(", which is {} % of it", short(100.0 * spread / bound)),
+        (Some(spread), Some(bound)) if bound > 0.0 => {
+            format!(", which is {} % of it", short(100.0 * spread / bound))
+        }
         _ => String::new(),
     };
     format!(
@@ -143,30 +164,33 @@ fn agreement(summary: &Value) -> String {
 /// States of each node, or of more nodes than a table holds their range.
 fn state_table(digest: &Digest) -> Markup {
     let few = digest.nodes.len() <= COLUMNS;
-    wide("States over time", html! {
-        table {
-            caption { "States over time, state units" }
-            thead { tr {
-                th.n scope="col" { "t, s" }
-                @if few {
-                    @for node in &digest.nodes { th.n scope="col" { "node " (node.name) } }
-                } @else {
-                    th.n scope="col" { "lowest" } th.n scope="col" { "highest" }
-                }
-                th.n scope="col" { "emergent \u{3BE}" }
-            } }
-            tbody { @for row in &digest.samples { tr {
-                th.n scope="row" { (short(row.t)) }
-                @if few {
-                    @for x in &row.x { td.n { (short(*x)) } }
-                } @else {
-                    @let range = Digest::range(row).unwrap_or(f64::NAN..f64::NAN);
-                    td.n { (short(range.start)) } td.n { (short(range.end)) }
-                }
-                td.n { (short(row.xi)) }
-            } } }
-        }
-    })
+    wide(
+        "States over time",
+        html! {
+            table {
+                caption { "States over time, state units" }
+                thead { tr {
+                    th.n scope="col" { "t, s" }
+                    @if few {
+                        @for node in &digest.nodes { th.n scope="col" { "node " (node.name) } }
+                    } @else {
+                        th.n scope="col" { "lowest" } th.n scope="col" { "highest" }
+                    }
+                    th.n scope="col" { "emergent \u{3BE}" }
+                } }
+                tbody { @for row in &digest.samples { tr {
+                    th.n scope="row" { (short(row.t)) }
+                    @if few {
+                        @for x in &row.x { td.n { (short(*x)) } }
+                    } @else {
+                        @let range = Digest::range(row).unwrap_or(f64::NAN..f64::NAN);
+                        td.n { (short(range.start)) } td.n { (short(range.end)) }
+                    }
+                    td.n { (short(row.xi)) }
+                } } }
+            }
+        },
+    )
 }
 
 fn over_time(digest: &Digest, caption: &str, name: &str, value: impl Fn(&Sample) -> f64) -> Markup {

@@ -45,7 +45,9 @@ impl Run {
 
     /// The title of its scenario.
     pub(super) fn title(&self) -> String {
-        super::figures::text(&self.summary, "scenario").filter(|title| !title.is_empty()).unwrap_or("A run".to_owned())
+        super::figures::text(&self.summary, "scenario")
+            .filter(|title| !title.is_empty())
+            .unwrap_or("A run".to_owned())
     }
 
     /// The page.
@@ -85,7 +87,8 @@ impl Run {
 
     /// Parts that not every run has, and what nodes counted.
     fn others(&self) -> Markup {
-        let parts = [("counters", "Counters"), ("clocks", "Clocks"), ("bench", "Bench"), ("reference", "Reference")];
+        let parts =
+            [("counters", "Counters"), ("clocks", "Clocks"), ("bench", "Bench"), ("reference", "Reference")];
         html! {
             @for (key, heading) in parts {
                 @if let Some(value) = at(&self.summary, key) {
@@ -107,7 +110,8 @@ fn parse(text: &str) -> Result<Value, String> {
 /// Names and values of the figures that come first.
 pub(super) fn glance(summary: &Value) -> Vec<(&'static str, String)> {
     let per_cent = |path: &str| number(summary, path).map(|share| format!("{} %", short(100.0 * share)));
-    let duration = number(summary, "ticks").zip(number(summary, "tick_s")).map(|(ticks, tick)| short(ticks * tick));
+    let duration =
+        number(summary, "ticks").zip(number(summary, "tick_s")).map(|(ticks, tick)| short(ticks * tick));
     let mut all = vec![
         ("nodes", known(summary, "nodes")),
         ("simulated time, s", duration.unwrap_or("not known".to_owned())),
@@ -122,7 +126,8 @@ pub(super) fn glance(summary: &Value) -> Vec<(&'static str, String)> {
         ("error to the reference", known(summary, "reference.max_error")),
         ("deliveries lost", known(summary, "bus.lost")),
     ];
-    if let Some(load) = per_cent("bus.utilisation").filter(|_| number(summary, "bus.utilisation") > Some(0.0)) {
+    if let Some(load) = per_cent("bus.utilisation").filter(|_| number(summary, "bus.utilisation") > Some(0.0))
+    {
         all.push(("bus load", load));
     }
     all
@@ -131,14 +136,26 @@ pub(super) fn glance(summary: &Value) -> Vec<(&'static str, String)> {
 /// The nodes of a bench: what each is, and where it left loopback.
 fn bench_nodes(bench: &Value) -> Markup {
     let rows = super::figures::list(bench, "nodes");
-    let keys = ["node", "place", "uid", "firmware", "unreadable", "unrecorded", "first_difference", "largest_deviation"];
-    super::page::wide("Nodes of the bench", html! {
-        table {
-            caption { "Nodes of the bench, beside loopback" }
-            thead { tr { @for key in keys { th scope="col" { (key.replace('_', " ")) } } } }
-            tbody { @for row in rows { tr { @for key in keys {
-                td { @if key == "first_difference" && at(row, key).is_none() { "none" } @else { (printable(&known(row, key))) } }
-            } } } }
-        }
-    })
+    let keys = [
+        "node",
+        "place",
+        "uid",
+        "firmware",
+        "unreadable",
+        "unrecorded",
+        "first_difference",
+        "largest_deviation",
+    ];
+    super::page::wide(
+        "Nodes of the bench",
+        html! {
+            table {
+                caption { "Nodes of the bench, beside loopback" }
+                thead { tr { @for key in keys { th scope="col" { (key.replace('_', " ")) } } } }
+                tbody { @for row in rows { tr { @for key in keys {
+                    td { @if key == "first_difference" && at(row, key).is_none() { "none" } @else { (printable(&known(row, key))) } }
+                } } } }
+            }
+        },
+    )
 }

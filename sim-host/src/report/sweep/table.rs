@@ -60,7 +60,8 @@ impl Table {
 
     /// One table out of several: every column that one of them has, and the rows in the order of their numbers.
     fn merge(tables: Vec<Self>) -> Result<Self, String> {
-        let swept = |table: &Self| table.swept().iter().map(|&at| table.names[at].clone()).collect::<Vec<_>>();
+        let swept =
+            |table: &Self| table.swept().iter().map(|&at| table.names[at].clone()).collect::<Vec<_>>();
         if tables.windows(2).any(|pair| swept(&pair[0]) != swept(&pair[1])) {
             return Err("the shards are of different sweeps: what was swept is not the same".to_owned());
         }
@@ -144,8 +145,15 @@ impl Table {
     /// Columns of figures that are numbers and differ, those that people ask for first.
     pub(super) fn figures(&self) -> Vec<usize> {
         const ASKED: [&str; 9] = [
-            "funnel.max_ratio", "funnel.breaches", "sync.final_spread", "sync.max_spread", "max_input", "emergent.final_error",
-            "reference.max_error", "bus.lost", "bus.utilisation",
+            "funnel.max_ratio",
+            "funnel.breaches",
+            "sync.final_spread",
+            "sync.max_spread",
+            "max_input",
+            "emergent.final_error",
+            "reference.max_error",
+            "bus.lost",
+            "bus.utilisation",
         ];
         let seed = self.place("seed").unwrap_or(0);
         let end = self.place("verdict").unwrap_or(self.names.len());
@@ -154,9 +162,11 @@ impl Table {
             let first = known.next();
             first.is_some_and(|first| number(first).is_some() && known.any(|cell| cell != first))
         };
-        let of_machine = |at: &usize| ["wall_", "cpu_"].iter().any(|begin| self.names[*at].starts_with(begin));
+        let of_machine =
+            |at: &usize| ["wall_", "cpu_"].iter().any(|begin| self.names[*at].starts_with(begin));
         let mut figures: Vec<usize> = (seed + 1..end).filter(|at| varies(at) && !of_machine(at)).collect();
-        figures.sort_by_key(|&at| ASKED.iter().position(|name| *name == self.names[at]).unwrap_or(ASKED.len()));
+        figures
+            .sort_by_key(|&at| ASKED.iter().position(|name| *name == self.names[at]).unwrap_or(ASKED.len()));
         figures
     }
 }
@@ -175,8 +185,11 @@ mod tests {
 
     #[test]
     fn shards_become_the_table_of_one_process() {
-        let whole = format!("{HEAD}1,0,1,1,2,passed,,1,1\n2,0.1,1,1,3,failed,\"a, b\",1,1\n3,0.2,1,1,4,passed,,1,1\n");
-        let odd = Table::parse(&format!("{HEAD}1,0,1,1,2,passed,,1,1\n3,0.2,1,1,4,passed,,1,1\n4,0")).unwrap();
+        let whole = format!(
+            "{HEAD}1,0,1,1,2,passed,,1,1\n2,0.1,1,1,3,failed,\"a, b\",1,1\n3,0.2,1,1,4,passed,,1,1\n"
+        );
+        let odd =
+            Table::parse(&format!("{HEAD}1,0,1,1,2,passed,,1,1\n3,0.2,1,1,4,passed,,1,1\n4,0")).unwrap();
         let even = Table::parse(&format!("{HEAD}2,0.1,1,1,3,failed,\"a, b\",1,1\n")).unwrap();
         let merged = Table::merge(vec![even, odd]).unwrap();
         assert_eq!(String::from_utf8(merged.csv()).unwrap(), whole);
@@ -187,14 +200,23 @@ mod tests {
         let one = Table::parse("run,a,seed,ticks,verdict\n2,1,1,9,passed\n").unwrap();
         let other = Table::parse("run,a,seed,nodes,ticks,verdict\n1,1,1,5,8,passed\n").unwrap();
         let merged = Table::merge(vec![one, other]).unwrap();
-        assert_eq!(String::from_utf8(merged.csv()).unwrap(), "run,a,seed,nodes,ticks,verdict\n1,1,1,5,8,passed\n2,1,1,,9,passed\n");
+        assert_eq!(
+            String::from_utf8(merged.csv()).unwrap(),
+            "run,a,seed,nodes,ticks,verdict\n1,1,1,5,8,passed\n2,1,1,,9,passed\n"
+        );
     }
 
     #[test]
     fn what_was_swept_and_what_came_of_it_are_told_apart() {
-        let table = Table::parse(&format!("{HEAD}1,0.5,1,1,2,passed,,1,1\n2,0.05,1,2,3,failed,x,1,1\n3,0.5,2,2,4,passed,,1,1\n")).unwrap();
+        let table = Table::parse(&format!(
+            "{HEAD}1,0.5,1,1,2,passed,,1,1\n2,0.05,1,2,3,failed,x,1,1\n3,0.5,2,2,4,passed,,1,1\n"
+        ))
+        .unwrap();
         assert_eq!(table.axes(), [(1, vec!["0.05".to_owned(), "0.5".to_owned()])]);
-        assert_eq!(table.figures().iter().map(|&at| table.names[at].as_str()).collect::<Vec<_>>(), ["max_input"]);
+        assert_eq!(
+            table.figures().iter().map(|&at| table.names[at].as_str()).collect::<Vec<_>>(),
+            ["max_input"]
+        );
         assert!(table.passes(&table.rows[0]) && !table.passes(&table.rows[1]));
     }
 
@@ -202,7 +224,8 @@ mod tests {
     fn what_is_no_table_is_refused() {
         assert!(Table::parse("t,x_1\n0,1\n").unwrap_err().contains("no column seed"));
         assert!(Table::parse("a,seed,verdict\n1,2\n").unwrap_err().contains("no table of a sweep"));
-        let tables = ["a,seed,verdict\n1,1,passed\n", "b,seed,verdict\n1,1,passed\n"].map(|text| Table::parse(text).unwrap());
+        let tables = ["a,seed,verdict\n1,1,passed\n", "b,seed,verdict\n1,1,passed\n"]
+            .map(|text| Table::parse(text).unwrap());
         assert!(Table::merge(tables.into()).unwrap_err().contains("different sweeps"));
     }
 }
