@@ -328,6 +328,32 @@ fn a_sweep_over_one_parameter_has_lines_and_one_over_seeds_has_none() {
     }
 }
 
+/// As `--sobol` and `--lhs` draw them: no value twice.
+#[test]
+fn a_sweep_of_thousands_of_drawn_points_has_maps_of_ranges() {
+    let place = Place::new();
+    fs::create_dir(place.at("drawn")).unwrap();
+    let row = |n: u64| {
+        let (a, b) = (n * 7919 % 10_007, n * 104_729 % 10_007);
+        format!("{n},0.{a:05},0.{b:05},1,1,{},passed,,1,1\n", a + b)
+    };
+    let rows: String = (1..=6000).map(row).collect();
+    let head = "run,bus.loss,coupling.funnel.rate,repetition,seed,max_input,verdict,why,wall_s,cpu_s\n";
+    fs::write(place.at("drawn").join("runs.csv"), format!("{head}{rows}")).unwrap();
+    let read = page(&place.report("drawn"), 1);
+    assert!(!read.text().contains("too large"));
+    let maps: Vec<_> = read.named("table").filter(|table| table.attribute("class") == Some("map")).collect();
+    assert_eq!(maps.len(), 2);
+    assert!(read.text().contains("The first 5000 of 6000 runs"));
+    assert_eq!(
+        read.elements
+            .iter()
+            .filter(|cell| cell.attribute("class").is_some_and(|c| c.contains("shade-")))
+            .count(),
+        200
+    );
+}
+
 /// A row every 30 ms, and noise, which is the most that pictures can have.
 #[test]
 fn a_run_of_127_nodes_over_a_minute_is_a_page_of_5_mb_at_most() {

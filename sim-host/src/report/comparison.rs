@@ -94,7 +94,7 @@ impl Pair {
             "A beside B",
             html! {
                 table {
-                    caption { "First figures of both runs" }
+                    caption { "First figures of both runs; the same to the digits shown, or not" }
                     thead { tr { th scope="col" { "figure" } th.n scope="col" { "A" } th.n scope="col" { "B" } th scope="col" { "the same" } } }
                     tbody { @for ((name, a), (_, b)) in left.iter().zip(&right) { tr {
                         th scope="row" { (name) } td.n { (a) } td.n { (b) }

@@ -20,8 +20,14 @@ pub(super) fn events(folder: &Folder) -> Result<Markup, String> {
 
 fn table(text: &str, is_whole: bool) -> Markup {
     let (notes, lines): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| line.starts_with('#'));
+    let is_long = lines.len() > OPEN;
+    let (usual, lines): (Vec<&str>, Vec<&str>) =
+        lines.into_iter().partition(|line| is_long && is_usual(line));
     let heading = match (lines.len(), lines.len() > SHOWN || !is_whole) {
-        (0, _) => return html! { p { "No event was recorded." } },
+        (0, _) if usual.is_empty() => return html! { p { "No event was recorded." } },
+        (0, _) => {
+            return html! { p { (usual.len()) " starts and first hearings at t = 0, and no other event." } };
+        }
         (some, false) => format!("{some} events"),
         (_, true) => format!("the first {} events; all are in events.txt", lines.len().min(SHOWN)),
     };
@@ -31,6 +37,7 @@ fn table(text: &str, is_whole: bool) -> Markup {
     };
     html! {
         @for note in &notes { p.note { (printable(note.trim_start_matches(['#', ' ']))) } }
+        @if !usual.is_empty() { p.note { (usual.len()) " starts and first hearings at t = 0 are left out; they are in events.txt." } }
         (folded(&heading, lines.len() <= OPEN, html! {
             table {
                 caption { "Events" }
@@ -41,6 +48,12 @@ fn table(text: &str, is_whole: bool) -> Markup {
             }
         }))
     }
+}
+
+/// Whether it is what every run begins with: in a large network that would hide all others.
+fn is_usual(line: &str) -> bool {
+    let at_begin = line.split_once(" s, ").filter(|(time, _)| time.parse() == Ok(0.0));
+    at_begin.is_some_and(|(_, what)| what.ends_with(" started") || what.contains(" hears node "))
 }
 
 #[cfg(test)]
@@ -56,6 +69,15 @@ mod tests {
         );
         assert!(text.contains("shortened") && text.contains("1 events"), "{text}");
         assert!(table("", true).into_string().contains("No event"));
+    }
+
+    #[test]
+    fn in_a_long_list_the_begin_of_a_run_hides_nothing() {
+        let begin = "0.000000 s, node 1 started\n0.000000 s, node 1 hears node 2\n".repeat(200);
+        let text = table(&format!("{begin}3.5 s, node 4 started\n"), true).into_string();
+        assert!(text.contains("node 4 started") && !text.contains("node 1 started"), "{text}");
+        assert!(text.contains("400 starts and first hearings at t = 0 are left out"), "{text}");
+        assert!(table(&begin, true).into_string().contains("and no other event"));
     }
 
     #[test]

@@ -3,14 +3,13 @@
 use super::super::figures::short;
 use super::super::page::wide;
 use super::super::pictures::drawn;
+use super::groups::{Groups, MOST};
 use super::statistics::Numbers;
 use super::table::{Table, number};
 use crate::plot::{Lines, Spot};
 use crate::printable::printable;
 use maud::{Markup, html};
 
-/// Most values of a parameter in a map.
-const CELLS: usize = 40;
 /// Steps of shade.
 const SHADES: f64 = 5.0;
 
@@ -48,16 +47,23 @@ type Axis = (usize, Vec<String>);
 type Figure<'a> = &'a dyn Fn(&Vec<String>) -> f64;
 
 fn over_one(table: &Table, (axis, all): &Axis, name: &str, n: usize, figure: Figure<'_>) -> Markup {
-    let of = |value: &String| Numbers::of(table.rows.iter().filter(|row| row[*axis] == *value).map(figure));
-    let rows: Vec<(&String, Numbers)> = all.iter().filter_map(|value| Some((value, of(value)?))).collect();
-    let spot = |(value, numbers): &(&String, Numbers)| {
-        let Numbers { low, mean, high, .. } = *numbers;
-        Some(Spot { at: number(value)?, low, mean, high })
+    let groups = Groups::of(all);
+    let mut values = vec![Vec::new(); groups.names.len()];
+    for row in &table.rows {
+        if let Some(group) = groups.place(&row[*axis]) {
+            values[group].push(figure(row));
+        }
+    }
+    let group = |(at, values): (usize, Vec<f64>)| Some((at, Numbers::of(values.into_iter())?));
+    let rows: Vec<(usize, Numbers)> = values.into_iter().enumerate().filter_map(group).collect();
+    let spot = |&(at, numbers): &(usize, Numbers)| {
+        let (Numbers { low, mean, high, .. }, at) = (numbers, groups.centres[at]);
+        (!at.is_nan()).then_some(Spot { at, low, mean, high })
     };
     let spots: Option<Vec<Spot>> = rows.iter().map(spot).collect();
     let parameter = table.names[*axis].as_str();
     let words = format!(
-        "{} over {}: the mean as a line with a dot at each value, from the least to the most as a band. The table has the same in numbers.",
+        "{} over {}: the mean as a line with a dot at each value or range of values, from the least to the most as a band. The table has the same in numbers.",
         printable(name),
         printable(parameter)
     );
@@ -75,8 +81,8 @@ fn over_one(table: &Table, (axis, all): &Axis, name: &str, n: usize, figure: Fig
                     th.n scope="col" { (printable(parameter)) } th.n scope="col" { "runs" } th.n scope="col" { "least" }
                     th.n scope="col" { "mean" } th.n scope="col" { "most" }
                 } }
-                tbody { @for (value, numbers) in &rows { tr {
-                    th.n scope="row" { (printable(value)) } td.n { (numbers.count) }
+                tbody { @for (at, numbers) in &rows { tr {
+                    th.n scope="row" { (printable(&groups.names[*at])) } td.n { (numbers.count) }
                     @for value in [numbers.low, numbers.mean, numbers.high] { td.n { (short(value)) } }
                 } } }
             }
@@ -91,15 +97,19 @@ fn over_two(
     name: &str,
     figure: Figure<'_>,
 ) -> Markup {
-    if rows.len() > CELLS || columns.len() > CELLS {
-        return html! { p.note { (printable(name)) ": a map of " (rows.len()) " by " (columns.len()) " values is too large to read." } };
+    let (rows, columns) = (Groups::of(rows), Groups::of(columns));
+    let (height, width) = (rows.names.len(), columns.names.len());
+    if height > MOST || width > MOST {
+        return html! { p.note { (printable(name)) ": a map of " (height) " by " (width) " values is too large to read." } };
     }
-    let mean = |row: &String, column: &String| {
-        let runs = table.rows.iter().filter(|run| run[*down] == *row && run[*across] == *column);
-        Numbers::of(runs.map(figure)).map_or(f64::NAN, |numbers| numbers.mean)
-    };
-    let cells: Vec<Vec<f64>> =
-        rows.iter().map(|row| columns.iter().map(|column| mean(row, column)).collect()).collect();
+    let mut values = vec![vec![Vec::new(); width]; height];
+    for run in &table.rows {
+        if let (Some(row), Some(column)) = (rows.place(&run[*down]), columns.place(&run[*across])) {
+            values[row][column].push(figure(run));
+        }
+    }
+    let mean = |values: Vec<f64>| Numbers::of(values.into_iter()).map_or(f64::NAN, |numbers| numbers.mean);
+    let cells: Vec<Vec<f64>> = values.into_iter().map(|row| row.into_iter().map(mean).collect()).collect();
     let Some(range) = Numbers::of(cells.iter().flatten().copied()) else { return html! {} };
     html! {
         (wide(name, html! {
@@ -110,9 +120,9 @@ fn over_two(
                 }
                 thead { tr {
                     th scope="col" { (printable(&table.names[*down])) " \\ " (printable(&table.names[*across])) }
-                    @for column in columns { th.n scope="col" { (printable(column)) } }
+                    @for column in &columns.names { th.n scope="col" { (printable(column)) } }
                 } }
-                tbody { @for (row, cells) in rows.iter().zip(&cells) { tr {
+                tbody { @for (row, cells) in rows.names.iter().zip(&cells) { tr {
                     th scope="row" { (printable(row)) }
                     @for &value in cells {
                         td class={ "n shade-" (shade(value, &range)) } { @if value.is_nan() { "none" } @else { (short(value)) } }

@@ -1,6 +1,7 @@
 //! The report of a sweep: its failures first, then its figures over what was swept, then every run.
 
 mod all;
+mod groups;
 mod map;
 mod statistics;
 mod table;
@@ -107,16 +108,16 @@ fn failures(table: &Table) -> Markup {
             table {
                 caption { "Runs that did not pass" }
                 thead { tr {
-                    th scope="col" { "run" }
+                    th scope="col" { "run" } th scope="col" { "verdict" } th scope="col" { "why" }
                     @for (at, _) in &axes { th scope="col" { (printable(&table.names[*at])) } }
-                    th.n scope="col" { "seed" } th scope="col" { "verdict" } th scope="col" { "why" }
+                    th.n scope="col" { "seed" }
                 } }
                 tbody { @for row in failed.iter().take(FAILURES) { tr {
                     th scope="row" { (printable(table.cell(row, "run"))) }
-                    @for (at, _) in &axes { td { (printable(&row[*at])) } }
-                    td.n { (printable(table.cell(row, "seed"))) }
                     td { (super::page::mark(false, &printable(table.cell(row, "verdict")))) }
                     td { (printable(table.cell(row, "why"))) }
+                    @for (at, _) in &axes { td { (printable(&row[*at])) } }
+                    td.n { (printable(table.cell(row, "seed"))) }
                 } } }
             }
         }))
