@@ -7,6 +7,7 @@ use html::Page;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Looks like markup in every place that is not escaped.
@@ -180,14 +181,28 @@ fn a_run_that_failed_or_was_interrupted_says_so() {
     assert!(text.contains("Failed") && text.contains("One expectation or check does not hold."), "{text}");
     assert!(!text.contains("Passed"), "{text}");
 
+    // Without a reference, which would be computed first.
+    let text = "version = 1\ntime = { tick = '1ms', duration = '10min' }\ngraph = { kind = 'ring', nodes = 5 }\nbus = { model = 'can' }\n\
+                coupling = { kind = 'node-wise', gain = { kind = 'reciprocal', scale = 1.0 }, funnel = { kind = 'constant', width = 2.0 } }\n\
+                agent = { dynamics = { kind = 'affine', slope = -1.0, offset = 1.0 } }\n";
+    fs::write(place.at("long.toml"), text).unwrap();
     let child = Command::new("env")
-        .args(["--default-signal=INT", env!("CARGO_BIN_EXE_sim-host"), "run", "scenarios/five-agents.toml"])
-        .args(["--set", "time.duration=10h", "-q", "--every", "1ms", "--out", &place.name("early")])
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+        .args(["--default-signal=INT", env!("CARGO_BIN_EXE_sim-host"), "run", &place.name("long.toml")])
+        .args(["-q", "--every", "1ms", "--out", &place.name("early")])
         .stdin(Stdio::null())
         .spawn();
     let mut child = child.unwrap();
-    std::thread::sleep(std::time::Duration::from_secs(2));
+    // Some of it is on the disk, under its temporary name.
+    let is_long = |entry: &fs::DirEntry| {
+        entry.file_name().to_string_lossy().contains("can.log")
+            && entry.metadata().is_ok_and(|it| it.len() > 50_000)
+    };
+    let begin = Instant::now();
+    while !fs::read_dir(place.at("early")).is_ok_and(|entries| entries.flatten().any(|entry| is_long(&entry)))
+    {
+        assert!(begin.elapsed() < Duration::from_secs(120), "nothing is written");
+        std::thread::sleep(Duration::from_millis(20));
+    }
     let waiting = place.refused(&["report", &place.name("early")]);
     assert!(waiting.contains("a run is writing into this folder"), "{waiting}");
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());

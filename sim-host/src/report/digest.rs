@@ -102,7 +102,7 @@ impl Digest {
 
     /// Keeps the first, the last, and those evenly between.
     fn thin(&mut self, last: Option<Sample>) {
-        if let Some(last) = last.filter(|last| self.samples.last() != Some(last)) {
+        if let Some(last) = last.filter(|last| self.samples.last().map(|row| row.t) != Some(last.t)) {
             self.samples.push(last);
         }
         let (all, most) = (self.samples.len(), SAMPLES);

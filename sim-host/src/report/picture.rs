@@ -78,7 +78,8 @@ pub(super) fn inline(svg: &str, described_by: &str) -> Result<String, String> {
             Event::Text(text) => {
                 let text = text.decode().map_err(|error| format!("is no SVG: {error}"))?;
                 match open.last().is_some_and(|name| name == "text") {
-                    true => out.push_str(&escape(text.trim())),
+                    // Plots begin and end a text with a new line; spaces beside an escaped character are its own.
+                    true => out.push_str(&escape(text.replace(['\n', '\r'], ""))),
                     false if text.trim().is_empty() => {}
                     false => return Err("has words outside of its texts".to_owned()),
                 }
