@@ -259,10 +259,10 @@ mod tests {
             assert_eq!(times.len(), rows.min(SAMPLES), "{rows}");
             assert_eq!((times[0], times[times.len() - 1]), (0.0, (rows - 1) as f64), "{rows}");
             let even = (rows - 1) as f64 / (times.len().max(2) - 1) as f64;
-            assert!(
-                times.windows(2).all(|w| w[1] - w[0] > 0.5 * even && w[1] - w[0] < 1.6 * even),
-                "{times:?}"
-            );
+            // Of a few rows one more or less is much.
+            let most = (1.6 * even).max(even + 1.0);
+            let apart = |pair: &[f64]| pair[1] - pair[0];
+            assert!(times.windows(2).all(|pair| apart(pair) > 0.5 * even && apart(pair) < most), "{times:?}");
         }
     }
 

@@ -35,7 +35,7 @@ pub(super) fn pictures(table: &Table, most: usize) -> Markup {
             }
             (over_two(table, first, second, "share of runs that pass", &|row| if table.passes(row) { 1.0 } else { 0.0 }))
             @for &at in &figures {
-                (over_two(table, first, second, &table.names[at], &|row| number(&row[at]).unwrap_or(f64::NAN)))
+                (over_two(table, first, second, &format!("mean of {}", table.names[at]), &|row| number(&row[at]).unwrap_or(f64::NAN)))
             }
         },
     }
@@ -115,7 +115,7 @@ fn over_two(
         (wide(name, html! {
             table.map {
                 caption {
-                    "Mean of " (printable(name)) ", from " (short(range.low)) " (lightest) to " (short(range.high)) " (darkest); rows are "
+                    (printable(name)) ", from " (short(range.low)) " (lightest) to " (short(range.high)) " (darkest); rows are "
                     (printable(&table.names[*down])) ", columns " (printable(&table.names[*across]))
                 }
                 thead { tr {
