@@ -289,7 +289,7 @@ const HEAD: &str =
 fn rows(which: impl Fn(u32) -> bool) -> String {
     let row = |n: u32| {
         let (loss, kind, seed) =
-            (f64::from(n / 6) / 10.0, if n % 2 == 0 { "ring" } else { "star" }, n % 3 + 1);
+            (f64::from(n / 6) / 10.0, if n.is_multiple_of(2) { "ring" } else { "star" }, n % 3 + 1);
         let verdict = if n % 5 == 4 { "failed,\"funnel_ratio, <b>1.2</b>\"" } else { "passed," };
         format!(
             "{},{loss},{kind},{seed},{seed},{},{},{verdict},0.1,0.1\n",

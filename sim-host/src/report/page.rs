@@ -53,7 +53,7 @@ impl Page {
 
 /// A part of the page with its heading.
 pub(super) fn section(id: &str, heading: &str, body: Markup) -> Markup {
-    html! { section id=(id) aria-labelledby={ (id) "-h" } { h2 id={ (id) "-h" } { (heading) } (body) } }
+    html! { section id=(id) { h2 { (heading) } (body) } }
 }
 
 /// A table or list that takes room: folded on a screen, open on paper.
@@ -63,7 +63,7 @@ pub(super) fn folded(summary: &str, is_open: bool, body: Markup) -> Markup {
 
 /// A wide thing that scrolls by itself, by keys as well.
 pub(super) fn wide(label: &str, body: Markup) -> Markup {
-    html! { div.wide role="region" tabindex="0" aria-label=(label) { (body) } }
+    html! { div.wide role="region" tabindex="0" aria-label=(printable(label)) { (body) } }
 }
 
 /// A verdict as a word with a sign; its colour only repeats it.

@@ -74,7 +74,7 @@ fn over_one(table: &Table, (axis, all): &Axis, name: &str, n: usize, figure: Fig
     });
     html! {
         @if let Some(svg) = &picture { (drawn(svg, &format!("lines-{n}"), name, &words)) }
-        (wide(name, html! {
+        (wide(&format!("{name} in numbers"), html! {
             table {
                 caption { (printable(name)) " over " (printable(parameter)) }
                 thead { tr {
