@@ -24,5 +24,6 @@ pub mod plot;
 pub mod progress;
 pub mod record;
 pub mod replay;
+pub mod report;
 pub mod run;
 pub mod sweep;

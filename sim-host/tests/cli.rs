@@ -94,7 +94,7 @@ fn rows_farther_apart_than_the_run_is_long_are_refused() {
 fn help_names_commands_examples_and_exit_codes() {
     let (code, out, err) = run(&["--help"]);
     assert_eq!((code, err.as_str()), (Some(0), ""));
-    for word in ["run", "check", "completions", "Examples:", "Exit codes:"] {
+    for word in ["run", "check", "report", "completions", "Examples:", "Exit codes:"] {
         assert!(out.contains(word), "{word} is not in\n{out}");
     }
     let (_, out, _) = run(&["run", "--help"]);
@@ -123,7 +123,7 @@ fn help_names_commands_examples_and_exit_codes() {
 #[test]
 fn help_fits_a_narrow_terminal() {
     const WIDTH: usize = 80;
-    for command in ["", "run", "bench", "node", "sweep", "check", "completions", "man"] {
+    for command in ["", "run", "bench", "node", "sweep", "check", "report", "completions", "man"] {
         let mut program = sim_host();
         program.args([command, "--help"].into_iter().filter(|word| !word.is_empty()));
         let text =
@@ -309,7 +309,7 @@ fn manual_pages_are_printed_for_the_program_and_its_commands() {
     }
     refused(
         &["man", "fly"],
-        "man fly: there is no such command; there are run, bench, node, sweep, check, diff, replay, schema, completions, man, help",
+        "man fly: there is no such command; there are run, bench, node, sweep, check, diff, replay, report, schema, completions, man, help",
     );
 }
 

@@ -108,6 +108,19 @@ Examples:
   sim-host sweep five.toml --lhs 200 --range bus.loss=1e-3..0.3:log --out o
   sim-host sweep five.toml --list points.csv --shard 2/8 --resume --out o";
 
+const REPORT_HELP: &str = "\
+Writes one page, report.html in the folder, that needs no network, fits a phone and prints: of a run its verdict, pictures, margins, \
+events, bus and provenance; of two runs how they differ; of a sweep its table, its failures first, after its shards have been merged \
+into runs.csv. The same folder gives the same page.
+
+Exit codes: 0 written, whatever the verdict that it shows, 2 not.
+
+Examples:
+  sim-host run scenarios/five-agents.toml --out out/five
+  sim-host report out/five
+  sim-host report out/yesterday out/today --html both.html
+  sim-host report out/five --html - | gzip > five.html.gz";
+
 const SCHEMA_HELP: &str = "\
 Examples:
   sim-host schema > scenario.schema.json
@@ -161,6 +174,9 @@ pub(super) enum Command {
     /// Feed a log of CAN to one node's real code, and compare what it sends with what the log says it sent
     #[command(after_help = REPLAY_HELP)]
     Replay(ReplayArgs),
+    /// Write a page to hand over, of a run, of two runs side by side, or of a sweep
+    #[command(after_help = REPORT_HELP)]
+    Report(ReportArgs),
     /// Print a JSON Schema of the scenario file, by which editors complete and check its keys
     #[command(after_help = SCHEMA_HELP)]
     Schema {
@@ -385,6 +401,19 @@ pub(super) struct ReplayArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub(super) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct ReportArgs {
+    /// A folder that run, bench or sweep has filled
+    #[arg(value_name = "DIR")]
+    pub(super) folder: PathBuf,
+    /// A second run, to be compared with the first
+    #[arg(value_name = "OTHER", requires = "html")]
+    pub(super) other: Option<PathBuf>,
+    /// File for the page instead of report.html in the folder; - is standard output
+    #[arg(long, value_name = "FILE")]
+    pub(super) html: Option<PathBuf>,
 }
 
 /// Clap names the option and the value itself, so only what is allowed is left to say.

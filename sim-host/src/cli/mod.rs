@@ -23,13 +23,14 @@ use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
 use crate::record::{BusLogs, Summary, failures, is_standard_output, write_atomic};
 use crate::replay::replay;
+use crate::report::{self, Report};
 use crate::run::{self, Claim, Fidelity, RunError, RunOptions, Verbosity, Wanted};
 use crate::scenario::{Override, Scenario, format_duration};
 
 pub use arguments::Cli;
 use arguments::{
-    BenchArgs, CheckArgs, Command, DEFAULT_IMAGE, DiffArgs, NodeArgs, OutputArgs, ReplayArgs, RunArgs,
-    SchemaOf, Settings, Source,
+    BenchArgs, CheckArgs, Command, DEFAULT_IMAGE, DiffArgs, NodeArgs, OutputArgs, ReplayArgs, ReportArgs,
+    RunArgs, SchemaOf, Settings, Source,
 };
 use words::{command, repeat};
 
@@ -106,6 +107,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Check(args) => check_command(&args),
         Command::Diff(args) => diff_command(&args),
         Command::Replay(args) => replay_command(&args),
+        Command::Report(args) => report_command(&args),
         Command::Schema { file: SchemaOf::Scenario } => schema_command(),
         Command::Completions { shell } => completions(shell),
         Command::Man { command } => manual_page(command.as_deref()),
@@ -352,6 +354,24 @@ fn replay_command(args: &ReplayArgs) -> Result<Exit, Failure> {
         print(&printable_lines(&found.to_string()))?;
     }
     Ok(found.exit())
+}
+
+fn report_command(args: &ReportArgs) -> Result<Exit, Failure> {
+    let report = Report::of(&args.folder, args.other.as_deref()).map_err(Failure::bad_input)?;
+    let path = args.html.clone().unwrap_or_else(|| args.folder.join(report::FILE));
+    if is_standard_output(&path) {
+        io::stdout().lock().write_all(report.html.as_bytes())?;
+        return Ok(Exit::Success);
+    }
+    let name = path.display();
+    if !report::is_replaceable(&path) {
+        return Err(Failure::bad_input(format!(
+            "{name} would be replaced by the report, and is none; move it, or name another file with --html"
+        )));
+    }
+    write_atomic(&path, report.html.as_bytes()).map_err(|error| Failure::bad_input(error.to_string()))?;
+    print(&printable_lines(&format!("{name}: {}", report.told)))?;
+    Ok(Exit::Success)
 }
 
 fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {

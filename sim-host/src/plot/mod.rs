@@ -12,6 +12,7 @@ mod curve;
 mod envelope;
 mod funnels;
 mod legend;
+mod lines;
 mod losses;
 mod marks;
 mod notes;
@@ -25,6 +26,7 @@ mod trace;
 
 pub use agreement::agreement_svg;
 pub use funnels::funnels_svg;
+pub use lines::{Lines, Spot};
 pub use marks::Kind as MarkKind;
 pub use overlay::Overlay;
 pub use states::{inputs_svg, states_svg};

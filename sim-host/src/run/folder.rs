@@ -72,7 +72,11 @@ impl Folder {
                 printable(&name)
             )));
         }
-        let earlier = names::in_folder(&self.path).into_iter().filter(|path| path != self.lock.path());
+        // A page of the user's may have the name of a report.
+        let mine = self.path.join(names::REPORT);
+        let mine = (!crate::report::is_replaceable(&mine)).then_some(mine);
+        let earlier = names::in_folder(&self.path).into_iter();
+        let earlier = earlier.filter(|path| *path != self.lock.path() && Some(path) != mine.as_ref());
         for path in earlier {
             remove_earlier(&path)?;
         }

@@ -12,7 +12,7 @@ mod event_log;
 mod fidelity;
 mod folder;
 mod lock;
-mod names;
+pub(crate) mod names;
 mod network;
 mod options;
 mod outcome;

@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 pub const SCENARIO: &str = "scenario.toml";
 /// The summary.
 pub const SUMMARY: &str = "summary.json";
+/// The rows of a run.
+pub const TRAJECTORY: &str = "trajectory.csv";
+/// The page that `report` makes of the others.
+pub const REPORT: &str = "report.html";
 /// Held locked while a run writes into the folder.
 pub const LOCK: &str = ".sim-host.lock";
 
@@ -14,9 +18,9 @@ pub const LOCK: &str = ".sim-host.lock";
 pub const SWEEP: &str = "sweep.json";
 
 /// Files of every command but `sweep`.
-const FILES: [&str; 12] = [
+const FILES: [&str; 13] = [
     SUMMARY,
-    "trajectory.csv",
+    TRAJECTORY,
     "events.txt",
     "states.svg",
     "funnels.svg",
@@ -26,6 +30,7 @@ const FILES: [&str; 12] = [
     "bench.csv",
     "can.log",
     "can.pcapng",
+    REPORT,
     LOCK,
 ];
 
