@@ -5,9 +5,11 @@ mod bench;
 
 use bench::{Bus, Line, MS, Said, Time, config, start};
 use embassy_futures::join::join;
+use embassy_futures::poll_once;
+use embedded_io_async::{ErrorType, Read, Write};
 use funnelnet_app::link::can::{CanNode, Controller, Exchange, FrameOf};
 use funnelnet_app::link::serial::Serial;
-use funnelnet_app::link::{Health, Link};
+use funnelnet_app::link::{Health, Input, Link};
 use funnelnet_app::storage::{Absent, Storage};
 use funnelnet_app::watchdog::{self, Watchdog};
 use funnelnet_app::{App, Log, Platform};
@@ -21,8 +23,11 @@ use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
 use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, Target};
 use funnelnet_protocol::report::Losses;
+use funnelnet_protocol::serial;
 use funnelnet_protocol::service::{Identity, Reply, Request, StoreError};
 use std::cell::{Cell, RefCell};
+use std::convert::Infallible;
+use std::future::pending;
 use std::pin::pin;
 
 /// What a log has been told, in short.
@@ -101,6 +106,48 @@ fn a_host_gets_its_answers_in_order() {
         [Reply::Identity(identity), Reply::Configured(Ok(())), Reply::Stored(Err(StoreError::Absent))];
     assert_eq!(line.heard(), said(answers));
     assert!(log.has("ready"));
+}
+
+/// A UART whose driver gives what has come in two parts, since its buffer ends between them.
+struct InParts<'a>([&'a [u8]; 2]);
+
+impl ErrorType for InParts<'_> {
+    type Error = Infallible;
+}
+
+impl Read for InParts<'_> {
+    async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        let part = self.0.iter_mut().find(|part| !part.is_empty());
+        let Some(part) = part else { return pending().await };
+        Ok(std::io::Read::read(part, bytes).unwrap())
+    }
+}
+
+impl Write for InParts<'_> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+#[test]
+fn frames_on_both_sides_of_the_end_of_a_drivers_buffer_come_in_one_turn() {
+    let time = Time::default();
+    let bytes = [start(), stop()].map(|message| serial::encode(&message).to_vec()).concat();
+    for end in 0..bytes.len() {
+        let (before, behind) = bytes.split_at(end);
+        let mut link = Serial::new(InParts([before, behind]));
+        assert!(poll_once(link.wait(&time)).is_ready());
+        let mut frames = 0;
+        while let Some(input) = link.next(0) {
+            assert!(matches!(input, Input::Frame(Ok(_))));
+            frames += 1;
+        }
+        assert_eq!(frames, 2, "{end} bytes in front of the end");
+    }
 }
 
 /// Two nodes on a bus until `off` (ms), when the second one's controller goes off the bus, and 900 ms more.
