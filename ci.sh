@@ -328,6 +328,12 @@ boards_run_pico() {
     say "a bench of $nodes Picos, $ticks ticks"
     python3 firmware/emulated/bench.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$image" \
         "$nodes" scenarios/five-agents.toml --set "time.duration=${ticks}ms" || return
+    # All of the scenario takes minutes; a funnel that closes faster has closed as far by then.
+    local heaters=(coupling.funnel.rate=0.03 time.duration=200s)
+    [[ ${FUNNEL_EXTENDED:-} != 1 ]] || heaters=()
+    say "three heaters on Picos, each with a simulated block"
+    python3 firmware/emulated/heaters.py target/debug/sim-host firmware/emulated/pico/serve-heater.mjs "$(image_path heater)" \
+        firmware/heaters.toml ${heaters[@]+"${heaters[@]}"} || return
     say "$nodes Picos commissioned over a power cycle"
     python3 firmware/emulated/commission.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$image" \
         "$nodes" scenarios/five-agents.toml --set "time.duration=50ms"

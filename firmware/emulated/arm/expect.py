@@ -71,6 +71,21 @@ class Commissioned:
         identity = board.identity(Words.of())
         self.assertEqual((identity["reset"], identity["starts"]), ("HardFault", 2))
 
+    def test_a_debugger_that_was_unplugged_holds_up_nothing(self):
+        board, ends = self.BOARD.booted(), []
+        board.core.leave_debugger()
+        # Each round logs some words.
+        while ends == sorted(ends) and len(ends) < 500:
+            self.configured(board)
+            self.start(board)
+            board.ms(1)
+            board.tell(Words.of()["stop"]["serial"])
+            board.ms(1)
+            ends.append(board.core.log_end)
+        self.assertNotEqual(ends, sorted(ends), "the log was never full: the test shows nothing")
+        self.assertEqual(board.identity(Words.of())["id"], 1)
+        self.assertEqual(board.core.resets, 0)
+
     def commission(self, storage, cut_at=None):
         """Stages another configuration and commits it, until the cut: operation and depth."""
         board = self.BOARD.booted(storage=storage)
@@ -304,9 +319,10 @@ class OnCan(Even, Commissioned, Counted):
 
     def test_a_second_of_any_legal_frames_at_line_rate_resets_nothing_and_each_is_counted(self):
         board = self.configured(self.BOARD.booted())
-        draw, end, count, foreign = random.Random(1), board.core.ns + FLOOD_NS, 0, 0
+        draw, end, count, foreign, seen = random.Random(1), board.core.ns + FLOOD_NS, 0, 0, set()
         while board.core.ns < end:
             frame = drawn(draw)
+            seen |= kinds(frame)
             board.run(line_bits(frame) * 1e3)
             board.can.receive(frame)
             count, foreign = count + 1, foreign + (not is_for(frame, 1, 2))
@@ -314,6 +330,7 @@ class OnCan(Even, Commissioned, Counted):
         self.assertEqual(board.core.resets, 0)
         counters = self.counters(board)
         heard = counters["accepted"] + sum(counters["refused"])
+        self.assertEqual(seen, every_kind(), "the draw has left something out")
         print(f"{board.image}: {count} frames in {FLOOD_NS / 1e9} s, {board.can.refused} filtered out, {heard} counted by the node, "
               f"{board.can.lost} lost by the controller, {counters['link']['frames']} losses counted")
         self.assertEqual(board.can.refused, foreign, "the filters let in what is for node 1 with the neighbour 2")
@@ -433,6 +450,19 @@ def drawn(draw):
     identifier = draw.randrange(1 << 29) if is_extended else draw.randrange(16) << 7 | draw.randrange(4)
     data = b"" if is_remote else draw.randbytes(min(dlc, 8))
     return Frame(identifier, data, is_extended, is_remote, dlc)
+
+
+def kinds(frame):
+    """What a drawn frame is one of: a DLC in its format, and a function code with a node."""
+    shape = frame.is_extended, frame.is_remote
+    return {(*shape, frame.dlc), *([] if frame.is_extended else [(*shape, frame.id >> 7, frame.id & 0x7F)])}
+
+
+def every_kind():
+    """Of those, all that there are: each with nobody, with both nodes and with a stranger."""
+    flags = False, True
+    dlcs = {(is_extended, is_remote, dlc) for is_extended in flags for is_remote in flags for dlc in range(16)}
+    return dlcs | {(False, is_remote, function, node) for is_remote in flags for function in range(16) for node in range(4)}
 
 
 def line_bits(frame):

@@ -83,6 +83,29 @@ test('a program that hangs is reset by its watchdog after two seconds, and says 
   assert.deepEqual({ reset, starts }, { reset: 'Watchdog', starts: 2 });
 });
 
+test('its watchdog goes on while a debugger holds the core', () => {
+  const { pauseDbg0, pauseDbg1, pauseJtag, enable } = Board.booted(IMAGE).pico.watchdog;
+  assert.deepEqual({ pauseDbg0, pauseDbg1, pauseJtag, enable }, { pauseDbg0: false, pauseDbg1: false, pauseJtag: false, enable: true });
+});
+
+test('a debugger that was unplugged holds up nothing', () => {
+  const board = Board.booted(IMAGE);
+  board.pico.leaveDebugger();
+  let before = 0, isFull = false;
+  // Each round logs some words.
+  for (let round = 0; round < 500 && !isFull; round++) {
+    configured(board);
+    board.tell(WORDS.start.serial);
+    board.tell(WORDS.stop.serial);
+    board.ms(2);
+    isFull = board.pico.logEnd < before;
+    before = board.pico.logEnd;
+  }
+  assert.ok(isFull, 'the log was never full: the test shows nothing');
+  assert.equal(board.identity(WORDS).id, NODE.id);
+  assert.equal(board.pico.resets, 0);
+});
+
 test('a node that idles is never reset', () => {
   const board = Board.booted(IMAGE);
   board.ms(10_000);
