@@ -21,8 +21,10 @@ use funnelnet_node::{Configured, Event, InputRange, Model, PlantSetup, Session, 
 use funnelnet_plant::{Failure, Plant, Virtual};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
-use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, Target};
-use funnelnet_protocol::report::Losses;
+use funnelnet_protocol::message::{
+    Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
+};
+use funnelnet_protocol::report::{Losses, Telemetry};
 use funnelnet_protocol::serial;
 use funnelnet_protocol::service::{Identity, Reply, Request, StoreError};
 use std::cell::{Cell, RefCell};
@@ -228,6 +230,35 @@ fn a_service_line_that_takes_nothing_delays_no_tick_and_answers_come_before_tele
         report.counters.ticks - 11,
         "all telemetry after that of tick 10"
     );
+}
+
+#[test]
+fn a_state_is_on_its_way_before_received_frames_and_telemetry_have_their_turn() {
+    fn first_of<F: Format>() -> Vec<u16> {
+        let time = Time::default();
+        let (line, bus) = (Line::new(&time), Bus::<2>::new(&time));
+        let mut link = CanNode::new(bus.tap::<F>(0), Serial::new(&line));
+        let state = |id: u8, tick| Message::State {
+            source: NodeId::new(id).unwrap(),
+            component: Component::FIRST,
+            tick: TickStamp::full(tick),
+            x: 0.0,
+        };
+        let mut other = CanNode::new(bus.tap::<F>(1), Serial::new(&line));
+        for tick in 0..2 {
+            assert!(poll_once(other.send(&state(2, tick), 0)).is_ready());
+            assert!(other.next(0).is_none());
+        }
+        assert!(poll_once(link.wait(&time)).is_ready());
+        assert!(poll_once(link.send(&state(1, 0), 0)).is_ready());
+        assert!(matches!(link.next(0), Some(Input::Frame(Ok(_)))), "the first of two");
+        assert!(poll_once(link.send(&state(1, 1), 0)).is_ready());
+        let telemetry = Telemetry { tick: 0, component: 0, nu: 0.0, psi: 1.0, u: 0.0 };
+        assert!(poll_once(link.reply(&Reply::Telemetry(telemetry), 1)).is_ready());
+        bus.sent.take()
+    }
+    assert_eq!(first_of::<Classic>(), [2, 2, 1, 1].map(|id| 3 << 7 | id));
+    assert_eq!(first_of::<Fd>().len(), 4);
 }
 
 /// A controller that loses what it is told to have lost, and remembers what it listens for.

@@ -331,13 +331,14 @@ class Core:
         """Of the log (defmt over RTT): name, buffer, size, where it ends, where it is read, flags."""
         return self.symbols["_SEGGER_RTT"] + 24
 
-    @property
-    def log_end(self):
-        return self.word(self.log_channel + 12)
+    def log_words(self):
+        """Of the log's ring: size, where it ends, where it is read."""
+        return struct.unpack("<3I", self.uc.mem_read(self.log_channel + 8, 12))
 
     def leave_debugger(self):
-        """A debugger has asked for a log that waits where there is no room, and was unplugged: nobody reads it."""
-        self.uc.mem_write(self.log_channel + 20, struct.pack("<I", LOG_WAITS))
+        """A debugger has asked for a log that waits where there is no room, and was unplugged: there is none, and nobody reads."""
+        size, end, _ = self.log_words()
+        self.uc.mem_write(self.log_channel + 16, struct.pack("<2I", (end + 1) % size, LOG_WAITS))
 
     def log(self):
         """What the log holds, as bytes for a decoder."""

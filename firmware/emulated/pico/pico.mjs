@@ -197,10 +197,15 @@ export class Pico {
 
   // Of the log (defmt over RTT): name, buffer, size, where it ends, where it is read, flags.
   get logChannel() { return this.elf.symbol('_SEGGER_RTT') - RAM + 24; }
-  get logEnd() { return this.chip.sramView.getUint32(this.logChannel + 12, true); }
+  // Of its ring: size, where it ends, where it is read.
+  logWords() { return [8, 12, 16].map((at) => this.chip.sramView.getUint32(this.logChannel + at, true)); }
 
-  // A debugger has asked for a log that waits where there is no room, and was unplugged: nobody reads it.
-  leaveDebugger() { this.chip.sramView.setUint32(this.logChannel + 20, LOG_WAITS, true); }
+  // A debugger has asked for a log that waits where there is no room, and was unplugged: there is none, and nobody reads.
+  leaveDebugger() {
+    const { sramView } = this.chip, [size, end] = this.logWords();
+    sramView.setUint32(this.logChannel + 16, (end + 1) % size, true);
+    sramView.setUint32(this.logChannel + 20, LOG_WAITS, true);
+  }
 
   // What the log holds, as bytes for a decoder.
   log() {
