@@ -23,7 +23,7 @@ rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 163
 readonly BUDGETS="
 mps2_an386           mps2_an386    mps2_an386          -       74752  15872  8704
 mps2_peers           mps2_an386    mps2_peers          -       81920  32256  9216
-heater_emulated      mps2_an386    heater_emulated     -       70656  15872  5632
+heater_emulated      mps2_an386    heater_emulated     -       71680  15872  5632
 nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd  124928 23040 14336
 nucleo_g474re        nucleo_g474re nucleo_g474re       -       123904 22016 13824
 nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -       117760 30208 12288
