@@ -110,6 +110,26 @@ fn a_host_gets_its_answers_in_order() {
     assert!(log.has("ready"));
 }
 
+/// States that a node says which ticks each millisecond, and is told to stop so many ns before the fifth tick.
+fn states_until_stopped(before: u64) -> usize {
+    let (time, log) = (Time::default(), Words::default());
+    let line = Line::new(&time);
+    let mut node = pin!(node(&time, Serial::new(&line), Absent, &log));
+    line.ask(&Request::Configure(config(1)));
+    line.tell(&start());
+    time.run(node.as_mut(), 5 * MS - before);
+    line.tell(&stop());
+    time.run(node.as_mut(), 10 * MS);
+    line.heard().iter().filter(|said| matches!(said, Said::Message(Message::State { .. }))).count()
+}
+
+#[test]
+fn a_frame_that_comes_just_before_a_tick_waits_for_it() {
+    // The one that is announced, and those of ticks.
+    assert_eq!(states_until_stopped(200_000), 1 + 4);
+    assert_eq!(states_until_stopped(10_000), 1 + 5);
+}
+
 /// A UART whose driver gives what has come in two parts, since its buffer ends between them.
 struct InParts<'a>([&'a [u8]; 2]);
 
