@@ -13,6 +13,9 @@ use crate::log::Log;
 use crate::storage::Storage;
 use crate::watchdog::{Guard, Watchdog};
 
+/// Longest time that a frame takes, ns: on an RP2040, from the driver's buffer on.
+const FRAME_NS: u64 = 25_000;
+
 /// The session of a node with this plant.
 pub type SessionOf<P> = Session<<P as Plant>::Model>;
 
@@ -93,10 +96,13 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         let at = self.session.poll_at().map_or(latest, |at| at.min(latest));
         select(self.link.wait(self.clock), self.clock.wait_until(at)).await;
         self.session.note_losses(self.link.health().losses);
-        while let Some(input) = self.link.next(self.clock.now()) {
-            match input {
-                Input::Frame(frame) => self.session.on_frame(frame, self.clock.now()),
-                Input::Change(change) => self.on_change(change),
+        loop {
+            self.await_tick().await;
+            let now = self.clock.now();
+            match self.link.next(now) {
+                Some(Input::Frame(frame)) => self.session.on_frame(frame, now),
+                Some(Input::Change(change)) => self.on_change(change),
+                None => break,
             }
             self.drain().await;
             // Here, too: a line that never falls silent keeps the loop in here, and the ticks run.
@@ -104,6 +110,17 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         }
         self.drain().await;
         self.look();
+    }
+
+    /// Lets a frame wait for a tick that is due sooner than it is read, or just now: ticks are nearly as even as on a silent line.
+    async fn await_tick(&mut self) {
+        let (now, due) = (self.clock.now(), self.session.poll_at().unwrap_or(u64::MAX));
+        if now.abs_diff(due) < FRAME_NS {
+            if due > now {
+                self.clock.wait_until(due).await;
+            }
+            self.drain().await;
+        }
     }
 
     /// A node that its bus has lost does not go on alone: it stops, with a safe output, until it is

@@ -5,9 +5,11 @@ mod bench;
 
 use bench::{Bus, Line, MS, Said, Time, config, start};
 use embassy_futures::join::join;
+use embassy_futures::poll_once;
+use embedded_io_async::{ErrorType, Read, Write};
 use funnelnet_app::link::can::{CanNode, Controller, Exchange, FrameOf};
 use funnelnet_app::link::serial::Serial;
-use funnelnet_app::link::{Health, Link};
+use funnelnet_app::link::{Health, Input, Link};
 use funnelnet_app::storage::{Absent, Storage};
 use funnelnet_app::watchdog::{self, Watchdog};
 use funnelnet_app::{App, Log, Platform};
@@ -19,10 +21,15 @@ use funnelnet_node::{Configured, Event, InputRange, Model, PlantSetup, Session, 
 use funnelnet_plant::{Failure, Plant, Virtual};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
-use funnelnet_protocol::message::{Command, FaultCode, Message, Severity, Target};
-use funnelnet_protocol::report::Losses;
+use funnelnet_protocol::message::{
+    Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
+};
+use funnelnet_protocol::report::{Losses, Telemetry};
+use funnelnet_protocol::serial;
 use funnelnet_protocol::service::{Identity, Reply, Request, StoreError};
 use std::cell::{Cell, RefCell};
+use std::convert::Infallible;
+use std::future::pending;
 use std::pin::pin;
 
 /// What a log has been told, in short.
@@ -103,6 +110,68 @@ fn a_host_gets_its_answers_in_order() {
     assert!(log.has("ready"));
 }
 
+/// States that a node says which ticks each millisecond, and is told to stop so many ns before the fifth tick.
+fn states_until_stopped(before: u64) -> usize {
+    let (time, log) = (Time::default(), Words::default());
+    let line = Line::new(&time);
+    let mut node = pin!(node(&time, Serial::new(&line), Absent, &log));
+    line.ask(&Request::Configure(config(1)));
+    line.tell(&start());
+    time.run(node.as_mut(), 5 * MS - before);
+    line.tell(&stop());
+    time.run(node.as_mut(), 10 * MS);
+    line.heard().iter().filter(|said| matches!(said, Said::Message(Message::State { .. }))).count()
+}
+
+#[test]
+fn a_frame_that_comes_just_before_a_tick_waits_for_it() {
+    // The one that is announced, and those of ticks.
+    assert_eq!(states_until_stopped(200_000), 1 + 4);
+    assert_eq!(states_until_stopped(10_000), 1 + 5);
+}
+
+/// A UART whose driver gives what has come in two parts, since its buffer ends between them.
+struct InParts<'a>([&'a [u8]; 2]);
+
+impl ErrorType for InParts<'_> {
+    type Error = Infallible;
+}
+
+impl Read for InParts<'_> {
+    async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        let part = self.0.iter_mut().find(|part| !part.is_empty());
+        let Some(part) = part else { return pending().await };
+        Ok(std::io::Read::read(part, bytes).unwrap())
+    }
+}
+
+impl Write for InParts<'_> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+#[test]
+fn frames_on_both_sides_of_the_end_of_a_drivers_buffer_come_in_one_turn() {
+    let time = Time::default();
+    let bytes = [start(), stop()].map(|message| serial::encode(&message).to_vec()).concat();
+    for end in 0..bytes.len() {
+        let (before, behind) = bytes.split_at(end);
+        let mut link = Serial::new(InParts([before, behind]));
+        assert!(poll_once(link.wait(&time)).is_ready());
+        let mut frames = 0;
+        while let Some(input) = link.next(0) {
+            assert!(matches!(input, Input::Frame(Ok(_))));
+            frames += 1;
+        }
+        assert_eq!(frames, 2, "{end} bytes in front of the end");
+    }
+}
+
 /// Two nodes on a bus until `off` (ms), when the second one's controller goes off the bus, and 900 ms more.
 fn on_a_bus<F: Format>(off: u64) -> ([Vec<Said>; 2], Vec<u16>, [Words; 2]) {
     let (time, words) = (Time::default(), [Words::default(), Words::default()]);
@@ -181,6 +250,35 @@ fn a_service_line_that_takes_nothing_delays_no_tick_and_answers_come_before_tele
         report.counters.ticks - 11,
         "all telemetry after that of tick 10"
     );
+}
+
+#[test]
+fn a_state_is_on_its_way_before_received_frames_and_telemetry_have_their_turn() {
+    fn first_of<F: Format>() -> Vec<u16> {
+        let time = Time::default();
+        let (line, bus) = (Line::new(&time), Bus::<2>::new(&time));
+        let mut link = CanNode::new(bus.tap::<F>(0), Serial::new(&line));
+        let state = |id: u8, tick| Message::State {
+            source: NodeId::new(id).unwrap(),
+            component: Component::FIRST,
+            tick: TickStamp::full(tick),
+            x: 0.0,
+        };
+        let mut other = CanNode::new(bus.tap::<F>(1), Serial::new(&line));
+        for tick in 0..2 {
+            assert!(poll_once(other.send(&state(2, tick), 0)).is_ready());
+            assert!(other.next(0).is_none());
+        }
+        assert!(poll_once(link.wait(&time)).is_ready());
+        assert!(poll_once(link.send(&state(1, 0), 0)).is_ready());
+        assert!(matches!(link.next(0), Some(Input::Frame(Ok(_)))), "the first of two");
+        assert!(poll_once(link.send(&state(1, 1), 0)).is_ready());
+        let telemetry = Telemetry { tick: 0, component: 0, nu: 0.0, psi: 1.0, u: 0.0 };
+        assert!(poll_once(link.reply(&Reply::Telemetry(telemetry), 1)).is_ready());
+        bus.sent.take()
+    }
+    assert_eq!(first_of::<Classic>(), [2, 2, 1, 1].map(|id| 3 << 7 | id));
+    assert_eq!(first_of::<Fd>().len(), 4);
 }
 
 /// A controller that loses what it is told to have lost, and remembers what it listens for.

@@ -17,22 +17,27 @@ UID = 0xE6605838832B1000
 
 
 class Port:
-    """A pseudo-terminal with an emulated board at its other end; `storage` is a file for what its flash keeps, or None."""
+    """A pseudo-terminal with an emulated board at its other end, which `node SERVER ARGUMENT...` runs."""
 
-    def __init__(self, server, image, node, storage=None):
+    def __init__(self, server, *arguments, uid=None):
+        self.uid = uid
         self.master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
         # Kept open: the terminal would hang up between the programs that open it.
         self.slave = slave
-        kept = [] if storage is None else [storage]
-        self.board = subprocess.Popen(["node", server, image, f"{UID + node:016x}", *kept], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.board = subprocess.Popen(["node", server, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         for source, sink in ((self.master, self.board.stdin.fileno()), (self.board.stdout.fileno(), self.master)):
             threading.Thread(target=pump, args=(source, sink), daemon=True).start()
 
     def end(self):
         """As if its power went."""
         self.board.kill()
+        self.board.wait()
+
+    def finish(self):
+        """The same, once its emulator has said what it has seen."""
+        self.board.terminate()
         self.board.wait()
 
 
@@ -47,14 +52,25 @@ def pump(source, sink):
 def bench_file(ports):
     lines = ["version = 1", "baud = 1000000", 'answer_within = "60s"']
     for node, port in enumerate(ports, 1):
-        lines += ["[[node]]", f"id = {node}", f'serial = "{port.path}"', f'uid = "{UID + node:016x}"']
+        lines += ["[[node]]", f"id = {node}", f'serial = "{port.path}"']
+        lines += [f'uid = "{port.uid}"'] if port.uid else []
     return "\n".join(lines)
 
 
-@contextlib.contextmanager
+def board(server, image, node, storage=None):
+    """A board with a number of its own; `storage` is a file for what its flash keeps, or None."""
+    uid = f"{UID + node:016x}"
+    return Port(server, image, uid, *([] if storage is None else [storage]), uid=uid)
+
+
 def boards(server, image, nodes, storage=lambda node: None):
     """Boards with power, and a bench file that names them."""
-    ports = [Port(server, image, node, storage(node)) for node in range(1, int(nodes) + 1)]
+    return powered([board(server, image, node, storage(node)) for node in range(1, int(nodes) + 1)])
+
+
+@contextlib.contextmanager
+def powered(ports):
+    """These boards with power, and a bench file that names them."""
     try:
         with tempfile.TemporaryDirectory() as folder:
             bench = pathlib.Path(folder) / "bench.toml"

@@ -1,7 +1,9 @@
 //! From the bytes of a serial line to frames.
 
 use core::ops::Range;
+use core::task::Poll;
 
+use embassy_futures::poll_once;
 use embedded_io_async::Read;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::serial::{Deframer, Frame};
@@ -39,11 +41,25 @@ impl<const LONGEST: usize> Receiving<LONGEST> {
             return;
         }
         match uart.read(&mut self.bytes).await {
-            Ok(count) => self.waiting = 0..count,
+            Ok(count) => self.waiting = 0..count + self.read_rest(uart, count),
             Err(_) => {
                 self.failures = self.failures.saturating_add(1);
                 clock.wait_until(clock.now() + PAUSE_NS).await;
             }
+        }
+    }
+
+    /// Reads what else is there behind the first `count` bytes; gives how many. A driver with a ring gives what is in front of its end first, and a
+    /// frame behind that would be late by a turn of the app: 1.6 % of a period of 1 ms on an RP2040.
+    fn read_rest(&mut self, uart: &mut impl Read, count: usize) -> usize {
+        let Some(free) = self.bytes.get_mut(count..).filter(|free| !free.is_empty()) else { return 0 };
+        match poll_once(uart.read(free)) {
+            Poll::Ready(Ok(more)) => more,
+            Poll::Ready(Err(_)) => {
+                self.failures = self.failures.saturating_add(1);
+                0
+            }
+            Poll::Pending => 0,
         }
     }
 

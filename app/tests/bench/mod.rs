@@ -211,11 +211,20 @@ impl<const N: usize, F: Format> Controller for Tap<'_, N, F> {
             if let Some(frame) = self.bus.heard[self.index].borrow_mut().pop_front() {
                 return Poll::Ready(Exchange::Received(Some(frame)));
             }
-            let Some(frame) = next.filter(|_| !self.bus.off[self.index].get()) else { return Poll::Pending };
-            self.bus.carry(self.index, frame);
-            Poll::Ready(Exchange::Taken)
+            match next.is_some_and(|frame| self.offer(frame)) {
+                true => Poll::Ready(Exchange::Taken),
+                false => Poll::Pending,
+            }
         })
         .await
+    }
+
+    fn offer(&mut self, frame: &F::Frame) -> bool {
+        let is_on = !self.bus.off[self.index].get();
+        if is_on {
+            self.bus.carry(self.index, frame);
+        }
+        is_on
     }
 
     fn cancel(&mut self) {}

@@ -30,6 +30,10 @@ UC_EXCEPTION_EXIT = 8
 MMIO = ((0x40000000, 0x30000), (0x48000000, 0x2000), (0x50000000, 0x2000), (0xE0000000, 0x100000))
 
 
+# The mode of RTT that a debugger sets.
+LOG_WAITS = 2
+
+
 class Fault(Exception):
     """The program has done what no board can: it has left its memory, or unicorn does not know what."""
 
@@ -322,9 +326,23 @@ class Core:
         self.uc.reg_write(UC_ARM_REG_PRIMASK, 0)
         self.pc = at | 1
 
+    @property
+    def log_channel(self):
+        """Of the log (defmt over RTT): name, buffer, size, where it ends, where it is read, flags."""
+        return self.symbols["_SEGGER_RTT"] + 24
+
+    def log_words(self):
+        """Of the log's ring: size, where it ends, where it is read."""
+        return struct.unpack("<3I", self.uc.mem_read(self.log_channel + 8, 12))
+
+    def leave_debugger(self):
+        """A debugger has asked for a log that waits where there is no room, and was unplugged: there is none, and nobody reads."""
+        size, end, _ = self.log_words()
+        self.uc.mem_write(self.log_channel + 16, struct.pack("<2I", (end + 1) % size, LOG_WAITS))
+
     def log(self):
-        """What the log holds (defmt over RTT), as bytes for a decoder."""
-        channel = self.symbols["_SEGGER_RTT"] + 24
+        """What the log holds, as bytes for a decoder."""
+        channel = self.log_channel
         buffer, size, end, start = struct.unpack("<4I", self.uc.mem_read(channel + 4, 16))
         ring = bytes(self.uc.mem_read(buffer, size))
         self.uc.mem_write(channel + 16, struct.pack("<I", end))

@@ -8,7 +8,8 @@ from core import PowerCut
 from even import LARGEST_JITTER, TICK_US, Even, tick_of, width
 from fdcan import Frame
 import settings
-from words import CONFIGURED, STAGED, STATE, STORED, Words, read, words
+from usart import FRAMING, NOISE
+from words import CONFIGURED, REPORT, STAGED, STATE, STORED, Words, read, words
 
 STRANGERS = "scenarios/five-agents.toml"
 DEPTHS = (0, 0.5, 1)
@@ -69,6 +70,17 @@ class Commissioned:
         self.assertEqual(board.core.resets, 1)
         identity = board.identity(Words.of())
         self.assertEqual((identity["reset"], identity["starts"]), ("HardFault", 2))
+
+    def test_a_debugger_that_was_unplugged_holds_up_nothing(self):
+        board = self.configured(self.BOARD.booted())
+        board.core.leave_debugger()
+        before = board.core.log_words()
+        self.start(board)
+        board.ms(5)
+        self.assertNotEqual(board.core.log_words(), before, "nothing was logged: the test shows nothing")
+        self.assertEqual(board.identity(Words.of())["id"], 1)
+        board.ms(3000)
+        self.assertEqual(board.core.resets, 0)
 
     def commission(self, storage, cut_at=None):
         """Stages another configuration and commits it, until the cut: operation and depth."""
@@ -203,7 +215,25 @@ def noise(draw):
     return bytes(draw.randrange(1, 256) for _ in range(draw.randrange(2, 30))).hex() + "00"
 
 
-class OnLines:
+class Counted:
+    """A node that counts errors of its lines."""
+
+    def errors_are_counted(self, board, uart, before):
+        """Noise, a wrong stop bit, both at one byte and an overrun of several bytes come on a line, and each counts as one, beside those that
+        were `before`; gives how many there are then."""
+        for errors in (NOISE, FRAMING, NOISE | FRAMING):
+            uart.feed(0, errors)
+            board.ms(1)
+        for _ in range(uart.depth + 3):
+            uart.feed(0)
+        board.ms(5)
+        board.tell("00")
+        report = board.ask(Words.of()["report"], REPORT)["report"]["counters"]
+        self.assertEqual(report["link"]["line_errors"], before + 4)
+        return before + 4
+
+
+class OnLines(Counted):
     """Nodes with lines to each other, the last of one to the last of the other; each has a host."""
 
     def test_two_nodes_on_a_line_to_each_other_run_the_bits_of_loopback(self):
@@ -232,7 +262,7 @@ def tell_all(boards, text):
             board.run(50e3)
 
 
-class OnCan(Even, Commissioned):
+class OnCan(Even, Commissioned, Counted):
     """A node with its states on CAN."""
 
     def pair(self):
@@ -285,9 +315,10 @@ class OnCan(Even, Commissioned):
 
     def test_a_second_of_any_legal_frames_at_line_rate_resets_nothing_and_each_is_counted(self):
         board = self.configured(self.BOARD.booted())
-        draw, end, count, foreign = random.Random(1), board.core.ns + FLOOD_NS, 0, 0
+        draw, end, count, foreign, seen = random.Random(1), board.core.ns + FLOOD_NS, 0, 0, set()
         while board.core.ns < end:
             frame = drawn(draw)
+            seen |= kinds(frame)
             board.run(line_bits(frame) * 1e3)
             board.can.receive(frame)
             count, foreign = count + 1, foreign + (not is_for(frame, 1, 2))
@@ -295,6 +326,7 @@ class OnCan(Even, Commissioned):
         self.assertEqual(board.core.resets, 0)
         counters = self.counters(board)
         heard = counters["accepted"] + sum(counters["refused"])
+        self.assertEqual(seen, every_kind(), "the draw has left something out")
         print(f"{board.image}: {count} frames in {FLOOD_NS / 1e9} s, {board.can.refused} filtered out, {heard} counted by the node, "
               f"{board.can.lost} lost by the controller, {counters['link']['frames']} losses counted")
         self.assertEqual(board.can.refused, foreign, "the filters let in what is for node 1 with the neighbour 2")
@@ -358,13 +390,8 @@ class OnCan(Even, Commissioned):
         for _ in range(7):
             board.can.error()
             board.ms(1)
-        for _ in range(board.uart.depth + 3):
-            board.uart.feed(0)
-        board.ms(5)
-        board.tell("00")
-        counters = self.counters(board)["link"]
-        self.assertEqual(counters["bus_errors"], 7)
-        self.assertEqual(counters["line_errors"], 1, "an overrun of several bytes is one")
+        self.assertEqual(self.counters(board)["link"]["bus_errors"], 7)
+        self.errors_are_counted(board, board.uart, 0)
 
     def start(self, board):
         board.can.receive(board.frame(Words.of()["start"]))
@@ -419,6 +446,19 @@ def drawn(draw):
     identifier = draw.randrange(1 << 29) if is_extended else draw.randrange(16) << 7 | draw.randrange(4)
     data = b"" if is_remote else draw.randbytes(min(dlc, 8))
     return Frame(identifier, data, is_extended, is_remote, dlc)
+
+
+def kinds(frame):
+    """What a drawn frame is one of: a DLC in its format, and a function code with a node."""
+    shape = frame.is_extended, frame.is_remote
+    return {(*shape, frame.dlc), *([] if frame.is_extended else [(*shape, frame.id >> 7, frame.id & 0x7F)])}
+
+
+def every_kind():
+    """Of those, all that there are: each with nobody, with both nodes and with a stranger."""
+    flags = False, True
+    dlcs = {(is_extended, is_remote, dlc) for is_extended in flags for is_remote in flags for dlc in range(16)}
+    return dlcs | {(False, is_remote, function, node) for is_remote in flags for function in range(16) for node in range(4)}
 
 
 def line_bits(frame):

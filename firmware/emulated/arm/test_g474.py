@@ -6,6 +6,7 @@ import settings
 from core import NMI
 from expect import OnCan, OnLines, Words
 from g474 import FLASH, G474, STORAGE, G474Fd, G474Peers
+from words import CONFIGURED
 
 
 class Classic(OnCan, unittest.TestCase):
@@ -53,6 +54,14 @@ class Peers(OnLines, unittest.TestCase):
     """Lines to neighbours."""
 
     BOARD = G474Peers
+
+    def test_errors_on_any_of_its_lines_are_counted(self):
+        board, errors = self.BOARD.booted(), 0
+        self.assertEqual(board.ask(Words.of()["nodes"][0]["configure"], CONFIGURED)["configured"], {"ok": None})
+        for uart in (board.uart, *(uart for uart, _ in board.peers)):
+            with self.subTest(irq=uart.irq):
+                errors = self.errors_are_counted(board, uart, errors)
+        self.assertEqual(board.core.resets, 0)
 
 
 if __name__ == "__main__":

@@ -3,8 +3,7 @@ RM0390 (USART)."""
 
 from core import Peripheral
 
-IDLE, OVERRUN, RECEIVED, COMPLETE, EMPTY = 1 << 4, 1 << 3, 1 << 5, 1 << 6, 1 << 7
-
+FRAMING, NOISE, OVERRUN, IDLE, RECEIVED, COMPLETE, EMPTY = 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
 
 
 class Usart(Peripheral):
@@ -29,16 +28,24 @@ class Usart(Peripheral):
         room = EMPTY if len(self.going) < self.depth else 0
         return self.flags | (RECEIVED if self.come else 0) | room | (0 if self.going else COMPLETE)
 
-    def feed(self, byte):
-        """A byte has come."""
+    def feed(self, byte, errors=0):
+        """A byte has come, FRAMING or NOISE with it."""
         if not self.get(self.CR1) & self.ENABLE:
             return
         if len(self.come) >= self.depth:
             self.overruns += 1
             self.flags |= OVERRUN
         else:
-            self.come.append(byte)
+            self.come.append((byte, errors))
+            self.show()
         self.raise_line()
+
+    def show(self):
+        """Of all that have come the first one can be read, and its errors are shown."""
+        if self.come:
+            byte, errors = self.come[0]
+            self.come[0] = byte, 0
+            self.flags |= errors
 
     def pause(self):
         """The line has been idle for as long as a byte takes."""
@@ -51,12 +58,18 @@ class Usart(Peripheral):
             self.sent_at = self.core.ns + self.byte_ns
 
     def take(self):
-        return self.come.pop(0) if self.come else 0
+        if not self.come:
+            return 0
+        byte, _ = self.come.pop(0)
+        self.show()
+        return byte
 
     def raise_line(self):
         enabled, status = self.get(self.CR1), self.status
         wanted = enabled & (IDLE | RECEIVED | COMPLETE | EMPTY)
-        errors = OVERRUN if enabled & RECEIVED or self.get(self.CR3) & 1 else 0
+        errors = OVERRUN if enabled & RECEIVED else 0
+        if self.get(self.CR3) & 1:
+            errors |= FRAMING | NOISE | OVERRUN
         self.core.irq(self.irq, bool(enabled & self.ENABLE and status & (wanted | errors)))
 
     def advance(self, before, after):

@@ -20,6 +20,8 @@ const SIO_GPIO_HI_IN = 0x008;
 // QSPI pins that nothing pulls down: BOOTSEL is not pressed.
 const NOT_BOOTSEL = 0x3e;
 const HAD_POWER_ON = 0x100, PSM_RESTART = 1 << 24;
+// The mode of RTT that a debugger sets.
+const LOG_WAITS = 2;
 // Steps without time going by: the model is stuck.
 const IDLE_LIMIT = 2e6;
 
@@ -193,9 +195,21 @@ export class Pico {
     this.execute(0xde00);
   }
 
-  // What the log holds (defmt over RTT), as bytes for a decoder.
+  // Of the log (defmt over RTT): name, buffer, size, where it ends, where it is read, flags.
+  get logChannel() { return this.elf.symbol('_SEGGER_RTT') - RAM + 24; }
+  // Of its ring: size, where it ends, where it is read.
+  logWords() { return [8, 12, 16].map((at) => this.chip.sramView.getUint32(this.logChannel + at, true)); }
+
+  // A debugger has asked for a log that waits where there is no room, and was unplugged: there is none, and nobody reads.
+  leaveDebugger() {
+    const { sramView } = this.chip, [size, end] = this.logWords();
+    sramView.setUint32(this.logChannel + 16, (end + 1) % size, true);
+    sramView.setUint32(this.logChannel + 20, LOG_WAITS, true);
+  }
+
+  // What the log holds, as bytes for a decoder.
   log() {
-    const { sramView, sram } = this.chip, channel = this.elf.symbol('_SEGGER_RTT') - RAM + 24;
+    const { sramView, sram } = this.chip, channel = this.logChannel;
     const [buffer, size, end, start] = [4, 8, 12, 16].map((at) => sramView.getUint32(channel + at, true));
     const out = [];
     for (let at = start; at !== end; at = (at + 1) % size) out.push(sram[buffer - RAM + at]);

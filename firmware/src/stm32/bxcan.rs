@@ -2,6 +2,7 @@
 
 use core::num::NonZeroU16;
 
+use embassy_futures::poll_once;
 use embassy_futures::select::{Either, select};
 use embassy_stm32::can::frame::Frame;
 use embassy_stm32::can::util::NominalBitTiming;
@@ -74,6 +75,10 @@ impl Controller for BxCan {
             Either::First(exchange) => exchange,
             Either::Second(_) => Exchange::Taken,
         }
+    }
+
+    fn offer(&mut self, next: &CanFrame) -> bool {
+        frame(next).is_some_and(|frame| poll_once(self.transmit.write(&frame)).is_ready())
     }
 
     fn received(&mut self) -> Option<Exchange> {

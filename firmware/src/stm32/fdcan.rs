@@ -2,6 +2,7 @@
 
 use core::num::NonZeroU16;
 
+use embassy_futures::poll_once;
 use embassy_futures::select::{Either, select};
 use embassy_stm32::can::config::{
     DataBitTiming, FrameTransmissionConfig, GlobalFilter, NominalBitTiming, TxBufferMode,
@@ -205,6 +206,10 @@ impl Controller for FdCan {
             Either::First(exchange) => exchange,
             Either::Second(_) => Exchange::Taken,
         }
+    }
+
+    fn offer(&mut self, frame: &FrameOf<Self>) -> bool {
+        self.frame(frame).is_some_and(|frame| poll_once(self.transmit.write_fd(&frame)).is_ready())
     }
 
     fn received(&mut self) -> Option<Exchange> {

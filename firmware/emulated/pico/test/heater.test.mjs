@@ -2,23 +2,18 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Board } from '../board.mjs';
+import { connectSensor, duty as dutyOf } from '../pins.mjs';
 import { KIND, words } from '../words.mjs';
 
 const WORDS = words('firmware/heaters.toml', 'time.duration=1s');
-const PIN = 20, SLICE = 2, PWM_FUNCTION = 4;
 // What the sensor gives at 30 degrees C: (celsius + 50) / (330 / 4096).
 const COUNTS = 993;
 
-// The share of the time for which the heater's pin is up.
-function duty(board) {
-  const { pwm, gpio } = board.pico.chip, slice = pwm.channels[SLICE], pin = gpio[PIN];
-  const drives = slice.csr & 1 && pin.functionSelect === PWM_FUNCTION && !pin.outputDisable;
-  return drives ? (slice.cc & 0xffff) / (slice.top + 1) : 0;
-}
+const duty = (board) => dutyOf(board.pico);
 
 function heating() {
   const board = Board.booted('heater');
-  board.pico.chip.adc.channelValues[0] = COUNTS;
+  connectSensor(board.pico, () => COUNTS);
   assert.equal(duty(board), 0);
   const [node] = WORDS.nodes;
   assert.deepEqual(board.ask(node.configure, KIND.configured).configured, { ok: null });

@@ -83,6 +83,23 @@ test('a program that hangs is reset by its watchdog after two seconds, and says 
   assert.deepEqual({ reset, starts }, { reset: 'Watchdog', starts: 2 });
 });
 
+test('its watchdog goes on while a debugger holds the core', () => {
+  const { pauseDbg0, pauseDbg1, pauseJtag, enable } = Board.booted(IMAGE).pico.watchdog;
+  assert.deepEqual({ pauseDbg0, pauseDbg1, pauseJtag, enable }, { pauseDbg0: false, pauseDbg1: false, pauseJtag: false, enable: true });
+});
+
+test('a debugger that was unplugged holds up nothing', () => {
+  const board = configured(Board.booted(IMAGE));
+  board.pico.leaveDebugger();
+  const before = board.pico.logWords();
+  board.tell(WORDS.start.serial);
+  board.ms(5);
+  assert.notDeepEqual(board.pico.logWords(), before, 'nothing was logged: the test shows nothing');
+  assert.equal(board.identity(WORDS).id, NODE.id);
+  board.ms(3000);
+  assert.equal(board.pico.resets, 0);
+});
+
 test('a node that idles is never reset', () => {
   const board = Board.booted(IMAGE);
   board.ms(10_000);

@@ -7,6 +7,8 @@ import { KIND, words } from '../words.mjs';
 
 const WORDS = words('firmware/emulated/pair.toml', 'time.duration=100ms');
 const BYTE_NS = 10_000, TICK_NS = 1e6, STATE = 0x13;
+// Bits that the UART gives with a byte.
+const ERROR = { framing: 0x100, parity: 0x200, break: 0x400 };
 
 // Boards whose second UARTs are wired to each other; `said` is what each says on the wire.
 class Pair {
@@ -41,4 +43,21 @@ test('two Picos on a line to each other run the bits of loopback', () => {
     const states = said.filter((frame) => kind(frame) === STATE).map((frame) => `${Buffer.from(frame).toString('hex')}00`);
     assert.deepEqual(states, WORDS.ticks.map((tick) => tick.states[i][0].serial));
   });
+});
+
+test('errors on either of its lines are counted, and it goes on', () => {
+  const board = Board.booted('rp2040_pico_peers');
+  assert.deepEqual(board.ask(WORDS.nodes[0].configure, KIND.configured).configured, { ok: null });
+  const counted = () => board.ask(WORDS.report, KIND.report).report.counters.link.line_errors;
+  let errors = counted();
+  assert.equal(errors, 0);
+  for (const uart of board.pico.uarts) {
+    for (const error of [ERROR.framing, ERROR.parity, ERROR.break]) {
+      uart.feed(error);
+      board.ms(5);
+      board.tell('00');
+      assert.equal(counted(), ++errors);
+    }
+  }
+  assert.equal(board.pico.resets, 0);
 });

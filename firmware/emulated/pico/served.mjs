@@ -1,0 +1,41 @@
+// A Pico behind standard input and output. Its time goes no faster than the wall clock; where it is slower, it lags.
+import path from 'node:path';
+import fs from 'node:fs';
+import { LineIn } from './line.mjs';
+import { Pico, bootRom } from './pico.mjs';
+import { ROOT } from './words.mjs';
+
+// Time that it may catch up at once, ns: beyond it the line would not be looked at.
+const LONGEST_LAG = 5e6, STEP = 1e6;
+
+// A Pico with this image, its line at standard input and output once it is served.
+export const pico = (options) => new Pico({ bootRom: bootRom(path.join(ROOT, 'target/emulated/bootrom.bin')), ...options });
+
+// Runs it until standard input ends; calls `afterTurn` whenever it has run for a while, before what it has said goes out.
+export function serve(board, afterTurn = () => {}) {
+  const line = new LineIn(board, board.uarts[0]);
+  let said = [];
+  board.uarts[0].onByte = (byte) => said.push(byte);
+  process.stdin.on('data', (chunk) => line.push(chunk));
+  process.stdin.on('end', () => process.exit(0));
+  let wallBase = performance.now(), base = 0;
+
+  function target() {
+    const now = performance.now(), wanted = base + (now - wallBase) * 1e6;
+    if (wanted <= board.now + LONGEST_LAG) return wanted;
+    wallBase = now;
+    base = board.now + STEP;
+    return base;
+  }
+
+  function turn() {
+    const before = board.instructions;
+    board.runUntil(target());
+    afterTurn();
+    if (said.length) { fs.writeSync(1, Uint8Array.from(said)); said = []; }
+    // An idle board leaves the processor to the others.
+    if (board.instructions === before) setTimeout(turn, 1);
+    else setImmediate(turn);
+  }
+  turn();
+}
