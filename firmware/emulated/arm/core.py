@@ -16,7 +16,7 @@ from unicorn.arm_const import (
     UC_ARM_REG_R2, UC_ARM_REG_R3, UC_ARM_REG_R12, UC_ARM_REG_S0, UC_ARM_REG_SP, UC_ARM_REG_XPSR, UC_CPU_ARM_CORTEX_M4)
 
 SLICE = 2000
-WFI = 0xBF30
+WFI, WFE, SEV = 0xBF30, 0xBF20, 0xBF40
 SCS = 0xE000E000
 NMI, HARD_FAULT, FIRST_IRQ = 2, 3, 16
 # An exception's return to where a frame with floating-point registers was stacked: into another handler, and into the program.
@@ -110,6 +110,8 @@ class Core:
 
     def clear(self):
         self.enabled, self.pending, self.levels, self.active = set(), set(), set(), []
+        # The event register: set by SEV and by each return from an exception, cleared by the WFE that it lets through.
+        self.has_event = False
         self.vectors = self.flash
         self.scs = {}
         for peripheral in [*self.peripherals, self.other]:
@@ -232,6 +234,7 @@ class Core:
         uc.reg_write(UC_ARM_REG_FPSCR, words[24])
         uc.reg_write(UC_ARM_REG_SP, (stack + FRAME) | (4 if words[7] & 0x200 else 0))
         number = self.active.pop()
+        self.has_event = True
         uc.reg_write(UC_ARM_REG_XPSR, words[7] & ~0x3FF | 1 << 24)
         uc.reg_write(UC_ARM_REG_IPSR, self.active[-1] + FIRST_IRQ if self.active else 0)
         self.pc = words[6] | 1
@@ -284,7 +287,7 @@ class Core:
             raise Fault(f"{reason}, pc {self.uc.reg_read(UC_ARM_REG_PC):#x}, {self.ns / 1e6} ms")
         else:
             self.pc = self.uc.reg_read(UC_ARM_REG_PC) | 1
-            step = self.sleep(end) if self.is_asleep() else self.cycles(count)
+            step = self.step(count, end)
         self.ns += step + self.stalled
         self.stalled = 0.0
         for peripheral in self.peripherals:
@@ -300,8 +303,17 @@ class Core:
     def cycles(self, count):
         return count * 1e9 / self.hz
 
-    def is_asleep(self):
-        return struct.unpack("<H", self.uc.mem_read((self.pc & ~1) - 2, 2))[0] == WFI
+    def step(self, count, end):
+        """Time that goes on where a slice ends by itself; unicorn ends it behind a WFI, a WFE and an SEV, too."""
+        last = struct.unpack("<H", self.uc.mem_read((self.pc & ~1) - 2, 2))[0]
+        if last == SEV:
+            self.has_event = True
+            # In a handler the return counts.
+            return 0.0 if self.active else self.cycles(EXCEPTION_CYCLES)
+        if last == WFE and self.has_event:
+            self.has_event = False
+            return self.cycles(EXCEPTION_CYCLES)
+        return self.sleep(end) if last in (WFI, WFE) else self.cycles(count)
 
     def sleep(self, end):
         """Up to what happens next; a pending interrupt wakes even where it is masked."""
