@@ -51,11 +51,13 @@ class Boards:
         return {"boards": self.of_boards(), "flashing": self.of_flashing(), "storage": self.of_storage()}
 
     def of_boards(self):
-        yield ["board, feature", "chip", "real-time plane", "service plane", "log"]
+        yield ["board, feature", "chip", "real-time plane", "service plane", "log", "in CI"]
+        emulated = {image["board"] for image in self.images if image.get("emulated")}
         for board in self.boards:
             chip = ", ".join(filter(None, (board.get("chip"), board["core"])))
             default = " (default)" if board is self.boards[0] else ""
-            yield [f"`{board['name']}`{default}", chip, board["real-time"], board["service"], board["log"]]
+            yield [f"`{board['name']}`{default}", chip, board["real-time"], board["service"], board["log"],
+                   "runs in QEMU" if default else "runs on an emulator" if board["name"] in emulated else "linked only"]
 
     def of_flashing(self):
         yield ["board", "command"]
