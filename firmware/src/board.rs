@@ -30,18 +30,26 @@ pub struct Parts<L, M, W> {
     pub chip: Chip<W>,
 }
 
-/// Names of what is made of a board's parts.
+/// Names of a board's parts, by the name of all of them.
 pub trait Board {
-    /// Its link.
-    type Link: Link + 'static;
-    /// Its storage.
-    type Storage: 'static;
+    /// Its lines.
+    type Lines: Lines;
+    /// What its configuration is kept on.
+    type Medium: Medium;
+    /// Its watchdog.
+    type Watchdog;
 }
 
 impl<L: Lines, M: Medium, W> Board for Parts<L, M, W> {
-    type Link = L::Link;
-    type Storage = M::Storage;
+    type Lines = L;
+    type Medium = M;
+    type Watchdog = W;
 }
+
+/// The link of a board.
+pub type LinkOf<B> = <<B as Board>::Lines as Lines>::Link;
+/// The storage of a board.
+pub type StorageOf<B> = <<B as Board>::Medium as Medium>::Storage;
 
 /// Drivers of lines.
 pub trait Lines {
@@ -125,19 +133,25 @@ pub fn host_buffers() -> (&'static mut [u8], &'static mut [u8]) {
 #[macro_export]
 macro_rules! node {
     ($start:ident, $parts:ty) => {
+        // One by one: what is together is moved within the task, by a memmove of 1.4 KiB that nothing else calls.
         #[embassy_executor::task]
-        async fn node(parts: $parts) {
-            use $crate::app::{self, SessionOf};
-            use $crate::board::{Board, Lines, Parts};
+        async fn node(
+            lines: <$parts as $crate::board::Board>::Lines,
+            storage: <$parts as $crate::board::Board>::Medium,
+            uid: u64,
+            start: $crate::reset::Start,
+            watchdog: <$parts as $crate::board::Board>::Watchdog,
+        ) {
+            use $crate::app::{self, Chip, SessionOf};
+            use $crate::board::{Lines, LinkOf, StorageOf};
             use $crate::storage::Medium;
             static SESSION: static_cell::StaticCell<SessionOf<funnelnet_plant::Virtual>> =
                 static_cell::StaticCell::new();
-            static LINK: static_cell::StaticCell<<$parts as Board>::Link> = static_cell::StaticCell::new();
-            static STORAGE: static_cell::StaticCell<<$parts as Board>::Storage> =
-                static_cell::StaticCell::new();
-            let Parts { lines, storage, chip } = parts;
+            static LINK: static_cell::StaticCell<LinkOf<$parts>> = static_cell::StaticCell::new();
+            static STORAGE: static_cell::StaticCell<StorageOf<$parts>> = static_cell::StaticCell::new();
             let link = lines.link(&LINK);
             let storage = storage.open(&STORAGE).await;
+            let chip = Chip { uid, start, watchdog };
             core::pin::pin!(app::run(&SESSION, link, storage, funnelnet_plant::Virtual, chip)).await
         }
 
@@ -146,7 +160,9 @@ macro_rules! node {
         fn main() -> ! {
             static EXECUTOR: static_cell::StaticCell<$crate::executor::Executor> =
                 static_cell::StaticCell::new();
-            let node = node($start()).expect("the task is spawned once");
+            let $crate::board::Parts { lines, storage, chip } = $start();
+            let $crate::app::Chip { uid, start, watchdog } = chip;
+            let node = node(lines, storage, uid, start, watchdog).expect("the task is spawned once");
             EXECUTOR.init($crate::executor::Executor::new()).run(|spawner| spawner.spawn(node))
         }
 
