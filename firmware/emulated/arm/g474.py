@@ -144,14 +144,14 @@ class Flash(Peripheral):
             self.broken.add(address)
 
     def on_read(self, uc, access, address, size, value, data):
+        # For a hook, unicorn puts the state of an IT block back to where the load is, and goes on with that behind the block. The load is carried out, so its condition
+        # holds; the rest of a block has the same one in what is compiled here.
+        if (psr := uc.reg_read(UC_ARM_REG_XPSR)) & IT_STATE:
+            uc.reg_write(UC_ARM_REG_XPSR, psr & ~IT_STATE)
         word = address & ~7
         if word in self.broken and not self.core.is_finishing and not self.get(self.ECCR) & self.DETECTED:
             self.detect(word)
             self.core.stop("NMI")
-            return
-        # For a hook, unicorn puts the state of an IT block back to where the load is, and goes on with that behind the block.
-        if (psr := uc.reg_read(UC_ARM_REG_XPSR)) & IT_STATE:
-            uc.reg_write(UC_ARM_REG_XPSR, psr & ~IT_STATE)
 
     def detect(self, word):
         """Two wrong bits. Whether ADDR_ECC counts bytes or double words is not known here, so both are tried (`ecc_unit`)."""
