@@ -60,6 +60,7 @@ pub trait Lines {
     ///
     /// # Panics
     /// `place` is taken.
+    #[allow(clippy::mut_from_ref)] // A `StaticCell` gives its place once.
     fn link(self, place: &'static StaticCell<Self::Link>) -> &'static mut Self::Link;
 }
 

@@ -16,6 +16,7 @@ pub trait Medium {
     ///
     /// # Panics
     /// `place` is taken.
+    #[allow(clippy::mut_from_ref)] // A `StaticCell` gives its place once.
     async fn open(self, place: &'static StaticCell<Self::Storage>) -> &'static mut Self::Storage;
 }
 
