@@ -125,6 +125,7 @@ impl<R: Read + 'static, W: Write + 'static, const N: usize> Lines for ToPeers<R,
 pub fn host_buffers() -> (&'static mut [u8], &'static mut [u8]) {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+    // May panic: at the start, where they are asked for twice.
     (TRANSMIT.take(), RECEIVE.take())
 }
 

@@ -13,6 +13,7 @@ type Node = Parts<OnLine<Uart>, storage::Absent, watchdog::Absent>;
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn start() -> Node {
     let chip = mps2::start();
+    // May panic: at the start, before any task runs.
     let uart = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
     Node { lines: OnLine(uart), storage: storage::Absent, chip }
 }

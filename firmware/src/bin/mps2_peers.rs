@@ -18,6 +18,7 @@ fn start() -> Node {
     let chip = mps2::start();
     let ports = [UART_0, UART_1, UART_2, UART_3, UART_4];
     let [host, peers @ ..] =
+        // May panic: at the start, before any task runs.
         ports.map(|port| Uart::take(port, BIT_RATE).expect("nobody else takes the UART").split());
     let lines = ToPeers { host, peers, forwarder: FORWARDER.take(), errors: None };
     Node { lines, storage: storage::Absent, chip }

@@ -50,5 +50,6 @@ pub fn line(bit_rate: u32) -> usart::Config {
 /// Its clock cannot make the bit rate.
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 pub fn opened(uart: Result<BufferedUart<'static>, usart::ConfigError>) -> BufferedUart<'static> {
+    // May panic: at the start, before any task runs.
     uart.expect("the bit rate is possible")
 }
