@@ -9,31 +9,10 @@ readonly ROOT=$PWD
 readonly TARGET=thumbv7em-none-eabihf
 readonly SMALL_TARGET=thumbv6m-none-eabi # Cortex-M0+
 readonly IMAGES=$ROOT/firmware/target/$TARGET/release
-# Boards as their binaries are called (the features have dashes); their targets; where flash and RAM begin and how large they
-# are; where the storage begins and how large it is, if there is one. The memory maps in firmware/boards are checked against this.
-readonly BOARDS="
-mps2_an386    $TARGET       0x00000000 4194304 0x20000000 4194304
-nucleo_g474re $TARGET       0x08000000  516096 0x20000000   98304 0x0807e000  8192
-nucleo_f446re $TARGET       0x08000000  524288 0x20000000  131072 0x08004000 32768
-nrf52840_dk   $TARGET       0x00000000 1032192 0x20000000  262144 0x000fc000 16384
-rp2040_pico   $SMALL_TARGET 0x10000100 2080512 0x20000000  270336 0x101fc000 16384
-"
-# Images that nodes are made of; their boards, binaries and features; budgets of flash, static RAM and stack, bytes: what ./ci.sh boards
-# and ./ci.sh stack find, and a tenth or so. Storage costs 20 KiB of flash and 3 KiB of RAM.
-readonly BUDGETS="
-mps2_an386           mps2_an386    mps2_an386          -       74752  15872  8704
-mps2_peers           mps2_an386    mps2_peers          -       81920  32256  9216
-heater_emulated      mps2_an386    heater_emulated     -       71680  15872  5632
-nucleo_g474re_can_fd nucleo_g474re nucleo_g474re       can-fd  124928 23040 14336
-nucleo_g474re        nucleo_g474re nucleo_g474re       -       123904 22016 13824
-nucleo_g474re_peers  nucleo_g474re nucleo_g474re_peers -       117760 30208 12288
-nucleo_f446re        nucleo_f446re nucleo_f446re       -       118784 20992  9728
-nrf52840_dk          nrf52840_dk   nrf52840_dk         -       104448 19968  8960
-nrf52840_dk_peers    nrf52840_dk   nrf52840_dk_peers   -       110592 27136  9216
-rp2040_pico          rp2040_pico   rp2040_pico         -       112640 19968  9728
-rp2040_pico_peers    rp2040_pico   rp2040_pico_peers   -       118784 27136  9728
-heater               rp2040_pico   heater              -       95232  17920  5632
-"
+# Boards and images, from the metadata of firmware/Cargo.toml by firmware/boards.py. Boards as their binaries are called; targets; where flash and RAM begin and
+# how large they are; bytes of a boot loader in front; where the storage begins and how large it is, if there is one. Images: boards, binaries, features; budgets of
+# flash, static RAM and stack; "emulated" if firmware/emulated runs it.
+BOARDS="" IMAGES_OF_NODES=""
 # Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.
 readonly EMULATED=$ROOT/target/emulated
 # Instructions per node-tick in loopback.
@@ -140,10 +119,13 @@ image_build() { # IMAGE
     [[ $1 == "$binary" ]] || cp "$(dirname "$(image_path "$1")")/$binary" "$(image_path "$1")"
 }
 
-images() { awk 'NF { print $1 }' <<<"$BUDGETS"; }
+read_boards() { BOARDS=$(python3 firmware/boards.py boards) && IMAGES_OF_NODES=$(python3 firmware/boards.py images); }
+
+images() { awk 'NF { print $1 }' <<<"$IMAGES_OF_NODES"; }
+emulated_images() { awk '$8 == "emulated" { print $1 }' <<<"$IMAGES_OF_NODES"; }
 
 # A column of the table of images, or of boards.
-image_field() { field "$BUDGETS" "$@"; } # IMAGE COLUMN
+image_field() { field "$IMAGES_OF_NODES" "$@"; } # IMAGE COLUMN
 board_field() { field "$BOARDS" "$@"; } # BOARD COLUMN
 field() { awk -v row="$2" -v column="$3" '$1 == row { print $column }' <<<"$1"; } # TABLE ROW COLUMN
 
@@ -179,6 +161,7 @@ cmd_setup() { #: find or install what the other commands need
     setup_emulated
     # Not fatal: clippy says where it is skipped.
     target_has_clippy || [[ $(toolchain) != debian ]] || (apt_install rust-web-clippy) || true
+    read_boards
     say "host: $(rustc --version); $(valgrind --version)"
     say "firmware: toolchain of $(toolchain); $(qemu-system-arm --version | head -n 1)"
 }
@@ -320,9 +303,6 @@ cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus 
     cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters --test lines -- --include-ignored
 }
 
-# Images that firmware/emulated runs. The image with CAN FD is the same binary: it is built before the one without.
-readonly EMULATED_IMAGES="rp2040_pico rp2040_pico_peers heater nucleo_g474re_can_fd nucleo_g474re nucleo_g474re_peers nucleo_f446re nrf52840_dk nrf52840_dk_peers"
-
 cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits
     if ! has_emulated; then
         [[ ${CI:-} != true ]] || fail "no emulators of boards: ./ci.sh setup"
@@ -330,7 +310,7 @@ cmd_boards-run() { #: run images of real boards on emulators that others wrote: 
         return
     fi
     local image
-    for image in $EMULATED_IMAGES; do image_build "$image"; done
+    for image in $(emulated_images); do image_build "$image"; done
     cargo build --locked --quiet --package sim-host --bins --example board_words
     boards_run_pico & local pico=$!
     boards_run_arm || { kill "$pico" 2>/dev/null; wait "$pico"; fail "images of the boards with a Cortex-M4F"; }
@@ -438,8 +418,12 @@ cmd_bench() { #: node-ticks per second in loopback; depends on the machine, so n
     target/release/examples/loopback_ticks 20000
 }
 
-cmd_boards() { #: build every image; check flash and RAM against budgets, where it is linked to, and that flashing leaves the storage alone
+# The book's page with tables of boards.
+readonly BOARDS_PAGE=docs/book/src/boards.md
+
+cmd_boards() { #: build every image; check flash and RAM against budgets, where it is linked to, that flashing leaves the storage alone, and the book's tables
     one_root_memory_map
+    python3 firmware/boards.py check "$BOARDS_PAGE" || fail "the book's tables of boards"
     local image over=0
     printf '| image | flash | of | static RAM | of |\n|---|---:|---:|---:|---:|\n'
     for image in $(images); do
@@ -467,23 +451,24 @@ sections_size() { # IMAGE PATTERN
 }
 
 image_addresses() { # IMAGE
-    local path board flash flash_end ram ram_end section
+    local path board flash flash_end ram ram_end boot2 section
     path=$(image_path "$1") board=$(image_field "$1" 2)
     flash=$(($(board_field "$board" 3))) ram=$(($(board_field "$board" 5)))
     flash_end=$((flash + $(board_field "$board" 4))) ram_end=$((ram + $(board_field "$board" 6)))
     expect_at "$path" .vector_table "$flash"
     for section in .text .rodata; do expect_within "$path" "$section" "$flash" "$flash_end"; done
     for section in .data .bss; do expect_within "$path" "$section" "$ram" "$ram_end"; done
-    [[ $board != rp2040_pico ]] || expect_at "$path" .boot2 $((flash - 256))
+    boot2=$(board_field "$board" 7)
+    (( boot2 == 0 )) || expect_at "$path" .boot2 $((flash - boot2))
     image_storage "$path" "$board"
 }
 
 # The storage is where the table says, and nothing that is flashed is in it: what flashes erases what it writes, and no more.
 image_storage() { # PATH BOARD
     local start end
-    start=$(board_field "$2" 7)
+    start=$(board_field "$2" 8)
     [[ -n $start ]] || return 0
-    end=$((start + $(board_field "$2" 8)))
+    end=$((start + $(board_field "$2" 9)))
     expect_symbol "$1" __storage_start "$((start))"
     expect_symbol "$1" __storage_end "$end"
     expect_unloaded "$1" "$((start))" "$end"
@@ -508,6 +493,14 @@ cmd_stack() { #: the deepest stack of every image, against a budget and the room
         arguments+=("$(image_path "$image")=$(image_field "$image" 7)")
     done
     python3 firmware/checks/stack.py "${arguments[@]}"
+}
+
+cmd_boards-docs() { #: write the book's tables of boards and images, with the stack that each image has now
+    local found
+    found=$(mktemp)
+    cmd_stack | tee "$found"
+    python3 firmware/boards.py write "$BOARDS_PAGE" "$found"
+    rm -f "$found"
 }
 
 # First address of a section and the one after its end, in decimal.
@@ -649,6 +642,9 @@ cmd_help() { #: list the sub-commands
     echo "usage: ./ci.sh SUB-COMMAND..."
     sed -nE 's/^cmd_([a-z_-]+)\(\) [{(] *#: (.*)/  \1\t\2/p' ci.sh | expand -t 18
 }
+
+# Without Python, `setup` reads them once there is one.
+! have python3 || ! have cargo || read_boards
 
 (( $# > 0 )) || { cmd_help >&2; exit 2; }
 for name in "$@"; do

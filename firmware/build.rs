@@ -1,25 +1,22 @@
-//! Puts the board's memory map on the linker's search path, and compiles the C baseline of the cost table.
+//! Writes the board's memory map where the linker finds it, and compiles the C baseline of the cost table.
 
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, error::Error, fs};
 
-/// Board features and their memory maps.
-const BOARDS: [(&str, &str); 5] = [
-    ("CARGO_FEATURE_MPS2_AN386", "boards/mps2-an386.x"),
-    ("CARGO_FEATURE_NUCLEO_G474RE", "boards/nucleo-g474re.x"),
-    ("CARGO_FEATURE_NUCLEO_F446RE", "boards/nucleo-f446re.x"),
-    ("CARGO_FEATURE_NRF52840_DK", "boards/nrf52840-dk.x"),
-    ("CARGO_FEATURE_RP2040_PICO", "boards/rp2040-pico.x"),
-];
+use toml::{Table, Value};
 
-type Outcome = Result<(), Box<dyn Error>>;
+/// What it knows of boards is their metadata in here.
+const MANIFEST: &str = "Cargo.toml";
+
+type Outcome<T = ()> = Result<T, Box<dyn Error>>;
 
 fn main() -> Outcome {
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?);
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed=build.rs");
-    memory_map(&out)?;
+    link(&out)?;
     if env::var_os("CARGO_FEATURE_COST").is_some() {
         c_baseline(&out)?;
     }
@@ -27,23 +24,110 @@ fn main() -> Outcome {
 }
 
 /// `link.x` includes `memory.x`, which only includes `board-memory.x`: see the comment in the root file.
-fn memory_map(out: &Path) -> Outcome {
-    let chosen: Vec<_> = BOARDS.iter().filter(|(feature, _)| env::var_os(feature).is_some()).collect();
-    let [(_, board)] = chosen[..] else {
-        return Err(format!("choose exactly one board feature, not {}", chosen.len()).into());
-    };
+fn link(out: &Path) -> Outcome {
+    let metadata = metadata()?;
+    let board = chosen(&metadata)?;
+    let family = family(&metadata, board)?;
     copy(Path::new("../memory.x"), &out.join("memory.x"))?;
-    copy(Path::new(board), &out.join("board-memory.x"))?;
-    if env::var_os("CARGO_FEATURE_MPS2_AN386").is_some() {
+    fs::write(out.join("board-memory.x"), memory_map(board, family)?)?;
+    if text(board, "family")? == "mps2" {
         // Its interrupt table names the handlers itself (src/mps2/interrupt.rs), so there are no weak aliases; the
         // peripheral crates of the other chips bring their own device.x.
         fs::write(out.join("device.x"), "")?;
     }
-    if env::var_os("CARGO_FEATURE_RP2040_PICO").is_some() {
+    if family.contains_key("boot2") {
         // The section of the second-stage boot loader, which cortex-m-rt does not know.
         println!("cargo:rustc-link-arg-bins=-Tlink-rp.x");
     }
     Ok(())
+}
+
+fn metadata() -> Outcome<Table> {
+    println!("cargo:rerun-if-changed={MANIFEST}");
+    let manifest: Table = fs::read_to_string(MANIFEST)?.parse()?;
+    let metadata =
+        manifest.get("package").and_then(|package| package.get("metadata")).and_then(Value::as_table);
+    Ok(metadata.ok_or("Cargo.toml has no [package.metadata]")?.clone())
+}
+
+/// The board whose feature is on.
+fn chosen(metadata: &Table) -> Outcome<&Table> {
+    let boards = metadata.get("boards").and_then(Value::as_array).ok_or("no boards in the metadata")?;
+    let boards = boards.iter().filter_map(Value::as_table);
+    let is_chosen = |board: &&Table| text(board, "name").is_ok_and(is_on);
+    match boards.filter(is_chosen).collect::<Vec<_>>()[..] {
+        [board] => Ok(board),
+        ref several => Err(format!(
+            "choose exactly one board feature, not {}; other boards than the default: --no-default-features",
+            several.len()
+        )
+        .into()),
+    }
+}
+
+/// The family of a board, whose feature the board's has to turn on.
+fn family<'a>(metadata: &'a Table, board: &Table) -> Outcome<&'a Table> {
+    let (name, board) = (text(board, "family")?, text(board, "name")?);
+    if !is_on(&format!("_{name}")) {
+        return Err(format!("feature {board} does not turn on _{name}, its family in the metadata").into());
+    }
+    let family = metadata.get("families").and_then(|families| families.get(name)).and_then(Value::as_table);
+    family.ok_or_else(|| format!("no family {name} in the metadata").into())
+}
+
+/// The stack is at the beginning of RAM, and grows towards addresses that nothing is behind: overflowing it is a fault (docs/book/src/boards.md, Stack), and
+/// overwrites nothing.
+fn memory_map(board: &Table, family: &Table) -> Outcome<String> {
+    let (flash, flash_size) = region(board, "flash")?;
+    let (ram, ram_size) = region(board, "ram")?;
+    let stack = number(board.get("stack"), "stack")?;
+    let below = ram_size.checked_sub(stack).ok_or("stack is larger than ram")?;
+    let mut map = String::from("MEMORY\n{\n");
+    let mut line = |name: &str, start: u64, size: u64| {
+        writeln!(map, "  {name} : ORIGIN = {start:#010x}, LENGTH = {size:#x}")
+    };
+    if let Some(size) = family.get("boot2") {
+        let size = number(Some(size), "boot2")?;
+        line("BOOT2", flash - size, size)?;
+    }
+    line("FLASH", flash, flash_size)?;
+    line("STACK", ram, stack)?;
+    line("RAM", ram + stack, below)?;
+    let storage = if board.contains_key("storage") { Some(region(board, "storage")?) } else { None };
+    if let Some((start, size)) = storage {
+        line("STORAGE (r)", start, size)?;
+    }
+    map += "}\n_stack_start = ORIGIN(STACK) + LENGTH(STACK);\n_stack_end = ORIGIN(STACK);\n";
+    if let Some((start, _)) = storage {
+        map += "__storage_start = ORIGIN(STORAGE);\n__storage_end = ORIGIN(STORAGE) + LENGTH(STORAGE);\n";
+        if (flash..flash + flash_size).contains(&start) {
+            // In the middle of flash: the vectors are in front of it, the program goes on behind.
+            map += "_stext = __storage_end;\n";
+        }
+    }
+    Ok(map)
+}
+
+/// Start and bytes.
+fn region(board: &Table, key: &str) -> Outcome<(u64, u64)> {
+    match board.get(key).and_then(Value::as_array).map(Vec::as_slice) {
+        Some([start, size]) => Ok((number(Some(start), key)?, number(Some(size), key)?)),
+        _ => Err(format!("{key} of {} is not [start, bytes]", text(board, "name")?).into()),
+    }
+}
+
+fn number(value: Option<&Value>, key: &str) -> Outcome<u64> {
+    let number = value.and_then(Value::as_integer).ok_or_else(|| format!("{key} is no integer"))?;
+    u64::try_from(number).map_err(|_| format!("{key} is {number}, not 0 or more").into())
+}
+
+fn text<'a>(table: &'a Table, key: &str) -> Outcome<&'a str> {
+    table.get(key).and_then(Value::as_str).ok_or_else(|| format!("{key} is no text").into())
+}
+
+/// Whether a feature is.
+fn is_on(feature: &str) -> bool {
+    env::var_os(format!("CARGO_FEATURE_{}", feature.replace('-', "_").to_uppercase())).is_some()
 }
 
 /// One relocatable object that holds the C law and newlib's `expf`, with only our own two functions visible:

@@ -34,7 +34,7 @@ RETURNS = re.compile(r"\bembassy_sync::channel::|\bembassy_rp::flash::ram_helper
 NOTHING = re.compile("(?!)")
 # The task's function, whose address is in its header, and who reads that.
 POLL = re.compile(r"TaskStorage.*4poll")
-EXECUTOR = re.compile(r"8executor8Executor3run")
+EXECUTOR = re.compile(r"(?:8executor|8platform6thread)8Executor3run")
 # How the stack pointer goes down, as (mnemonic, operands); the group is the number or the list of registers.
 PUSH = re.compile(r"^(?:push|stmdb)(?:\.w)?$")
 IMMEDIATE = re.compile(r"^sp,(?: sp,)? #(\d+)")
@@ -184,7 +184,8 @@ class Stacks(Image):
             if (thunk := THUNK.match(name)) and thunk[1] in by_name:
                 calls[start].add(by_name[thunk[1]])
         tasks = {start for start in self.taken if POLL.search(self.names[start])}
-        executors = [name for name in self.names.values() if EXECUTOR.search(name)]
+        # The one of them that calls by a pointer: around embassy's is one of ours.
+        executors = {site.function for site in self.sites if site.target is None and EXECUTOR.search(self.names[site.function])}
         if len(executors) != 1 or not tasks:
             sys.exit(f"{self.path}: {len(executors)} executors, {len(tasks)} tasks: have they other names now?")
         for site in self.sites:

@@ -3,7 +3,7 @@
 import unittest
 
 import stack
-from mutants import Folder
+from mutants import FRAME, Folder
 
 DEEP = 'void deep(void) { volatile int room[250]; for (int i = 0; i < 250; i++) room[i] = i; }\n'
 TASK = 'void deep(void); void _TaskStorage4pollE(void) { deep(); __asm__ volatile(""); }\n'
@@ -59,6 +59,13 @@ class Stack(unittest.TestCase):
     def test_a_path_is_as_deep_as_its_frames(self):
         thread = stack.bound(self.image(DEEP)).thread
         self.assertTrue(1000 <= thread <= 1100, thread)
+
+    def test_an_executor_that_is_not_recognised_is_refused(self):
+        around = FRAME.replace("{ task(); ", "{ poll(); ").replace("void _ZN8executor8Executor3runE(void) {", "void poll(void) { task(); __asm__ volatile(\"\"); }\n"
+                                                                  "void _ZN8executor8Executor3runE(void) {")
+        with self.assertRaises(SystemExit) as end:
+            stack.bound(self.folder.image({"frame.c": around, "task.c": TASK, "deep.c": DEEP}))
+        self.assertIn("0 executors", str(end.exception))
 
     def test_recursion_is_refused(self):
         self.refused(DIRECT, "call each other in a circle: again, other")

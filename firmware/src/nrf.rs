@@ -2,20 +2,45 @@
 
 use embassy_nrf::buffered_uarte::Error;
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
+use embassy_nrf::nvmc::Nvmc;
+use embassy_nrf::peripherals::{NVMC, WDT};
 use embassy_nrf::wdt::{self, WatchdogHandle};
-use embassy_nrf::{Peri, pac, peripherals::WDT};
+use embassy_nrf::{Peri, pac, uarte};
 use embedded_io_async::{ErrorType, Read, Write};
 use funnelnet_protocol::service::ResetCause;
 
+use crate::app::Chip;
 use crate::reset;
+use crate::storage::flash::{Blocking, OnFlash};
 use crate::watchdog::PERIOD;
 use funnelnet_app::watchdog::Watchdog;
 
 /// Counts of the watchdog's clock per second.
 const COUNTS_PER_S: u32 = 32_768;
 
+/// The storage of the chip.
+pub type Storage = OnFlash<Blocking<Nvmc<'static>>>;
+
+/// What the chip gives its node: number, start, and watchdog. Called once.
+pub fn begin(watchdog: Peri<'static, WDT>) -> Chip<Wdt> {
+    let start = reset::begin(cause());
+    Chip { uid: uid(), start, watchdog: Wdt::Idle(watchdog) }
+}
+
+/// The end of flash.
+pub fn storage(flash: Peri<'static, NVMC>) -> Storage {
+    OnFlash::new(Blocking(Nvmc::new(flash)), 0)
+}
+
+/// A serial line of 1 Mbit/s.
+pub fn line() -> uarte::Config {
+    let mut config = uarte::Config::default();
+    config.baudrate = uarte::Baudrate::Baud1m;
+    config
+}
+
 /// The chip's number, from its factory information.
-pub fn uid() -> u64 {
+fn uid() -> u64 {
     let [low, high] = [0, 1].map(|half| u64::from(pac::FICR.deviceid(half).read()));
     low | high << 32
 }
@@ -29,7 +54,7 @@ pub fn clocks() -> Config {
 }
 
 /// What the chip says of the last reset; asked once, since the answer is cleared. Product specification, POWER.RESETREAS.
-pub fn cause() -> ResetCause {
+fn cause() -> ResetCause {
     let flags = pac::POWER.resetreas().read();
     // Cleared by writing ones.
     pac::POWER.resetreas().write_value(flags);

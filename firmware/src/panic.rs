@@ -26,7 +26,7 @@ type Hook = Cell<Option<fn()>>;
 /// Puts the output in its safe position.
 static SAFE_OUTPUT: Mutex<Hook> = Mutex::new(Cell::new(None));
 /// Restarts the emulated board after a defect, as hardware does.
-#[cfg(feature = "mps2-an386")]
+#[cfg(feature = "_mps2")]
 static RESTART: AtomicBool = AtomicBool::new(false);
 
 /// Registers what puts the output in its safe position after a defect. It runs with interrupts masked while the program may be in
@@ -36,7 +36,7 @@ pub fn on_defect(safe_output: fn()) {
 }
 
 /// From now on a defect restarts the emulated board instead of ending the emulator.
-#[cfg(feature = "mps2-an386")]
+#[cfg(feature = "_mps2")]
 pub fn restart_after_defects() {
     RESTART.store(true, Ordering::Relaxed);
 }
@@ -66,7 +66,7 @@ fn stop(cause: ResetCause, place: u32, log: impl FnOnce()) -> ! {
     end(cause)
 }
 
-#[cfg(feature = "mps2-an386")]
+#[cfg(feature = "_mps2")]
 fn end(cause: ResetCause) -> ! {
     if RESTART.load(Ordering::Relaxed) {
         reset::restart();
@@ -75,7 +75,7 @@ fn end(cause: ResetCause) -> ! {
     semihosting::process::exit(code)
 }
 
-#[cfg(not(feature = "mps2-an386"))]
+#[cfg(not(feature = "_mps2"))]
 fn end(_cause: ResetCause) -> ! {
     reset::restart()
 }

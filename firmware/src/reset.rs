@@ -50,13 +50,13 @@ pub fn leave(reset: ResetCause, place: u32) {
 
 /// Restarts the chip.
 pub fn restart() -> ! {
-    #[cfg(feature = "rp2040-pico")]
+    #[cfg(feature = "_rp2040")]
     restart_all();
     cortex_m::peripheral::SCB::sys_reset()
 }
 
 /// The RP2040's core can reset only itself; its watchdog resets the pins and what drives them, too.
-#[cfg(feature = "rp2040-pico")]
+#[cfg(feature = "_rp2040")]
 fn restart_all() {
     use embassy_rp::pac;
     pac::PSM.wdsel().write(|all| {

@@ -1,10 +1,13 @@
 //! Reset cause, watchdog and flash of a Raspberry Pi Pico.
 
-use embassy_rp::flash::{Blocking, Flash};
+use embassy_rp::flash::{self, FLASH_BASE, Flash};
 use embassy_rp::peripherals::{FLASH, WATCHDOG};
-use embassy_rp::{Peri, pac, watchdog};
+use embassy_rp::{Peri, pac, uart, watchdog};
 use funnelnet_protocol::service::ResetCause;
 
+use crate::app::Chip;
+use crate::reset;
+use crate::storage::flash::{Blocking, OnFlash};
 use crate::watchdog::PERIOD;
 use funnelnet_app::watchdog::Watchdog;
 
@@ -12,10 +15,29 @@ use funnelnet_app::watchdog::Watchdog;
 const FLASH_SIZE: usize = 2 << 20;
 
 /// The Pico's external flash.
-pub type PicoFlash = Flash<'static, FLASH, Blocking, FLASH_SIZE>;
+pub type PicoFlash = Flash<'static, FLASH, flash::Blocking, FLASH_SIZE>;
+
+/// The storage of the Pico.
+pub type Storage = OnFlash<Blocking<PicoFlash>>;
+
+/// What the Pico gives its node: number, start and watchdog; and its storage. Called once, before anything else runs: the flash cannot be executed from while it is
+/// asked.
+pub fn begin(flash: Peri<'static, FLASH>, watchdog: Peri<'static, WATCHDOG>) -> (Chip<Timer>, Storage) {
+    let start = reset::begin(cause());
+    let mut flash = PicoFlash::new_blocking(flash);
+    let chip = Chip { uid: uid(&mut flash), start, watchdog: Timer::new(watchdog) };
+    (chip, OnFlash::new(Blocking(flash), FLASH_BASE as u32))
+}
+
+/// A serial line of 1 Mbit/s.
+pub fn line() -> uart::Config {
+    let mut config = uart::Config::default();
+    config.baudrate = 1_000_000;
+    config
+}
 
 /// The flash's number, since the chip has none; 0 where it cannot be read.
-pub fn uid(flash: &mut PicoFlash) -> u64 {
+fn uid(flash: &mut PicoFlash) -> u64 {
     let mut number = [0; 8];
     flash.blocking_unique_id(&mut number).map_or(0, |()| u64::from_be_bytes(number))
 }

@@ -10,13 +10,13 @@ a test asks for shorter ones (`slice_length`).
 import struct
 
 from elftools.elf.elffile import ELFFile
-from unicorn import UC_ARCH_ARM, UC_HOOK_INTR, UC_HOOK_MEM_INVALID, UC_HOOK_MEM_WRITE, UC_MODE_MCLASS, UC_MODE_THUMB, Uc, UcError
+from unicorn import UC_ARCH_ARM, UC_HOOK_CODE, UC_HOOK_INTR, UC_HOOK_MEM_INVALID, UC_HOOK_MEM_WRITE, UC_MODE_MCLASS, UC_MODE_THUMB, Uc, UcError
 from unicorn.arm_const import (
     UC_ARM_REG_FPSCR, UC_ARM_REG_IPSR, UC_ARM_REG_LR, UC_ARM_REG_PC, UC_ARM_REG_PRIMASK, UC_ARM_REG_R0, UC_ARM_REG_R1,
     UC_ARM_REG_R2, UC_ARM_REG_R3, UC_ARM_REG_R12, UC_ARM_REG_S0, UC_ARM_REG_SP, UC_ARM_REG_XPSR, UC_CPU_ARM_CORTEX_M4)
 
 SLICE = 2000
-WFI = 0xBF30
+WFI, WFE, SEV = 0xBF30, 0xBF20, b"\x40\xbf"
 SCS = 0xE000E000
 NMI, HARD_FAULT, FIRST_IRQ = 2, 3, 16
 # An exception's return to where a frame with floating-point registers was stacked: into another handler, and into the program.
@@ -99,6 +99,16 @@ class Core:
             for segment in elf.iter_segments():
                 if segment["p_type"] == "PT_LOAD" and segment["p_filesz"]:
                     self.uc.mem_write(segment["p_paddr"], segment.data())
+                    self.hear_events(segment["p_paddr"], segment.data())
+
+    def hear_events(self, start, data):
+        """An SEV sets the event register, which unicorn has not; words that only look like one are never executed."""
+        for at in range(0, len(data) - 1, 2):
+            if data[at:at + 2] == SEV:
+                self.uc.hook_add(UC_HOOK_CODE, self.on_event, begin=start + at, end=start + at)
+
+    def on_event(self, *_):
+        self.has_event = True
 
     def add(self, peripheral):
         peripheral.reset()
@@ -114,6 +124,8 @@ class Core:
 
     def clear(self):
         self.enabled, self.pending, self.levels, self.active = set(), set(), set(), []
+        # The event register: set by SEV and by each return from an exception, cleared by the WFE that it lets through.
+        self.has_event = False
         self.vectors = self.flash
         self.scs = {}
         for peripheral in [*self.peripherals, self.other]:
@@ -236,6 +248,7 @@ class Core:
         uc.reg_write(UC_ARM_REG_FPSCR, words[24])
         uc.reg_write(UC_ARM_REG_SP, (stack + FRAME) | (4 if words[7] & 0x200 else 0))
         number = self.active.pop()
+        self.has_event = True
         uc.reg_write(UC_ARM_REG_XPSR, words[7] & ~0x3FF | 1 << 24)
         uc.reg_write(UC_ARM_REG_IPSR, self.active[-1] + FIRST_IRQ if self.active else 0)
         self.pc = words[6] | 1
@@ -267,7 +280,8 @@ class Core:
         try:
             self.uc.emu_start(self.pc, 0xFFFFFFFE, count=count)
         except UcError as error:
-            self.stop_reason = self.stop_reason or str(error)
+            # unicorn gives a WFE up, behind it.
+            self.stop_reason = self.stop_reason or (None if self.last() == WFE else str(error))
         self.after(count, end)
 
     def after(self, count, end):
@@ -288,7 +302,7 @@ class Core:
             raise Fault(f"{reason}, pc {self.uc.reg_read(UC_ARM_REG_PC):#x}, {self.ns / 1e6} ms")
         else:
             self.pc = self.uc.reg_read(UC_ARM_REG_PC) | 1
-            step = self.sleep(end) if self.is_asleep() else self.cycles(count)
+            step = self.step(count, end)
         self.ns += step + self.stalled
         self.stalled = 0.0
         for peripheral in self.peripherals:
@@ -304,8 +318,17 @@ class Core:
     def cycles(self, count):
         return count * 1e9 / self.hz
 
-    def is_asleep(self):
-        return struct.unpack("<H", self.uc.mem_read((self.pc & ~1) - 2, 2))[0] == WFI
+    def last(self):
+        """The instruction behind which the program stands, if it has two bytes."""
+        return struct.unpack("<H", self.uc.mem_read((self.uc.reg_read(UC_ARM_REG_PC) & ~1) - 2, 2))[0]
+
+    def step(self, count, end):
+        """Time that goes on in a slice that nothing but a WFI, a WFE or its length has ended."""
+        last = self.last()
+        if last == WFE and self.has_event:
+            self.has_event = False
+            return self.cycles(EXCEPTION_CYCLES)
+        return self.sleep(end) if last in (WFI, WFE) else self.cycles(count)
 
     def sleep(self, end):
         """Up to what happens next; a pending interrupt wakes even where it is masked."""

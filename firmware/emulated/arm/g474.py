@@ -6,6 +6,7 @@ from fdcan import Fdcan
 from stm32 import Iwdg, Timer
 from usart import Lpuart
 from unicorn import UC_HOOK_MEM_READ
+from unicorn.arm_const import UC_ARM_REG_XPSR
 
 FLASH, FLASH_SIZE, BANK, PAGE = 0x08000000, 512 << 10, 256 << 10, 2 << 10
 STORAGE = 0x0807E000, 8 << 10
@@ -16,6 +17,8 @@ ERASE_NS = 22e6
 BOOT_MS = 10
 # What a look at a clock that is missing, or at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
 POLL_NS = 10e3
+# Where XPSR holds how far an IT block has come.
+IT_STATE = 0x0600FC00
 
 
 class Rcc(Peripheral):
@@ -141,6 +144,10 @@ class Flash(Peripheral):
             self.broken.add(address)
 
     def on_read(self, uc, access, address, size, value, data):
+        # For a hook, unicorn puts the state of an IT block back to where the load is, and goes on with that behind the block. The load is carried out, so its condition
+        # holds; the rest of a block has the same one in what is compiled here.
+        if (psr := uc.reg_read(UC_ARM_REG_XPSR)) & IT_STATE:
+            uc.reg_write(UC_ARM_REG_XPSR, psr & ~IT_STATE)
         word = address & ~7
         if word in self.broken and not self.core.is_finishing and not self.get(self.ECCR) & self.DETECTED:
             self.detect(word)

@@ -12,7 +12,7 @@ import { Registers } from './registers.mjs';
 import { Ssi } from './ssi.mjs';
 
 const FLASH = 0x10000000, FLASH_SIZE = 2 << 20, RAM = 0x20000000;
-// The memory map's STORAGE: firmware/boards/rp2040-pico.x.
+// The board's storage, in the metadata of firmware/Cargo.toml.
 export const STORAGE = { start: FLASH_SIZE - (16 << 10), end: FLASH_SIZE };
 const CYCLE_NS = 8;
 const UART_IRQS = [20, 21];
@@ -54,7 +54,9 @@ export class Pico {
       const key = `${name}: ${text}`;
       this.unknown.set(key, (this.unknown.get(key) ?? 0) + 1);
     };
-    return { debug() {}, info() {}, warn: note, error: note };
+    // rp2040js has no SEV but this line: it sets the event register, which lets the next WFE through.
+    const info = (name, text) => { if (text === 'SEV') this.chip.core.eventRegistered = true; };
+    return { debug() {}, info, warn: note, error: note };
   }
 
   wire() {

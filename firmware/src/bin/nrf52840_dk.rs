@@ -2,68 +2,35 @@
 #![no_std]
 #![no_main]
 
-use core::panic::PanicInfo;
-use core::pin::pin;
-
-use cortex_m_rt::entry;
-use defmt_rtt as _;
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
-use embassy_nrf::nvmc::Nvmc;
-use embassy_nrf::{bind_interrupts, peripherals, uarte};
-use firmware::app::{self, Chip, SessionOf};
-use firmware::executor::Executor;
+use embassy_nrf::{bind_interrupts, peripherals};
+use firmware::board::{OnLine, Parts, host_buffers};
 use firmware::nrf::{self, OrRestart, Wdt};
-use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{panic, reset};
-use funnelnet_app::link::serial::Serial;
-use funnelnet_plant::Virtual;
-use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(struct Interrupts {
     UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
 });
 
-#[embassy_executor::task]
-async fn node(uart: BufferedUarte<'static>, flash: Nvmc<'static>, chip: Chip<Wdt>) {
-    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
-    static LINK: StaticCell<Serial<OrRestart<BufferedUarte<'static>>>> = StaticCell::new();
-    static STORAGE: StaticCell<InFlash<Blocking<Nvmc<'static>>>> = StaticCell::new();
-    let link = LINK.init_with(|| Serial::new(OrRestart(uart)));
-    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(0)));
-    storage.open().await;
-    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
-}
+type Node = Parts<OnLine<OrRestart<BufferedUarte<'static>>>, nrf::Storage, Wdt>;
 
-#[entry]
-#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
-fn main() -> ! {
-    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
-    static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
-    let chip = embassy_nrf::init(nrf::clocks());
-    let start = reset::begin(nrf::cause());
-    let of_node = Chip { uid: nrf::uid(), start, watchdog: Wdt::Idle(chip.WDT) };
-    let mut config = uarte::Config::default();
-    config.baudrate = uarte::Baudrate::Baud1m;
-    let (receive, transmit) = (RECEIVE.take(), TRANSMIT.take());
+fn start() -> Node {
+    let board = embassy_nrf::init(nrf::clocks());
+    let chip = nrf::begin(board.WDT);
+    let (transmit, receive) = host_buffers();
     let uart = BufferedUarte::new(
-        chip.UARTE0,
-        chip.TIMER0,
-        chip.PPI_CH0,
-        chip.PPI_CH1,
-        chip.PPI_GROUP0,
-        chip.P0_08,
-        chip.P0_06,
+        board.UARTE0,
+        board.TIMER0,
+        board.PPI_CH0,
+        board.PPI_CH1,
+        board.PPI_GROUP0,
+        board.P0_08,
+        board.P0_06,
         Interrupts,
-        config,
+        nrf::line(),
         receive,
         transmit,
     );
-    let node = node(uart, Nvmc::new(chip.NVMC), of_node).expect("the task is spawned once");
-    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
+    Node { lines: OnLine(OrRestart(uart)), storage: nrf::storage(board.NVMC), chip }
 }
 
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    panic::report(info)
-}
+firmware::node!(start, Node);

@@ -2,61 +2,24 @@
 #![no_std]
 #![no_main]
 
-use core::panic::PanicInfo;
-use core::pin::pin;
-
-use cortex_m_rt::entry;
-use defmt_rtt as _;
-use embassy_rp::flash;
 use embassy_rp::uart::{self, BufferedUart};
 use embassy_rp::{bind_interrupts, peripherals};
-use firmware::app::{self, Chip, SessionOf};
-use firmware::executor::Executor;
-use firmware::rp::{self, PicoFlash, Timer};
-use firmware::storage::flash::{Blocking, InFlash, region};
-use firmware::{panic, reset};
-use funnelnet_app::link::serial::Serial;
-use funnelnet_plant::Virtual;
-use static_cell::{ConstStaticCell, StaticCell};
+use firmware::board::{OnLine, Parts, host_buffers};
+use firmware::rp::{self, Timer};
 
 bind_interrupts!(struct Interrupts {
     UART0_IRQ => uart::BufferedInterruptHandler<peripherals::UART0>;
 });
 
-/// Bit/s.
-const BIT_RATE: u32 = 1_000_000;
+type Node = Parts<OnLine<BufferedUart>, rp::Storage, Timer>;
 
-#[embassy_executor::task]
-async fn node(uart: BufferedUart, flash: PicoFlash, chip: Chip<Timer>) {
-    static SESSION: StaticCell<SessionOf<Virtual>> = StaticCell::new();
-    static LINK: StaticCell<Serial<BufferedUart>> = StaticCell::new();
-    static STORAGE: StaticCell<InFlash<Blocking<PicoFlash>>> = StaticCell::new();
-    let link = LINK.init_with(|| Serial::new(uart));
-    let storage = STORAGE.init_with(|| InFlash::new(Blocking(flash), region(flash::FLASH_BASE as u32)));
-    storage.open().await;
-    pin!(app::run(&SESSION, link, storage, Virtual, chip)).await
+fn start() -> Node {
+    let board = embassy_rp::init(Default::default());
+    let (chip, storage) = rp::begin(board.FLASH, board.WATCHDOG);
+    let (transmit, receive) = host_buffers();
+    let uart =
+        BufferedUart::new(board.UART0, board.PIN_0, board.PIN_1, Interrupts, transmit, receive, rp::line());
+    Node { lines: OnLine(uart), storage, chip }
 }
 
-#[entry]
-#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
-fn main() -> ! {
-    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
-    static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
-    let chip = embassy_rp::init(Default::default());
-    let start = reset::begin(rp::cause());
-    // Before anything else runs: the flash cannot be executed from while it is asked.
-    let mut flash = PicoFlash::new_blocking(chip.FLASH);
-    let of_node = Chip { uid: rp::uid(&mut flash), start, watchdog: Timer::new(chip.WATCHDOG) };
-    let mut config = uart::Config::default();
-    config.baudrate = BIT_RATE;
-    let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
-    let uart = BufferedUart::new(chip.UART0, chip.PIN_0, chip.PIN_1, Interrupts, transmit, receive, config);
-    let node = node(uart, flash, of_node).expect("the task is spawned once");
-    EXECUTOR.init(Executor::new()).run(|spawner| spawner.spawn(node))
-}
-
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    panic::report(info)
-}
+firmware::node!(start, Node);

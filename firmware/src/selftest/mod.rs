@@ -95,7 +95,7 @@ async fn on_can<F: Format>(link: impl Read + Write) -> ! {
 
 fn restart_with_safe_output() {
     panic::on_defect(|| defmt::info!("the output is safe"));
-    #[cfg(feature = "mps2-an386")]
+    #[cfg(feature = "_mps2")]
     panic::restart_after_defects();
 }
 

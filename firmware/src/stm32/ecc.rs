@@ -5,15 +5,15 @@
 #![allow(unsafe_code)]
 
 use cortex_m_rt::exception;
-use embassy_stm32::flash::FLASH_BASE;
+use embassy_stm32::flash::{BANK1_REGION, FLASH_BASE, FLASH_SIZE};
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::regs::Eccr;
 
 use crate::panic;
 use crate::storage::flash::region;
 
-/// Bytes of a bank, where there are two (option byte DBANK).
-const BANK: u32 = 256 << 10;
+/// Where the second bank begins, bytes from the first; where there is one bank alone, BK_ECC is reserved.
+const SECOND_BANK: u32 = if FLASH_SIZE as u32 > BANK1_REGION.size { BANK1_REGION.size } else { 0 };
 /// What one count of ADDR_ECC may be, bytes. The field is as wide as a bank has bytes; that it counts them, and not double words, is not tried.
 /// Either way no code is where the storage is taken to be.
 const UNITS: [u32; 2] = [1, 8];
@@ -32,7 +32,7 @@ unsafe fn NonMaskableInt() {
 
 /// Where the error is, if ADDR_ECC counts `unit` bytes.
 fn address(eccr: Eccr, unit: u32) -> u32 {
-    let bank = if eccr.bk_ecc() { BANK } else { 0 };
+    let bank = if eccr.bk_ecc() { SECOND_BANK } else { 0 };
     (FLASH_BASE as u32).wrapping_add(bank).wrapping_add(eccr.addr_ecc().wrapping_mul(unit))
 }
 

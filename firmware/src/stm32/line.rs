@@ -4,6 +4,7 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_stm32::interrupt::typelevel::{self, Handler};
+use embassy_stm32::usart::BufferedUart;
 use embassy_stm32::{pac, usart};
 
 /// Overruns, noise and wrong stop bits of all lines, saturating.
@@ -26,9 +27,9 @@ macro_rules! count_errors {
     )*};
 }
 
-#[cfg(feature = "nucleo-g474re")]
+#[cfg(feature = "_g4")]
 count_errors!(LPUART1 isr, USART1 isr, USART3 isr, UART4 isr, UART5 isr);
-#[cfg(feature = "nucleo-f446re")]
+#[cfg(feature = "_f4")]
 count_errors!(USART2 sr);
 
 /// The line to the debugger's virtual COM port: 115,200 bit/s.
@@ -41,4 +42,14 @@ pub fn line(bit_rate: u32) -> usart::Config {
     let mut config = usart::Config::default();
     config.baudrate = bit_rate;
     config
+}
+
+/// The line, once it is open.
+///
+/// # Panics
+/// Its clock cannot make the bit rate.
+#[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
+pub fn opened(uart: Result<BufferedUart<'static>, usart::ConfigError>) -> BufferedUart<'static> {
+    // May panic: at the start, before any task runs.
+    uart.expect("the bit rate is possible")
 }

@@ -1,17 +1,19 @@
 //! What the STM32 boards share: their CAN controllers behind [`funnelnet_app::link::can::Controller`], the service plane's line, and the chip's number.
 
-#[cfg(feature = "nucleo-f446re")]
+#[cfg(feature = "_f4")]
 pub mod bxcan;
-#[cfg(feature = "nucleo-g474re")]
-pub mod clocks;
-#[cfg(feature = "nucleo-g474re")]
+#[cfg(feature = "_g4")]
 mod ecc;
-#[cfg(feature = "nucleo-g474re")]
+#[cfg(feature = "_f4")]
+pub mod f4;
+#[cfg(feature = "_g4")]
 pub mod fdcan;
+#[cfg(feature = "_g4")]
+pub mod g4;
 pub mod line;
 mod received;
 pub mod safety;
-#[cfg(feature = "nucleo-f446re")]
+#[cfg(feature = "_f4")]
 pub mod sectors;
 
 use core::num::NonZeroU8;

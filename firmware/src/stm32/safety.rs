@@ -31,9 +31,9 @@ fn cause() -> ResetCause {
     let flags = RCC.csr().read();
     RCC.csr().modify(|csr| csr.set_rmvf(true));
     // Every reset pulls the reset line, so that the flag of the pin comes last.
-    #[cfg(feature = "nucleo-g474re")]
+    #[cfg(feature = "_g4")]
     let (watchdog, power_on, pin) = (flags.iwdgrstf() || flags.wwdgrstf(), false, flags.pinrstf());
-    #[cfg(feature = "nucleo-f446re")]
+    #[cfg(feature = "_f4")]
     let (watchdog, power_on, pin) = (flags.wdgrstf() || flags.wwdgrstf(), flags.porrstf(), flags.padrstf());
     match () {
         () if watchdog => ResetCause::Watchdog,

@@ -9,6 +9,9 @@ use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::StoreError;
 use funnelnet_store::{Error, Store};
+use static_cell::StaticCell;
+
+use super::Medium;
 
 #[allow(unsafe_code)] // Declared, and never read.
 unsafe extern "C" {
@@ -21,6 +24,29 @@ unsafe extern "C" {
 pub fn region(base: u32) -> Range<u32> {
     let (start, end) = (&raw const __storage_start as u32, &raw const __storage_end as u32);
     start.wrapping_sub(base)..end.wrapping_sub(base)
+}
+
+/// A driver of flash that counts from `base`, with the region STORAGE in it.
+pub struct OnFlash<F> {
+    flash: F,
+    base: u32,
+}
+
+impl<F> OnFlash<F> {
+    /// Nothing is read or written yet.
+    pub const fn new(flash: F, base: u32) -> Self {
+        Self { flash, base }
+    }
+}
+
+impl<F: NorFlash + 'static> Medium for OnFlash<F> {
+    type Storage = InFlash<F>;
+
+    async fn open(self, place: &'static StaticCell<InFlash<F>>) -> &'static mut InFlash<F> {
+        let storage = place.init_with(|| InFlash::new(self.flash, region(self.base)));
+        storage.open().await;
+        storage
+    }
 }
 
 /// A configuration and a key in flash.
