@@ -134,7 +134,7 @@ fn unknown_keys_come_with_the_known_ones() {
         errors("[expect]", "[expcet]"),
         "dir/a.toml:28:2: unknown key 'expcet' in the file; known: version, title, seed, time, \
          graph, coupling, \
-         agent, node, bus, link, event, clock, sync, safety, expect; did you mean 'expect'?"
+         agent, node, bus, link, event, faults, clock, sync, safety, expect; did you mean 'expect'?"
     );
     assert_eq!(
         errors("kind = \"path\"", "kind = \"pat\""),
