@@ -70,7 +70,10 @@ fn the_network_bears_a_burst_of_fifty_ticks_and_is_inside_soon_after_a_longer_on
     let short = verdict(&scenario("{ at = '1s', kind = 'burst', for = '50ms', loss = 1 }", ""));
     assert!(short.holds() && short.findings.during_events.unwrap().breaches == 0, "{short}");
     let long = verdict(&scenario("{ at = '1s', kind = 'burst', for = '300ms', loss = 1 }", ""));
-    assert!(long.findings.during_events.unwrap().breaches > 0 && long.findings.recovered_s.unwrap() < 0.1, "{long}");
+    assert!(
+        long.findings.during_events.unwrap().breaches > 0 && long.findings.recovered_s.unwrap() < 0.1,
+        "{long}"
+    );
 }
 
 #[test]
@@ -81,9 +84,10 @@ fn frames_that_are_held_come_all_at_once_and_only_the_fresh_ones_count() {
     // Each end refuses all that came but the last value of its neighbour, and no more: those that the tick window takes are older.
     assert_eq!(traffic.lost, 0);
     assert!((150..200).contains(&old), "{old}");
-    assert_ne!(states, calm);
-    let by_release = "{ at = '1s', kind = 'hold', link = [2, 3] }, { at = '1.1s', kind = 'release', node = 3 }";
-    assert_eq!(on_ideal(by_release).0, states);
+    assert!(states != calm);
+    let by_release =
+        "{ at = '1s', kind = 'hold', link = [2, 3] }, { at = '1.1s', kind = 'release', node = 3 }";
+    assert!(on_ideal(by_release).0 == states);
 }
 
 #[test]
@@ -118,22 +122,23 @@ fn a_noisy_can_bus_sends_again_and_only_while_it_is_noisy() {
     assert_eq!(none, 0);
     let noise = "{ at = '1s', kind = 'noise', for = '200ms', bit_errors = 1e-4 }";
     let (states, count, first, last) = errors(noise);
-    // Some 45,000 bits a second on the bus per node, of which 1e-4 in 0.2 s are wrong; all five see each.
-    assert!(count > 20 && count < 500, "{count}");
+    // Some 500 bits of frames in a tick: ten of them wrong in 200 ticks, and each seen by one controller or more.
+    assert!(count > 5 && count < 100, "{count}");
     // Tick 0 is a tick after the start.
     assert!(first >= 1_001_000_000 && last < 1_201_200_000, "{first} {last}");
-    assert_eq!(states, calm);
+    assert!(states == calm);
     // A link that reads wrong breaks frames of its sender alone.
-    let corrupt = "{ at = '1s', kind = 'corrupt', link = [2, 3], for = '200ms', probability = 0.2 }";
+    let corrupt = "{ at = '1s', kind = 'corrupt', link = [2, 3], for = '200ms', probability = 0.05 }";
     let (states, count, first, last) = errors(corrupt);
-    assert!(count > 20 && first >= 1_001_000_000 && last < 1_201_200_000, "{count} {first} {last}");
-    assert_eq!(states, calm);
+    assert!(count > 10 && first >= 1_001_000_000 && last < 1_201_200_000, "{count} {first} {last}");
+    assert!(states == calm);
 }
 
 #[test]
 fn who_lies_a_little_moves_its_neighbours_and_is_judged_by_what_it_is() {
     let calm = verdict(&scenario("", ""));
-    let small = verdict(&scenario("{ at = '1s', kind = 'liar', node = 2, for = '300ms', offset = 0.05 }", ""));
+    let small =
+        verdict(&scenario("{ at = '1s', kind = 'liar', node = 2, for = '300ms', offset = 0.05 }", ""));
     assert!(calm.holds() && small.holds(), "{small}");
     let large = verdict(&scenario("{ at = '1s', kind = 'liar', node = 2, for = '300ms', constant = 5 }", ""));
     let during = large.findings.during_events.unwrap();
@@ -143,23 +148,34 @@ fn who_lies_a_little_moves_its_neighbours_and_is_judged_by_what_it_is() {
 }
 
 #[test]
-fn old_states_are_refused_and_change_nothing() {
+fn old_states_are_refused_but_where_their_stamps_are_those_of_the_next_tick() {
     let (calm, ..) = on_ideal("");
-    for age in ["20ms", "255ms", "256ms", "257ms", "900ms"] {
-        let replay = format!("{{ at = '1s', kind = 'replayer', node = 2, for = '300ms', age = '{age}' }}");
-        let (states, _, old) = on_ideal(&replay);
-        assert_eq!(states, calm, "{age}");
-        assert_eq!(old, 600, "{age}");
+    let replay = |age: &str| {
+        on_ideal(&format!("{{ at = '1s', kind = 'replayer', node = 2, for = '300ms', age = '{age}' }}"))
+    };
+    for age in ["1ms", "20ms", "256ms", "257ms", "900ms"] {
+        let (states, _, old) = replay(age);
+        assert!(states == calm && old == 600, "{age}: {old} refused");
+    }
+    // A frame has eight bits of the tick: what is one or two ticks younger than a multiple of 256 is taken for a state of the next ones.
+    for age in ["254ms", "255ms", "511ms"] {
+        assert!(replay(age).0 != calm, "{age}");
     }
 }
 
 #[test]
 fn an_impostor_stops_the_one_whose_name_it_takes_where_that_hears_it() {
-    let hears = verdict(&scenario("{ at = '1s', kind = 'impostor', node = 2, as = 3, for = '300ms', constant = 5 }", ""));
+    let hears = verdict(&scenario(
+        "{ at = '1s', kind = 'impostor', node = 2, as = 3, for = '300ms', constant = 5 }",
+        "",
+    ));
     let [stop] = &hears.stops[..] else { panic!("{:?}", hears.stops) };
     assert!(stop.id == 3 && stop.why.contains("another node has its id"), "{stop:?}");
     assert!(!hears.holds());
     // Where it does not, its other neighbours believe the impostor.
-    let does_not = verdict(&scenario("{ at = '1s', kind = 'impostor', node = 2, as = 5, for = '300ms', constant = 5 }", ""));
+    let does_not = verdict(&scenario(
+        "{ at = '1s', kind = 'impostor', node = 2, as = 5, for = '300ms', constant = 5 }",
+        "",
+    ));
     assert!(does_not.stops.is_empty() && does_not.findings.during_events.unwrap().breaches > 0, "{does_not}");
 }

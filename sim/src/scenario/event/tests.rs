@@ -463,9 +463,8 @@ fn faults_by_chance_are_as_many_and_as_long_as_said_and_of_the_seed() {
     let scenario = read(&chance(&keys, ""));
     assert_eq!(scenario.events, read(&chance(&keys, "")).events);
     assert_ne!(scenario.events, read(&chance(&keys, "seed = 2")).events);
-    let begun = |scenario: &Scenario| {
-        scenario.events.iter().filter(|event| event.kind != EventKind::Repair).count()
-    };
+    let begun =
+        |scenario: &Scenario| scenario.events.iter().filter(|event| event.kind != EventKind::Repair).count();
     let all: usize = (1..=40).map(|seed| begun(&read(&chance(&keys, &format!("seed = {seed}"))))).sum();
     // 50 on average, less those that happen to who is away already; the standard deviation of the mean of 40 is 1.1.
     assert!((44 * 40..=52 * 40).contains(&all), "{all} in 40 runs");
