@@ -1,7 +1,7 @@
 //! A report to hand over: one HTML page out of what a run, two runs or a sweep have left, which loads nothing.
 //!
 //! The same folder gives the same bytes. All that comes from a file is escaped by the template, or rebuilt from what plots are made of
-//! ([`picture`]); the page's own policy keeps a reader from running or loading anything else.
+//! (`picture.rs`); the page's own policy keeps a reader from running or loading anything else.
 
 mod bus;
 mod comparison;
