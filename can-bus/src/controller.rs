@@ -61,6 +61,11 @@ impl Controller {
         Self { order, filter, buffers: [None; TRANSMIT_BUFFERS], used: 0, sequence: 0, fifo, overflows: 0 }
     }
 
+    /// One with the same filter, that holds nothing.
+    pub(crate) fn empty(&self) -> Self {
+        Self::new(self.order, self.filter.clone())
+    }
+
     /// Puts a frame into a free buffer; whether there was one.
     pub(crate) fn load(&mut self, frame: &Frame, ready: u64) -> bool {
         let sequence = self.sequence;

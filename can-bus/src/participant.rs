@@ -84,6 +84,8 @@ pub(crate) struct Participant {
     sender: bool,
     /// A passive sender was not acknowledged: that counts only if it sees a dominant bit in its flag.
     unacknowledged: bool,
+    /// It takes part again without having been off: its counters stay.
+    keeps_counters: bool,
 }
 
 impl Participant {
@@ -95,6 +97,7 @@ impl Participant {
             sending: None,
             sender: false,
             unacknowledged: false,
+            keeps_counters: false,
         }
     }
 
@@ -168,6 +171,25 @@ impl Participant {
         *self = Self { state: State::Recovering { run: 0, times: RECOVERY_TIMES - 1 }, ..Self::new() };
     }
 
+    /// Comes to be alone on a wire that is recessive.
+    pub(crate) fn unplug(&mut self) {
+        if !matches!(self.state, State::Off | State::Recovering { .. }) {
+            (self.state, self.sending) = (State::Idle, None);
+        }
+    }
+
+    /// Comes back to a wire with others: it takes part once it has seen eleven recessive bits in a row. One that is off stays off.
+    pub(crate) fn plug(&mut self) {
+        match &mut self.state {
+            State::Off => {}
+            State::Recovering { run, .. } => *run = 0,
+            state => {
+                *state = State::Recovering { run: 0, times: RECOVERY_TIMES - 1 };
+                (self.sending, self.keeps_counters) = (None, true);
+            }
+        }
+    }
+
     pub(crate) fn is_recovering(&self) -> bool {
         matches!(self.state, State::Recovering { .. })
     }
@@ -186,7 +208,10 @@ impl Participant {
             *times += (*run + bits) / RECOVERY_RUN;
             *run = (*run + bits) % RECOVERY_RUN;
             if *times >= RECOVERY_TIMES {
-                (self.state, self.counters) = (State::Idle, Counters::default());
+                self.state = State::Idle;
+                if !std::mem::take(&mut self.keeps_counters) {
+                    self.counters = Counters::default();
+                }
             }
         }
     }

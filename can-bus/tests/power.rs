@@ -1,5 +1,5 @@
 //! Controllers that lose their power and get it again, on a bus whose frames go as a whole, and bit by bit.
-#![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 mod support;
 
@@ -58,7 +58,7 @@ fn who_has_no_power_takes_no_frame() {
         let mut bus = bus(2, bit_by_bit);
         assert!(bus.send(0, frame(1)));
         heard(&mut bus, 20 * BIT);
-        // It goes at the end of its frame, and is there again after eleven recessive bits.
+        // It goes at once, and is there again after eleven recessive bits.
         bus.switch_off(0);
         assert!(!bus.send(0, frame(2)));
         heard(&mut bus, 200 * BIT);
@@ -72,15 +72,35 @@ fn who_has_no_power_takes_no_frame() {
 }
 
 #[test]
-fn a_frame_that_has_begun_ends_and_what_waits_is_lost() {
+fn a_frame_that_is_sent_breaks_off_and_what_waits_is_lost() {
     for bit_by_bit in [false, true] {
         let mut bus = bus(3, bit_by_bit);
         assert!(bus.send(0, frame(1)) && bus.send(0, frame(2)));
-        heard(&mut bus, 20 * BIT);
+        heard(&mut bus, 50 * BIT);
         bus.switch_off(0);
-        let ids: Vec<_> = heard(&mut bus, 600 * BIT).iter().map(|&(_, node, id, _)| (node, id)).collect();
-        assert_eq!(ids, [(1, Id::Base(1)), (2, Id::Base(1)), (0, Id::Base(1))]);
         assert!(bus.is_absent(0));
+        let mut errors = Vec::new();
+        bus.advance(600 * BIT, &mut |event| match event.what {
+            What::Error { .. } => errors.push(event.node),
+            what => panic!("{what:?}"),
+        });
+        // Six recessive bits are no bits of a frame. Who is left goes on.
+        assert_eq!(errors, [1, 2]);
+        assert!(bus.send(1, frame(3)));
+        assert_eq!(heard(&mut bus, 800 * BIT).len(), 2);
+    }
+}
+
+/// A frame that the only other one does not hear to its end is not acknowledged.
+#[test]
+fn a_receiver_that_goes_does_not_acknowledge() {
+    for bit_by_bit in [false, true] {
+        let mut bus = bus(2, bit_by_bit);
+        assert!(bus.send(0, frame(1)));
+        heard(&mut bus, 50 * BIT);
+        bus.switch_off(1);
+        assert_eq!(heard(&mut bus, 2_000 * BIT), []);
+        assert!(bus.counters(0).transmit > 0);
     }
 }
 

@@ -3,20 +3,25 @@
 //! A frame that nothing disturbs is one step from its start to its end. Everything else (errors, collisions, passive senders, a lone node) goes bit
 //! by bit, by the same rules; [`Bus::bit_by_bit`] makes all of it go so, and a test holds both ways against each other.
 
+mod harm;
+
 use crate::controller::{Controller, Order, Pending, TRANSMIT_BUFFERS};
 use crate::counters::{Counters, Mode};
 use crate::event::{Event, What};
 use crate::filter::Filter;
 use crate::frame::{Frame, Id, LARGEST_BASE};
 use crate::length::{ACKNOWLEDGEMENT, END, INTERMISSION, Length};
-use crate::noise::{Hit, Noise, SeenBy, Strike};
+use crate::noise::{Hit, Noise, Quiet, SeenBy, Strike};
 use crate::participant::{Happening, Participant};
 use crate::rate::Timing;
 use crate::wire::{DOMINANT, Pace, RECESSIVE};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
 
 /// No time.
 const NEVER: u64 = u64::MAX;
+/// The number of a controller that is alone on its wire.
+const LONE: usize = 0;
 
 /// A controller has received a frame that its filter keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,8 +62,10 @@ pub struct Bus<N> {
     recovering: bool,
     /// A controller may have a receive error counter above zero.
     heard_errors: bool,
-    /// A controller goes when the bus is free.
-    leaving: bool,
+    /// Times at which the wire is dominant whatever is sent, ns: those that are not over, in order.
+    shorts: VecDeque<Range<u64>>,
+    /// Controllers whose connector is off, each on a wire of its own.
+    lone: BTreeMap<usize, Box<Bus<Quiet>>>,
     routes: Routes,
 }
 
@@ -82,8 +89,6 @@ enum Power {
     On,
     /// It has its power again, and waits for a bus that is idle.
     Starting,
-    /// It goes when the frame that it sends has ended.
-    Leaving,
     Off,
 }
 
@@ -149,7 +154,8 @@ impl<N: Noise> Bus<N> {
             late: false,
             recovering: false,
             heard_errors: false,
-            leaving: false,
+            shorts: VecDeque::new(),
+            lone: BTreeMap::new(),
             routes: Routes::default(),
         }
     }
@@ -223,8 +229,11 @@ impl<N: Noise> Bus<N> {
     /// There is no such controller. The same holds for all that take a `node`.
     #[must_use]
     pub fn send(&mut self, node: usize, frame: Frame) -> bool {
+        if let Some(lone) = self.lone.get_mut(&node) {
+            return lone.send(LONE, frame);
+        }
         let sender = &mut self.nodes[node];
-        if matches!(sender.power, Power::Off | Power::Leaving) || !sender.controller.load(&frame, self.now) {
+        if sender.power == Power::Off || !sender.controller.load(&frame, self.now) {
             return false;
         }
         if sender.mode != Mode::Off {
@@ -249,11 +258,14 @@ impl<N: Noise> Bus<N> {
 
     /// Free transmit buffers of a controller.
     pub fn free_buffers(&self, node: usize) -> usize {
-        self.nodes[node].controller.free_buffers()
+        self.seat(node).controller.free_buffers()
     }
 
     /// Drops the frames that wait in a controller. One that is being sent is not, but it is not tried again.
     pub fn cancel(&mut self, node: usize) {
+        if let Some(lone) = self.lone.get_mut(&node) {
+            return lone.cancel(LONE);
+        }
         let starting = match self.phase {
             Phase::Start { at } if at <= self.now => Some(at),
             _ => None,
@@ -265,40 +277,41 @@ impl<N: Noise> Bus<N> {
         self.note_waiting(node);
     }
 
-    /// Begins the recovery of a controller that is off the bus: it takes part again after 128 times 11 recessive bits.
+    /// Begins the recovery of a controller that is off the bus: it takes part again after 128 times 11 recessive bits. One without
+    /// power stays off.
     pub fn restart(&mut self, node: usize) {
+        if let Some(lone) = self.lone.get_mut(&node) {
+            return lone.restart(LONE);
+        }
         self.settle_idle();
         let node = &mut self.nodes[node];
-        if node.participant.restart() {
+        if node.power != Power::Off && node.participant.restart() {
             node.restarted = self.now;
             self.recovering = true;
         }
     }
 
-    /// Takes the power of a controller. What waits in it is dropped; a frame that it is sending ends first, or loses its arbitration. One that is on
-    /// the way as a whole stays acknowledged, whoever goes meanwhile.
+    /// Takes the power of a controller, at once. What waits in it is dropped, and a frame that it is sending breaks off: the others see an error
+    /// in it.
     pub fn switch_off(&mut self, node: usize) {
-        self.settle_idle();
-        self.cancel(node);
-        let Node { attempt, controller, power, .. } = &mut self.nodes[node];
-        if attempt.is_some() || controller.free_buffers() < TRANSMIT_BUFFERS {
-            *power = Power::Leaving;
-            self.leaving = true;
-        } else {
-            self.nodes[node].lose_power();
-            self.note_waiting(node);
+        if let Some(lone) = self.lone.get_mut(&node) {
+            return lone.switch_off(LONE);
         }
+        self.before_one_goes();
+        self.nodes[node].lose_power();
+        self.note_waiting(node);
     }
 
-    /// Gives a controller its power again: its error counters are zero, and it takes part after eleven recessive bits. One that has not gone
-    /// yet stays.
+    /// Gives a controller its power again: its error counters are zero, and it takes part after eleven recessive bits.
     pub fn switch_on(&mut self, node: usize) {
+        if let Some(lone) = self.lone.get_mut(&node) {
+            return lone.switch_on(LONE);
+        }
         self.settle_idle();
         let now = self.now;
         let node = &mut self.nodes[node];
         match node.power {
             Power::On | Power::Starting => {}
-            Power::Leaving => node.power = Power::On,
             Power::Off => {
                 node.participant.switch_on();
                 (node.power, node.restarted) = (Power::Starting, now);
@@ -309,20 +322,7 @@ impl<N: Noise> Bus<N> {
 
     /// Whether a controller has no power, or has just got it and takes no part yet.
     pub fn is_absent(&self, node: usize) -> bool {
-        matches!(self.nodes[node].power, Power::Off | Power::Starting)
-    }
-
-    /// Those go that have waited for the end of a frame of theirs.
-    fn leave(&mut self) {
-        if !std::mem::take(&mut self.leaving) {
-            return;
-        }
-        for number in 0..self.nodes.len() {
-            if self.nodes[number].power == Power::Leaving {
-                self.nodes[number].lose_power();
-                self.note_waiting(number);
-            }
-        }
+        matches!(self.seat(node).power, Power::Off | Power::Starting)
     }
 
     /// The oldest frame in the receive FIFO of a controller, which has room for another one then.
@@ -332,25 +332,34 @@ impl<N: Noise> Bus<N> {
 
     /// The same where it is.
     pub fn receive_ref(&mut self, node: usize) -> Option<&Frame> {
-        self.nodes[node].controller.receive()
+        match self.lone.get_mut(&node) {
+            None => self.nodes[node].controller.receive(),
+            Some(lone) => lone.receive_ref(LONE),
+        }
     }
 
     /// Frames for which the receive FIFO of a controller had no room.
     pub fn overflows(&self, node: usize) -> u64 {
-        self.nodes[node].controller.overflows()
+        self.seat(node).controller.overflows()
     }
 
     /// How a controller takes part.
     pub fn mode(&self, node: usize) -> Mode {
-        self.nodes[node].participant.mode()
+        self.seat(node).participant.mode()
     }
 
     /// Error counters of a controller.
     pub fn counters(&self, node: usize) -> Counters {
-        self.nodes[node].participant.counters
+        self.seat(node).participant.counters
     }
 
-    /// When something happens next, ns; never, if no frame waits and nobody recovers.
+    /// A controller, on whatever wire it is.
+    fn seat(&self, node: usize) -> &Node {
+        self.lone.get(&node).and_then(|lone| lone.nodes.first()).unwrap_or(&self.nodes[node])
+    }
+
+    /// When something happens next, ns; never, if no frame waits, nobody recovers, and no short circuit comes. What happens to those whose
+    /// connector is off is told to nobody.
     #[inline]
     pub fn next_at(&self) -> Option<u64> {
         let next = if self.recovering { self.next_recovery() } else { self.next };
@@ -363,14 +372,17 @@ impl<N: Noise> Bus<N> {
         let Phase::Idle { since } = self.phase else { return self.next };
         let (nominal, sample) = (self.timing.nominal().bit_ns(), self.timing.nominal().sample_ns());
         let bits = self.nodes.iter().filter_map(|node| node.participant.bits_to_recovery()).min();
-        bits.map_or(NEVER, |bits| since + (bits - 1) * nominal + sample)
+        bits.map_or(self.next, |bits| self.next.min(since + (bits - 1) * nominal + sample))
     }
 
     fn go(&mut self, phase: Phase) {
         self.phase = phase;
         let sample = self.timing.nominal().sample_ns();
         self.next = match phase {
-            Phase::Idle { .. } => NEVER,
+            // A short circuit is a start of frame for all.
+            Phase::Idle { since } => {
+                self.shorts.front().map_or(NEVER, |short| short.start.max(since) + sample)
+            }
             Phase::Start { at } => at + sample,
             Phase::Clean(Clean { free, stage, .. }) => {
                 free - u64::from(stage.bits_to_end()) * self.timing.nominal().bit_ns() + sample
@@ -388,12 +400,16 @@ impl<N: Noise> Bus<N> {
             self.step(at, sink);
         }
         self.now = self.now.max(until);
+        if !self.lone.is_empty() {
+            self.advance_lone();
+        }
     }
 
     /// Lets happen what happens next, which is at `at`.
     fn step(&mut self, at: u64, sink: &mut impl FnMut(Event)) {
         self.now = at;
         match self.phase {
+            Phase::Idle { since } if self.next <= at => self.be_shorted(since, sink),
             Phase::Idle { .. } => self.recover(sink),
             Phase::Start { at } => self.start(at, sink),
             Phase::Clean(clean) => self.clean(clean, sink),
@@ -536,7 +552,8 @@ impl<N: Noise> Bus<N> {
         let length = Length::of(&sender.controller.pending(buffer)?.frame, false);
         let hit = self.hit.is_some_and(|hit| hit.after < u64::from(length.bits()));
         let clean = Clean { node, free: at + length.ns(self.timing), stage: Stage::Receive };
-        (acknowledged && !hit && sender.mode == Mode::Active).then_some((clean, buffer, length))
+        let shorted = self.shorts.front().is_some_and(|short| short.start < clean.free);
+        (acknowledged && !hit && !shorted && sender.mode == Mode::Active).then_some((clean, buffer, length))
     }
 
     fn begin_clean(
@@ -590,7 +607,6 @@ impl<N: Noise> Bus<N> {
                     self.report_modes(sink);
                     self.note_all();
                 }
-                self.leave();
                 self.begin_or_idle(clean.free);
             }
         }
@@ -651,11 +667,16 @@ impl<N: Noise> Bus<N> {
 
     /// The sample point of a bit that began at `at`.
     fn bit(&mut self, at: u64, pace: Pace, sink: &mut impl FnMut(Event)) {
-        let level = self.level(at);
-        let busy = self.nodes.iter().any(|node| node.participant.is_busy());
-        let flipped = if busy { self.disturbed() } else { None };
+        let shorted = self.is_shorted(at);
+        let level = self.level(at) && !shorted;
+        let busy = shorted || self.nodes.iter().any(|node| node.participant.is_busy());
+        // What is shorted is not disturbed.
+        let flipped = if busy && !shorted { self.disturbed() } else { None };
         let mut lost = Vec::new();
         for (number, node) in self.nodes.iter_mut().enumerate() {
+            if node.is_yet_to_restart(self.now) {
+                continue;
+            }
             let wrong = match flipped {
                 Some(SeenBy::All) => true,
                 Some(SeenBy::One(one)) => one == number,
@@ -674,8 +695,7 @@ impl<N: Noise> Bus<N> {
         if busy {
             self.busy_ns += next - at;
         }
-        if self.nodes.iter().all(|node| node.participant.is_quiet()) {
-            self.leave();
+        if !self.is_shorted(next) && self.nodes.iter().all(|node| node.participant.is_quiet()) {
             self.note_all();
             self.begin_or_idle(next);
         } else {
@@ -692,7 +712,7 @@ impl<N: Noise> Bus<N> {
             }
             level &= node.participant.drives();
         }
-        if level == DOMINANT {
+        if level == DOMINANT || self.is_shorted(at) {
             for node in self.nodes.iter_mut().filter(|node| node.participant.may_join()) {
                 node.begin(at, self.now);
             }
@@ -732,9 +752,6 @@ impl<N: Noise> Bus<N> {
         for &node in lost {
             let id = self.nodes[node].sent().map(|pending| pending.frame.id());
             self.nodes[node].failed(false);
-            if self.nodes[node].power == Power::Leaving {
-                self.nodes[node].lose_power();
-            }
             if let Some(id) = id {
                 sink(Event { at: self.now, node, what: What::LostArbitration { id, to } });
             }
@@ -829,6 +846,11 @@ impl Node {
             self.participant.begin(&pending.frame, passive);
             self.attempt = Some(Attempt { buffer, started: at, passive });
         }
+    }
+
+    /// Whether it begins to recover later than now, which is while the begin of a frame is gone through once more.
+    fn is_yet_to_restart(&self, now: u64) -> bool {
+        self.restarted > now && self.participant.is_recovering()
     }
 
     fn lose_power(&mut self) {
