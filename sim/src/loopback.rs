@@ -177,7 +177,10 @@ pub fn can_bus<F: OnWire>(
     let masters = scenario.sync.iter().flat_map(|sync| &sync.masters);
     let masters: Vec<NodeId> = masters.filter_map(|&id| known(id)).collect();
     let bus = CanBus::with_masters(timing, noise, (&ids, &listeners(scenario)), &masters);
-    Ok(bus.with_loss(seed, spec.loss).with_links(seed, &scenario.links, &spells))
+    Ok(bus
+        .with_loss(seed, spec.loss)
+        .with_links(seed, &scenario.links, &spells)
+        .with_harms(&scenario.harms()))
 }
 
 /// The serial lines of a scenario.

@@ -3,12 +3,13 @@
 //! A node whose port has gone off the bus is told so, and stops, as the app has it. A driver takes no time; its queue waits while the node
 //! computes.
 
+use super::harms::{Babble, Harms, Step};
 use super::links::{self, Links, Payload};
 use super::loss::Loser;
 use super::watch::Watch;
 use super::{Medium, Power, Stamp, Traffic};
 use crate::random::{self, Purpose};
-use crate::scenario::{Does, LinkSpec, Loss, NoisySpell, Spell};
+use crate::scenario::{Does, Harm, LinkSpec, Loss, NoisySpell, Spell};
 use funnelnet_can_bus::{
     Bus, Event, Filter, Frame, Hit, Id, Mode, Noise, Order, Queue, SeenBy, Strike, TRANSMIT_BUFFERS, Timing,
     What,
@@ -80,12 +81,16 @@ struct Station<F: Format> {
     /// The node computes until then, ns.
     busy_until: u64,
     power: Power,
+    /// Events that keep its connector off.
+    cuts: usize,
+    babble: Babble,
 }
 
 impl<F: Format> Station<F> {
     /// One that has just been switched on, and nothing waits in it.
     fn fresh(&mut self) {
         (self.port, self.busy_until) = (CanPort::new(), 0);
+        self.babble.waits(false);
         self.queue.clear();
     }
 }
@@ -135,6 +140,7 @@ pub struct CanBus<N, F: Format = Classic> {
     /// When the ports look at their controllers next, ns: all at the same time.
     look_at: u64,
     links: Option<Links<Frame>>,
+    harms: Harms,
     /// Receivers take all that their controllers keep, and stamp nothing: no losses, no links, no events, no time masters.
     is_plain: bool,
     /// The node of each identifier, by index; none for one that is of no node.
@@ -181,10 +187,11 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         bus.report_receptions(false);
         let filter = |of: usize| {
             let heard = ids.iter().zip(listeners).filter(|(_, listeners)| listeners.contains(&of));
-            // Frames to all carry no node.
-            let filter = heard.fold(Filter::nothing().and_base(0, NODE_BITS), |filter, (id, _)| {
-                filter.and_base(u16::from(id.get()), NODE_BITS)
-            });
+            // Frames to all carry no node. A node hears who has its id, as the filters of the firmware have it.
+            let own = ids.get(of).map_or(0, |id| u16::from(id.get()));
+            let filter = Filter::nothing().and_base(0, NODE_BITS).and_base(own, NODE_BITS);
+            let filter =
+                heard.fold(filter, |filter, (id, _)| filter.and_base(u16::from(id.get()), NODE_BITS));
             masters.iter().fold(filter, |filter, id| filter.and(Id::Base(SYNC | u16::from(id.get()))))
         };
         let mut nodes = [None; IDS];
@@ -200,6 +207,8 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             loser: Loser::new(Loss::NONE, random::stream(0, Purpose::Loss, index as u64)),
             busy_until: 0,
             power: Power::On,
+            cuts: 0,
+            babble: Babble::default(),
         };
         Self {
             bus,
@@ -208,6 +217,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             waking: BTreeSet::new(),
             look_at: 0,
             links: None,
+            harms: Harms::default(),
             is_plain: masters.is_empty(),
             nodes,
             listeners: None,
@@ -242,6 +252,16 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         Self { is_plain: self.is_plain && links.is_none(), links, ..self }
     }
 
+    /// With what events do to the wire and to who is on it.
+    pub(crate) fn with_harms(mut self, harms: &[Harm]) -> Self {
+        for harm in harms {
+            if let Harm::Short(during) = harm {
+                self.bus.short(during.clone());
+            }
+        }
+        Self { harms: Harms::of(harms), ..self }
+    }
+
     /// Adds a tap that sees all that happens on the bus.
     pub fn with_tap(mut self, tap: Tap) -> Self {
         self.bus.report_losses(true);
@@ -265,6 +285,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
     /// Lets happen what happens on the bus up to `to` (ns), or up to the first thing that is due for somebody.
     fn run(&mut self, to: u64) {
         let (due, traffic, tap, watch) = (&mut self.due, &mut self.traffic, &mut self.tap, &mut self.watch);
+        let stations = &mut self.stations;
         let (stamps, bit_ns) = (&mut self.stamps, self.bus.timing().nominal().bit_ns());
         let before = due.entries.len();
         while let Some(next) = self.bus.next_at().filter(|&next| next <= to) {
@@ -276,6 +297,11 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                             // Receivers take a frame a bit before its sender is done with it.
                             let at = event.at.saturating_sub(bit_ns);
                             stamps.push(Stamp { node: event.node, at, own: true });
+                        }
+                        if let Some(station) = stations.get_mut(event.node)
+                            && station.babble.sends(frame.id())
+                        {
+                            station.babble.waits(false);
                         }
                         due.push(event.at, event.node, Work::Load);
                     }
@@ -313,6 +339,9 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 let before = self.bus.free_buffers(index);
                 self.bus.cancel(index);
                 self.traffic.replaced += (self.bus.free_buffers(index) - before) as u64;
+                if let Some(station) = self.stations.get_mut(index) {
+                    station.babble.waits(false);
+                }
             }
             Request::Restart => self.bus.restart(index),
         }
@@ -368,6 +397,32 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
             }
             station.port.on_taken();
         }
+        if let Some(frame) = station.babble.due() {
+            station.babble.waits(self.bus.send(index, frame));
+        }
+    }
+
+    /// Does what events do to a node now.
+    #[cold]
+    fn harm(&mut self, index: usize, step: Step) {
+        let Some(station) = self.stations.get_mut(index) else { return };
+        match step {
+            Step::Unplug => {
+                station.cuts += 1;
+                self.bus.unplug(index);
+            }
+            Step::Plug => {
+                station.cuts -= 1;
+                if station.cuts == 0 {
+                    self.bus.plug(index);
+                }
+            }
+            Step::Babble(event, frame) => {
+                station.babble.begin(event, frame);
+                self.load(index);
+            }
+            Step::Quiet(event) => station.babble.end(event),
+        }
     }
 
     /// Takes what the controller has received at `now` (ns), and tells what the port hears of it once the node does not compute.
@@ -394,7 +449,8 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         };
         let computes = *busy_until > now;
         while let Some(frame) = self.bus.receive(index) {
-            if is_deaf(&self.listeners, sender(&self.nodes, frame.id()), index) {
+            let from = sender(&self.nodes, frame.id()).filter(|&from| from != index);
+            if is_deaf(&self.listeners, from, index) {
                 continue;
             }
             if loser.loses() {
@@ -427,7 +483,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
     fn next_times(&self) -> (u64, u64) {
         let waking = self.waking.first().map_or(u64::MAX, |&(at, _)| at);
         let late = self.links.as_ref().and_then(Links::next_at).unwrap_or(u64::MAX);
-        (self.bus.next_at().unwrap_or(u64::MAX), self.look_at.min(waking).min(late))
+        (self.bus.next_at().unwrap_or(u64::MAX), self.look_at.min(waking).min(late).min(self.harms.next_at()))
     }
 
     /// Lets all happen that happens next, at `now` (ns), so that it is due.
@@ -436,6 +492,9 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         self.advance(now);
         if now >= self.look_at {
             self.look(now, receive);
+        }
+        while let Some((index, step)) = self.harms.take(now) {
+            self.harm(index, step);
         }
         while let Some(&(_, index)) = self.waking.first().filter(|&&(at, _)| at <= now) {
             self.waking.pop_first();

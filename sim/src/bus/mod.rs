@@ -1,6 +1,7 @@
 //! Bus models: what happens to a frame between its sender and its receivers.
 
 pub mod can;
+mod harms;
 pub mod ideal;
 pub mod links;
 pub mod loss;

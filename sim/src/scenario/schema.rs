@@ -723,6 +723,8 @@ fn event() -> Value {
     );
     let noise = Range::between(1e-9, bus::MOST_BIT_ERRORS, "of the bits");
     let name = key("as", id(), "the node in whose name it speaks").like(json!(3)).required();
+    let babbled =
+        key("id", integer((0, event::LARGEST_ID)), "the 11-bit identifier of what it sends").or(json!(0));
     let age =
         key("age", span(), "how old the states are that are said once more").like(json!("100ms")).required();
     kinds(vec![
@@ -736,6 +738,9 @@ fn event() -> Value {
             goes_on().required(),
             key("bit_errors", number(noise), "share of bits that are wrong").like(json!(1e-4)).required(),
         ]),
+        object(vec![at(), kind("kind", &["short"]), goes_on().required()]),
+        tale("cut", vec![]),
+        tale("babble", vec![babbled]),
         tale("liar", said().into_iter().collect()),
         tale("impostor", said().into_iter().chain([name]).collect()),
         tale("replayer", vec![age]),

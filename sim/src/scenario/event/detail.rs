@@ -16,6 +16,8 @@ pub enum Detail {
     Corrupt(f64),
     /// Disturbed bits among a billion.
     BitErrors(u32),
+    /// The 11-bit identifier of what a node sends without end.
+    Babble(u16),
     /// What a node says in place of its state.
     Lie(Lie),
     /// What it says in the name of another node.

@@ -10,10 +10,10 @@ mod spell;
 pub use course::{Absence, Change, Course, Disturbance, Step};
 pub use detail::{ClockChange, Detail, Lie};
 pub(super) use read::read;
-pub(super) use read_frames::{SAID, SLOPE};
+pub(super) use read_frames::{LARGEST_ID, SAID, SLOPE};
 pub(super) use sense::{LAST_JOIN, MOST_EVENTS, OLDEST, Setting, make_sense};
 pub(crate) use spell::on_engine;
-pub use spell::{Does, NoisySpell, Spell};
+pub use spell::{Does, Harm, NoisySpell, Spell};
 
 use super::duration::format_duration;
 use super::graph::Graph;
@@ -71,6 +71,12 @@ pub enum EventKind {
     Release,
     /// Bits of a CAN bus are disturbed for a while.
     Noise,
+    /// A node's connector comes off the bus.
+    Cut,
+    /// A bus is dominant whatever is sent.
+    Short,
+    /// A node sends without end.
+    Babble,
     /// A node says another state than it has.
     Liar,
     /// A node says old states once more.
@@ -97,6 +103,9 @@ impl EventKind {
             Self::Hold => "hold",
             Self::Release => "release",
             Self::Noise => "noise",
+            Self::Cut => "cut",
+            Self::Short => "short",
+            Self::Babble => "babble",
             Self::Liar => "liar",
             Self::Replayer => "replayer",
             Self::Impostor => "impostor",
@@ -113,6 +122,12 @@ impl EventKind {
     #[must_use]
     pub fn is_of_frames(self) -> bool {
         matches!(self, Self::Burst | Self::Corrupt | Self::Hold | Self::Release)
+    }
+
+    /// Whether it happens to the wire of a CAN bus.
+    #[must_use]
+    pub fn is_of_wires(self) -> bool {
+        matches!(self, Self::Noise | Self::Cut | Self::Short | Self::Babble)
     }
 
     /// Whether a node says what is not so.
@@ -226,6 +241,7 @@ impl fmt::Display for Detail {
             Self::BitErrors(per_billion) => {
                 write!(f, " disturbs {} of the bits", f64::from(per_billion) / 1e9)
             }
+            Self::Babble(id) => write!(f, " sends {id:#05x}"),
             Self::Lie(lie) => write!(f, " says {lie}"),
             Self::Impostor { name, lie } => write!(f, " says {lie} as node {}", name + 1),
             Self::Age(ns) => write!(f, " says what is {} old", format_duration(ns)),

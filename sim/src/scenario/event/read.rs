@@ -1,6 +1,6 @@
 //! The keys of `[[event]]`, each by itself.
 
-use super::read_frames::{bit_errors, corrupt, impostor, liar, lies_for, loss, of_frames, old};
+use super::read_frames::{babble, bit_errors, corrupt, impostor, liar, lies_for, loss, of_frames, old};
 use super::{ClockChange, Detail, EventKind, EventSpec, Targets};
 use crate::scenario::Diagnostic;
 use crate::scenario::clock::{DRIFT, ppb, read_by};
@@ -25,12 +25,12 @@ const KINDS: [Choice<EventKind>; 22] = [
     ready("hold", EventKind::Hold),
     ready("release", EventKind::Release),
     ready("noise", EventKind::Noise),
+    ready("cut", EventKind::Cut),
+    ready("short", EventKind::Short),
+    ready("babble", EventKind::Babble),
     ready("liar", EventKind::Liar),
     ready("replayer", EventKind::Replayer),
     ready("impostor", EventKind::Impostor),
-    unbuilt("cut"),
-    unbuilt("short"),
-    unbuilt("babble"),
     unbuilt("sensor"),
     unbuilt("actuator"),
     unbuilt("set"),
@@ -82,6 +82,17 @@ fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
             let lasts_ns = lasts_as(&mut section, "must be how long that goes on, as \"200ms\"");
             detail = bit_errors(&mut section);
             (Some(Targets::Bus), lasts_ns)
+        }
+        EventKind::Short => {
+            let lasts_ns = lasts_as(&mut section, "must be how long that goes on, as \"2ms\"");
+            (Some(Targets::Bus), lasts_ns)
+        }
+        EventKind::Cut | EventKind::Babble => {
+            let lasts_ns = lies_for(&mut section);
+            if kind == EventKind::Babble {
+                detail = babble(&mut section);
+            }
+            (of_nodes(&mut section, nodes), lasts_ns)
         }
         EventKind::Liar | EventKind::Replayer | EventKind::Impostor => {
             let lasts_ns = lies_for(&mut section);

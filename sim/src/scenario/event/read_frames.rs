@@ -13,6 +13,9 @@ pub(in crate::scenario) const SAID: Range = STATE;
 /// Slope of a lie (state units / s).
 pub(in crate::scenario) const SLOPE: Range = Range::any("state units / s");
 
+/// The largest 11-bit identifier.
+pub(in crate::scenario) const LARGEST_ID: u64 = 0x7FF;
+
 /// `link`, `groups`, `node` or `nodes`; without any of them all links.
 pub(super) fn of_frames(section: &mut Section<'_>, nodes: u64) -> Option<Targets> {
     let of_nodes = one_of(section, "node", "nodes")?;
@@ -59,6 +62,11 @@ pub(super) fn corrupt(section: &mut Section<'_>) -> Detail {
 pub(super) fn bit_errors(section: &mut Section<'_>) -> Detail {
     let share = section.number("bit_errors", None, Range::between(1e-9, MOST_BIT_ERRORS, "of the bits"));
     Detail::BitErrors((share * 1e9).round() as u32)
+}
+
+/// `id`, of what is sent without end; without it the one that wins against all others.
+pub(super) fn babble(section: &mut Section<'_>) -> Detail {
+    Detail::Babble(section.integer("id", Some(0), (0, LARGEST_ID), "an 11-bit identifier") as u16)
 }
 
 /// What a node says: one of `constant`, `ramp` and `offset`.

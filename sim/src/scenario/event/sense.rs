@@ -178,8 +178,8 @@ impl Setting<'_> {
     fn frames(&self, events: &[EventSpec], items: &[&Item]) {
         for (event, item) in events.iter().zip(items) {
             match (event.kind, event.detail) {
-                (EventKind::Noise, _) if !self.bus.is_can() => {
-                    let allowed = "needs bus.model = \"can\" or \"can-fd\", which have bits";
+                (kind, _) if kind.is_of_wires() && !self.bus.is_can() => {
+                    let allowed = "needs bus.model = \"can\" or \"can-fd\", which have a wire";
                     self.report(item, "kind", allowed.to_owned());
                 }
                 (EventKind::Burst, Detail::Loss(loss)) if loss.is_none() => {

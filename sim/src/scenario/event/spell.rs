@@ -40,6 +40,29 @@ pub struct NoisySpell {
     pub per_billion: u32,
 }
 
+/// What happens to the wire of a CAN bus, or to who is on it, for a while.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Harm {
+    /// It is dominant (engine time, ns).
+    Short(Range<u64>),
+    /// The connector of a node is off.
+    Cut {
+        /// Its index.
+        node: usize,
+        /// Engine time, ns.
+        during: Range<u64>,
+    },
+    /// A node sends without end.
+    Babble {
+        /// Its index.
+        node: usize,
+        /// The 11-bit identifier of what it sends.
+        id: u16,
+        /// Engine time, ns.
+        during: Range<u64>,
+    },
+}
+
 impl Scenario {
     /// What its events do to frames on their links, event by event.
     #[must_use]
@@ -62,6 +85,25 @@ impl Scenario {
             links.flat_map(both).collect()
         };
         self.events.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// What its events do to the wire of a CAN bus, event by event.
+    #[must_use]
+    pub fn harms(&self) -> Vec<Harm> {
+        let of = |spec: &EventSpec| {
+            let during = on_engine(&self.time, spec.at_ns, spec.end_ns());
+            let of_node = |&node: &usize| match (spec.kind, spec.detail) {
+                (EventKind::Cut, _) => Some(Harm::Cut { node, during: during.clone() }),
+                (EventKind::Babble, Detail::Babble(id)) => {
+                    Some(Harm::Babble { node, id, during: during.clone() })
+                }
+                _ => None,
+            };
+            let of_bus = (spec.kind == EventKind::Short).then(|| Harm::Short(during.clone()));
+            let of_nodes: Vec<Harm> = spec.targets.nodes().iter().filter_map(of_node).collect();
+            of_bus.into_iter().chain(of_nodes)
+        };
+        self.events.iter().flat_map(of).collect()
     }
 
     /// What its events do to the bits of a bus.
