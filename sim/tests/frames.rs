@@ -172,10 +172,11 @@ fn an_impostor_stops_the_one_whose_name_it_takes_where_that_hears_it() {
     let [stop] = &hears.stops[..] else { panic!("{:?}", hears.stops) };
     assert!(stop.id == 3 && stop.why.contains("another node has its id"), "{stop:?}");
     assert!(!hears.holds());
+    // On CAN it hears whoever has its id, neighbour or not.
+    let event = "{ at = '1s', kind = 'impostor', node = 2, as = 5, for = '300ms', constant = 5 }";
+    let on_can = verdict(&scenario(event, "bus.model = \"can\"\n"));
+    assert!(on_can.stops.len() == 1 && on_can.stops[0].id == 5, "{:?}", on_can.stops);
     // Where it does not, its other neighbours believe the impostor.
-    let does_not = verdict(&scenario(
-        "{ at = '1s', kind = 'impostor', node = 2, as = 5, for = '300ms', constant = 5 }",
-        "",
-    ));
+    let does_not = verdict(&scenario(event, ""));
     assert!(does_not.stops.is_empty() && does_not.findings.during_events.unwrap().breaches > 0, "{does_not}");
 }
