@@ -20,6 +20,8 @@ pub enum Kind {
     Away,
     /// An event has cut links of the network, which is no node's own.
     Cut,
+    /// Another event of this kind goes on, which takes no curve away.
+    Event(&'static str),
 }
 
 impl Kind {
@@ -29,6 +31,7 @@ impl Kind {
             Self::Stopped => "stopped",
             Self::Away => "away",
             Self::Cut => "links cut",
+            Self::Event(kind) => kind,
         }
     }
 }
@@ -50,7 +53,7 @@ impl Mark {
     pub(super) fn hides(&self, t: f64) -> bool {
         match self.kind {
             Kind::Stopped => t > self.from,
-            Kind::Cut => false,
+            Kind::Cut | Kind::Event(_) => false,
             Kind::Away => t >= self.from && self.to.is_none_or(|to| t < to),
         }
     }
@@ -130,8 +133,14 @@ where
 
 /// What a legend says of `marks`.
 pub(super) fn entries<'a>(marks: impl Iterator<Item = &'a Mark> + Clone) -> impl Iterator<Item = Entry> {
+    let mut kinds =
+        vec![(Kind::Stopped, Stroke::Cross), (Kind::Away, Stroke::Shade), (Kind::Cut, Stroke::Shade)];
+    for mark in marks.clone() {
+        if matches!(mark.kind, Kind::Event(_)) && !kinds.contains(&(mark.kind, Stroke::Shade)) {
+            kinds.push((mark.kind, Stroke::Shade));
+        }
+    }
     let any = move |kind| marks.clone().any(|mark| mark.kind == kind);
-    let kinds = [(Kind::Stopped, Stroke::Cross), (Kind::Away, Stroke::Shade), (Kind::Cut, Stroke::Shade)];
     let entry =
         |(kind, stroke): (Kind, Stroke)| Entry { label: kind.word().to_owned(), style: line(INK, 1), stroke };
     kinds.into_iter().filter(move |&(kind, _)| any(kind)).map(entry)

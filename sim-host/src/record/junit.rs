@@ -2,7 +2,7 @@
 
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
-use super::summary::{Expectation, FunnelSummary, Summary};
+use super::summary::{EventSummary, Expectation, FunnelSummary, Summary};
 use crate::exit::Exit;
 use crate::printable::{printable, printable_lines};
 
@@ -14,6 +14,13 @@ pub fn junit(summary: &Summary, repeat: &str) -> String {
     suite.set_time(std::time::Duration::try_from_secs_f64(summary.wall_s).unwrap_or_default());
     for expectation in &summary.expect {
         suite.add_test_case(case(&expectation.name, status(expectation, summary, repeat), summary));
+    }
+    if let Some(Expectation { limit, .. }) = summary.expect.iter().find(|expected| expected.name == RECOVERED)
+    {
+        for (at, event) in summary.events.iter().enumerate() {
+            let status = recovered(event, *limit, summary, repeat);
+            suite.add_test_case(case(&format!("event-{}", at + 1), status, summary));
+        }
     }
     for check in &summary.checks {
         let status = if check.pass {
@@ -73,6 +80,24 @@ fn status(expectation: &Expectation, summary: &Summary, repeat: &str) -> TestCas
         None => format!("{name} could not be measured, allowed is below {limit:?}"),
     };
     failure(&message, "expectation", summary, repeat)
+}
+
+/// The expectation of the recovery from each event.
+const RECOVERED: &str = "recovered_within";
+
+/// An event from which the network has not recovered in time fails.
+fn recovered(event: &EventSummary, limit: f64, summary: &Summary, repeat: &str) -> TestCaseStatus {
+    let what = format!("{} s, {}", event.from_s, event.event);
+    let message = match event.recovered_s {
+        Some(took) if took < limit => {
+            let mut status = TestCaseStatus::success();
+            status.set_message(format!("{what}: inside {took:?} s after its end"));
+            return status;
+        }
+        Some(took) => format!("{what}: inside {took:?} s after its end, allowed is below {limit:?}"),
+        None => format!("{what}: not inside again before the next event, or the end"),
+    };
+    failure(&message, "event", summary, repeat)
 }
 
 /// Breaches fail where the scenario expects a ratio; where it does not, the case says how many there were and

@@ -19,8 +19,8 @@ pub use junit::{JunitError, junit, junit_error};
 pub use rights::remove_earlier;
 pub use summary::{
     BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, ClockSummary,
-    DuringEventsSummary, EmergentSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary,
-    PerComponent, PerInterface, Summary, SyncSummary, WiresSummary,
+    DuringEventsSummary, EmergentSummary, EventSummary, Expectation, FunnelSummary, OwnClockNodeSummary,
+    OwnClockSummary, PerComponent, PerInterface, Summary, SyncSummary, WiresSummary,
 };
 pub use summary_text::failures;
 pub use temporary::remove_abandoned;

@@ -31,6 +31,9 @@ pub struct Summary {
     pub trace_hash: Option<String>,
     /// How the funnels held.
     pub funnel: Option<FunnelSummary>,
+    /// What each event did; left out where none happened.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<EventSummary>,
     /// How far apart the nodes ended.
     pub sync: Option<SyncSummary>,
     /// How far from the emergent dynamics.
@@ -100,6 +103,25 @@ pub struct DuringEventsSummary {
     pub breaches: u64,
     /// Node-ticks that were judged.
     pub node_ticks: u64,
+}
+
+/// What one event did: how the funnels held from its begin to the first event that begins after its end.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct EventSummary {
+    /// What happened, as `events.txt` has it.
+    pub event: String,
+    /// Its begin, s.
+    pub from_s: f64,
+    /// Its end, s; `null` where links stay cut.
+    pub to_s: Option<f64>,
+    /// The largest `|nu| / psi`.
+    pub max_ratio: f64,
+    /// Node-ticks with `|nu| >= psi`.
+    pub breaches: u64,
+    /// Node-ticks that were judged.
+    pub node_ticks: u64,
+    /// Time from its end to the last tick outside, s; `null` where the network was outside when the next event began, or the run ended.
+    pub recovered_s: Option<f64>,
 }
 
 /// How the funnels held as nodes believe it: by what they have heard, in the funnels that they have made of

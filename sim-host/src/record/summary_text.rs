@@ -1,8 +1,8 @@
 //! The summary of a run for people: a line per part that the run has, and one per expectation.
 
 use super::summary::{
-    BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, Expectation, FunnelSummary,
-    OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
+    BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, EventSummary, Expectation,
+    FunnelSummary, OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
 };
 use crate::number_format::significant;
 use std::fmt;
@@ -49,6 +49,7 @@ fn title(summary: &Summary) -> String {
 fn behaviour(summary: &Summary) -> Vec<Line> {
     let mut lines = Vec::new();
     lines.extend(summary.funnel.as_ref().map(|funnel| ("funnel", funnels(funnel))));
+    lines.extend(events(&summary.events));
     lines.extend(summary.sync.map(|sync| ("sync", agreement(&sync))));
     lines.push(("input", format!("largest |u| {}", known(summary.max_input, 4))));
     lines.extend(summary.emergent.iter().flat_map(predictions));
@@ -101,6 +102,27 @@ fn verdict(summary: &Summary) -> Vec<Line> {
     if summary.expect.is_empty() {
         let note = "the scenario expects nothing: only the checks that every run has to pass were made";
         lines.push(("note", note.to_owned()));
+    }
+    lines
+}
+
+/// Events that the text has a line for.
+const EVENTS: usize = 12;
+
+/// What each event did: the first ones, and how many more there are.
+fn events(events: &[EventSummary]) -> Vec<Line> {
+    let line = |(at, of): (usize, &EventSummary)| {
+        let back = match of.recovered_s {
+            Some(s) => format!("inside {} s after its end", significant(s, 3)),
+            None => "not inside again before the next one, or the end".to_owned(),
+        };
+        let ratio = known(of.max_ratio, 4);
+        let text = format!("{} s {}: ratio {ratio}, breaches {}, {back}", of.from_s, of.event, of.breaches);
+        (if at == 0 { "events" } else { "" }, text)
+    };
+    let mut lines: Vec<Line> = events.iter().take(EVENTS).enumerate().map(line).collect();
+    if let Some(more) = events.len().checked_sub(EVENTS).filter(|more| *more > 0) {
+        lines.push(("", format!("and {more} more, in summary.json")));
     }
     lines
 }

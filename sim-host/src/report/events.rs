@@ -1,9 +1,11 @@
 //! What happened, and what nodes said, in the order of time.
 
+use super::figures::{list, number, short, text};
 use super::folder::Folder;
-use super::page::folded;
+use super::page::{folded, wide};
 use crate::printable::printable;
 use maud::{Markup, html};
+use serde_json::Value;
 
 /// Events that are shown.
 const SHOWN: usize = 300;
@@ -16,6 +18,36 @@ pub(super) fn events(folder: &Folder) -> Result<Markup, String> {
         return Ok(html! { p.note { "There is no events.txt in the folder." } });
     };
     Ok(table(&text, is_whole))
+}
+
+/// What each event did, out of the summary; nothing where none happened.
+pub(super) fn judged(summary: &Value) -> Markup {
+    let events = list(summary, "events");
+    let figure = |event: &Value, key: &str| number(event, key).map_or("\u{2013}".to_owned(), short);
+    if events.is_empty() {
+        return html! {};
+    }
+    html! {
+        (wide("What each event did", html! {
+            table {
+                caption { "What each event did, from its begin to the first event that begins after its end" }
+                thead { tr {
+                    th.n scope="col" { "t, s" } th scope="col" { "event" } th.n scope="col" { "end, s" }
+                    th.n scope="col" { "largest |\u{3bd}|/\u{3c8}" } th.n scope="col" { "breaches" }
+                    th.n scope="col" { "inside after, s" }
+                } }
+                tbody { @for event in events.iter().take(SHOWN) { tr {
+                    td.n { (figure(event, "from_s")) }
+                    th scope="row" { (text(event, "event").unwrap_or_default()) }
+                    td.n { (figure(event, "to_s")) }
+                    td.n { (figure(event, "max_ratio")) }
+                    td.n { (figure(event, "breaches")) }
+                    td.n { @match number(event, "recovered_s") { Some(s) => (short(s)), None => "not inside again" } }
+                } } }
+            }
+        }))
+        @if events.len() > SHOWN { p.note { "The first " (SHOWN) " of " (events.len()) "; all are in summary.json." } }
+    }
 }
 
 fn table(text: &str, is_whole: bool) -> Markup {

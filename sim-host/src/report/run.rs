@@ -69,7 +69,7 @@ impl Run {
                 },
                 None => p.note { "There is no trajectory in the folder: no picture, and nothing about single nodes." },
             }
-            (section("events", "Events", events::events(&self.folder)?))
+            (section("events", "Events", html! { (events::judged(summary)) (events::events(&self.folder)?) }))
             @if let Some(bus) = bus::bus(summary) { (section("bus", "Bus", bus)) }
             (self.others())
             (section("provenance", "Provenance", provenance::provenance(&self.folder, summary)?))

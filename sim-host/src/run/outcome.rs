@@ -8,11 +8,12 @@ use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::extremes::larger;
 use crate::judge::{
-    Account, Check, CounterSummary, Evidence, Findings, ReferenceSummary, Stop, WindowFigures, checks,
+    Account, Check, CounterSummary, EventFigures, Evidence, Findings, ReferenceSummary, Stop, WindowFigures,
+    checks,
 };
 use crate::record::{
     BelievedSummary, BenchSummary, BusSummary, ClockSummary, DuringEventsSummary, EmergentSummary,
-    Expectation, FunnelSummary, PerComponent, Row, Summary, SyncSummary, TraceHash,
+    EventSummary, Expectation, FunnelSummary, PerComponent, Row, Summary, SyncSummary, TraceHash,
 };
 use crate::scenario::{EventSpec, Scenario, Window};
 use funnelnet_protocol::report::{Counters, Report};
@@ -143,6 +144,7 @@ impl Outcome {
             ended_early: self.ended_early.as_ref().map(|early| early.why.clone()),
             trace_hash: self.hash.map(|hash| hash.to_string()),
             funnel: Some(self.funnel()),
+            events: self.events(),
             sync: Some(SyncSummary {
                 final_spread: self.findings.final_spread.unwrap_or(f64::NAN),
                 max_spread: self.findings.max_spread.unwrap_or(f64::NAN),
@@ -190,6 +192,20 @@ impl Outcome {
             reopened_ratio: self.believed.filter(|_| reopened).map(|believed| believed.max_ratio),
             believed: self.believed.map(believed),
         }
+    }
+
+    /// What each event did; on a bench none happens.
+    fn events(&self) -> Vec<EventSummary> {
+        let of = |(event, figures): (&EventSpec, &EventFigures)| EventSummary {
+            event: event.to_string(),
+            from_s: event.at_ns as f64 / 1e9,
+            to_s: figures.end_ns.map(|end| end as f64 / 1e9),
+            max_ratio: if figures.during.judged > 0 { figures.during.max_ratio } else { f64::NAN },
+            breaches: figures.during.breaches,
+            node_ticks: figures.during.judged,
+            recovered_s: figures.recovered_s,
+        };
+        self.happened.iter().zip(&self.findings.events).map(of).collect()
     }
 
     /// The largest true ratio, where a term was known at all: zero would pass.

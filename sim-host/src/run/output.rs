@@ -179,10 +179,13 @@ fn mark_events(scenario: &Scenario, events: &[EventSpec], trace: &mut Trace) {
         trace.mark(node + 1, at_s(from_tick), to_tick.map(at_s), MarkKind::Away);
     }
     for (event, disturbance) in events.iter().zip(course.disturbances(events)) {
-        if event.kind == EventKind::Partition {
-            let at_s = |ns: u64| ns as f64 / 1e9;
-            trace.mark(0, at_s(disturbance.from_ns), disturbance.end_ns.map(at_s), MarkKind::Cut);
-        }
+        let kind = match event.kind {
+            EventKind::Partition => MarkKind::Cut,
+            kind if !kind.is_of_presence() && event.lasts_ns > 0 => MarkKind::Event(kind.name()),
+            _ => continue,
+        };
+        let at_s = |ns: u64| ns as f64 / 1e9;
+        trace.mark(0, at_s(disturbance.from_ns), disturbance.end_ns.map(at_s), kind);
     }
 }
 

@@ -38,6 +38,8 @@ fn flatten(name: &str, value: &Value, cells: &mut BTreeMap<String, String>) {
             let ids: Vec<_> = ids.iter().map(Value::to_string).collect();
             insert(name, ids.join(" "), cells);
         }
+        // As many as there are events, which may be drawn.
+        Value::Array(_) if name == "events" => {}
         // Who won how often over an identifier, which is the sum of others.
         Value::Array(_) if name.ends_with(".lost_to") => {}
         Value::Array(items) => {

@@ -7,6 +7,7 @@
 //! not narrower than the floor that the scenario accepts.
 
 mod account;
+mod by_event;
 mod checks;
 mod counters;
 mod recovery;
@@ -15,6 +16,7 @@ mod truth;
 mod windows;
 
 pub use account::Accounts;
+pub use by_event::EventFigures;
 pub use checks::{AbsenceSummary, Account, Check, Evidence, Stop, checks};
 pub use counters::CounterSummary;
 pub use recovery::DuringEvents;
@@ -24,6 +26,7 @@ pub use windows::WindowFigures;
 use crate::extremes::{larger, largest, smallest};
 use crate::presence::Presence;
 use crate::scenario::{Coupling, FloorSpec, Scenario};
+use by_event::ByEvent;
 use funnelnet_law::floor::Floor;
 use recovery::Recovery;
 use truth::Truth;
@@ -73,6 +76,8 @@ pub struct Findings {
     /// Longest time from the end of an event to the last tick outside, s; none where it is not asked for or
     /// not known.
     pub recovered_s: Option<f64>,
+    /// By event of the scenario, in the order of time.
+    pub events: Vec<EventFigures>,
     /// States at the end, by index and then by component; NaN where one is not known.
     pub last: Vec<f64>,
     /// Nodes that an event keeps off, by index.
@@ -122,6 +127,7 @@ pub struct Judge<'a> {
     floors: Vec<Floor<f64>>,
     windows: Windows<'a>,
     recovery: Option<Recovery>,
+    by_event: Option<ByEvent>,
     findings: Findings,
     /// Of the last tick, by index and then by component: true terms, NaN where they are not known.
     terms: Vec<f64>,
@@ -143,6 +149,7 @@ impl<'a> Judge<'a> {
             floors: floors(scenario),
             windows: Windows::of(scenario),
             recovery,
+            by_event: ByEvent::of(scenario),
             findings: Findings { worst, during_events, ..Findings::default() },
             terms: vec![f64::NAN; entries],
             psi: vec![f64::NAN; entries],
@@ -161,6 +168,9 @@ impl<'a> Judge<'a> {
         }
         if let Some(recovery) = &mut self.recovery {
             recovery.tick(moment.k, (ratios.judged > 0).then_some(ratios.breaches > 0));
+        }
+        if let Some(by_event) = &mut self.by_event {
+            by_event.tick(moment.k, ratios);
         }
         let spread = spread(moment, self.scenario.components());
         let input = input(moment, self.scenario.components());
@@ -200,7 +210,8 @@ impl<'a> Judge<'a> {
     #[must_use]
     pub fn finish(self) -> Findings {
         let recovered_s = self.recovery.and_then(Recovery::finish);
-        Findings { windows: self.windows.finish(), recovered_s, ..self.findings }
+        let events = self.by_event.map_or_else(Vec::new, ByEvent::finish);
+        Findings { windows: self.windows.finish(), recovered_s, events, ..self.findings }
     }
 
     fn known(&self, moment: &Moment<'_>) -> Vec<f64> {
