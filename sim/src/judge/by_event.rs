@@ -151,7 +151,7 @@ mod tests {
         let events = [(10, Some(40)), (20, Some(20)), (40, Some(40))];
         assert_eq!(
             told(&events, 100, |k| (30..45).contains(&k)),
-            [(Some(0.004), 15), (Some(0.0), 10), (Some(0.004), 5)]
+            [(Some(0.004), 15), (None, 10), (Some(0.004), 5)]
         );
     }
 }
