@@ -117,7 +117,8 @@ fn events(events: &[EventSummary]) -> Vec<Line> {
             None => "not inside again before the next one, or the end".to_owned(),
         };
         let ratio = known(of.max_ratio, 4);
-        let text = format!("{} s {}: ratio {ratio}, breaches {}, {back}", of.from_s, of.event, of.breaches);
+        let what = shortened(&of.event);
+        let text = format!("{} s {what}: ratio {ratio}, breaches {}, {back}", of.from_s, of.breaches);
         (if at == 0 { "events" } else { "" }, text)
     };
     let mut lines: Vec<Line> = events.iter().take(EVENTS).enumerate().map(line).collect();
@@ -125,6 +126,16 @@ fn events(events: &[EventSummary]) -> Vec<Line> {
         lines.push(("", format!("and {more} more, in summary.json")));
     }
     lines
+}
+
+/// At most so many characters of an event, whose nodes may be many.
+const EVENT: usize = 60;
+
+fn shortened(event: &str) -> String {
+    match event.char_indices().nth(EVENT) {
+        None => event.to_owned(),
+        Some((end, _)) => format!("{} ...", event.get(..end).unwrap_or_default()),
+    }
 }
 
 /// Says how the funnels held, and what nodes believe of them where that is something else.
