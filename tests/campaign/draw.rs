@@ -216,7 +216,7 @@ fn event(dice: &mut Dice, nodes: usize) -> String {
     let ids = |range: std::ops::RangeInclusive<usize>| {
         range.map(|id| id.to_string()).collect::<Vec<_>>().join(", ")
     };
-    let rest = match dice.below(13) {
+    let rest = match dice.below(16) {
         0 => format!("kind = \"bounce\"\nnode = {node}\nfor = \"{lasts}ms\""),
         1 => format!("kind = \"crash\"\nnode = {node}"),
         2 => format!("kind = \"leave\"\nnode = {node}"),
@@ -245,6 +245,9 @@ fn event(dice: &mut Dice, nodes: usize) -> String {
             "kind = \"impostor\"\nnode = {node}\nas = {}\nfor = \"{lasts}ms\"\n{said}",
             dice.id(nodes)
         ),
+        12 => format!("kind = \"cut\"\nnode = {node}\nfor = \"{lasts}ms\""),
+        13 => format!("kind = \"short\"\nfor = \"{}us\"", 100 + dice.below(5_000)),
+        14 => format!("kind = \"babble\"\nnode = {node}\nfor = \"{lasts}ms\"\nid = {}", dice.below(2) * 2047),
         _ => format!("kind = \"join\"\nnode = {node}"),
     };
     format!("[[event]]\nat = \"{at}ms\"\n{rest}")

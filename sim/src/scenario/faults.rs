@@ -21,13 +21,16 @@ pub(super) const BIT_ERRORS: Range = Range::between(1e-9, MOST_BIT_ERRORS, "of t
 pub(super) const OFFSET: Range = Range::any("state units");
 
 /// Kinds that come to an end by themselves, by name.
-pub(super) const KINDS: [EventKind; 8] = [
+pub(super) const KINDS: [EventKind; 11] = [
     EventKind::Bounce,
     EventKind::Partition,
     EventKind::Burst,
     EventKind::Corrupt,
     EventKind::Hold,
     EventKind::Noise,
+    EventKind::Cut,
+    EventKind::Short,
+    EventKind::Babble,
     EventKind::Liar,
     EventKind::Replayer,
 ];
@@ -142,8 +145,9 @@ fn is_sound(spec: &FaultsSpec<'_>, to: u64, last: u64, setting: &Setting<'_>) ->
             "must not be there with this bus.model: events happen on the ideal bus and on CAN".to_owned(),
         );
     }
-    if spec.kinds.contains(&EventKind::Noise) && !setting.bus.is_can() {
-        refuse("kinds", "must be without noise, which needs bus.model = \"can\" or \"can-fd\"".to_owned());
+    if let Some(kind) = spec.kinds.iter().find(|kind| kind.is_of_wires() && !setting.bus.is_can()) {
+        let needs = "which needs bus.model = \"can\" or \"can-fd\"";
+        refuse("kinds", format!("must be without {}, {needs}", kind.name()));
     }
     if spec.kinds.contains(&EventKind::Liar) && spec.offset == 0.0 {
         refuse("offset", "must not be zero: that is no lie".to_owned());
@@ -214,6 +218,9 @@ impl Chance<'_> {
                 let per_billion = (spec.bit_errors * 1e9).round() as u32;
                 vec![event(kind, Targets::Bus, Detail::BitErrors(per_billion))]
             }
+            EventKind::Cut => vec![event(kind, of_node, Detail::None)],
+            EventKind::Short => vec![event(kind, Targets::Bus, Detail::None)],
+            EventKind::Babble => vec![event(kind, of_node, Detail::Babble(0))],
             EventKind::Liar => vec![event(kind, of_node, Detail::Lie(Lie::Offset(spec.offset)))],
             EventKind::Replayer => vec![event(kind, of_node, Detail::Age(spec.age_ns))],
             _ => Vec::new(),

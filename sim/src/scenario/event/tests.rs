@@ -499,7 +499,10 @@ fn faults_that_cannot_be_drawn_are_refused() {
         ("rate = 1", "missing key 'kinds' in [faults]: must be an array of kinds of events"),
         ("rate = 1\nkinds = []", "faults.kinds = []: "),
         ("rate = 1\nkinds = ['burst', 'burst']", "each once"),
-        ("rate = 1\nkinds = ['crash']", "of bounce, partition, burst, corrupt, hold, noise, liar, replayer"),
+        (
+            "rate = 1\nkinds = ['crash']",
+            "of bounce, partition, burst, corrupt, hold, noise, cut, short, babble, liar, replayer",
+        ),
         ("rate = 1\nkinds = ['noise']", "must be without noise"),
         ("rate = 1\nkinds = ['burst']\nto = '3s'", "faults.to = '3s': must leave time for"),
         (
