@@ -109,6 +109,9 @@ fn who_sends_without_end_starves_those_whose_frames_lose() {
     assert!(strong.states[..1000] == calm.states[..1000] && strong.states[1200] != calm.states[1200]);
     let all = strong.sent[1100] - strong.sent[1000];
     assert!((1_700..2_200).contains(&all), "{all}");
+    // From the second tick on, where its controller is full of its own states, nothing else gets through: 53 bits a frame.
+    let later = strong.sent[1090] - strong.sent[1010];
+    assert!((80_000 / 53 - 2..=80_000 / 53 + 2).contains(&later), "{later}");
     // The 100 ticks before and after: five frames each.
     assert_eq!((strong.sent[999] - strong.sent[899], strong.sent[1900] - strong.sent[1800]), (500, 500));
     let verdict = verdict("{ at = '1s', kind = 'babble', node = 2, for = '100ms' }");

@@ -391,14 +391,15 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
     /// Gives the controller what waits in the port, as far as it has room.
     fn load(&mut self, index: usize) {
         let Some(station) = self.stations.get_mut(index) else { return };
+        // Before the port takes the buffer that it leaves.
+        if let Some(frame) = station.babble.due() {
+            station.babble.waits(self.bus.send(index, frame));
+        }
         while let Some(frame) = station.port.next_frame().filter(|_| self.bus.free_buffers(index) > 0) {
             if let Some(frame) = F::on_wire(frame) {
                 let _loaded = self.bus.send(index, frame);
             }
             station.port.on_taken();
-        }
-        if let Some(frame) = station.babble.due() {
-            station.babble.waits(self.bus.send(index, frame));
         }
     }
 
