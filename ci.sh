@@ -290,6 +290,21 @@ cmd_firmware() { #: build the firmware images
     say "image: ${IMAGES#"$ROOT"/}/mps2_an386"
 }
 
+# Words behind `uf2`: what is to become a file. Set where sub-commands are told apart from words.
+UF2_IMAGES=()
+
+cmd_uf2() { #: build images by name (uf2 IMAGE...) and make UF2 files of them, for boards that take programs by drag and drop
+    (( ${#UF2_IMAGES[@]} > 0 )) || fail "which image? For example: ./ci.sh uf2 rp2040_pico"
+    local image
+    for image in "${UF2_IMAGES[@]}"; do
+        # Before anything is built.
+        python3 firmware/uf2.py "$image" || exit 1
+        image_build "$image"
+        python3 firmware/uf2.py "$image" "$(image_path "$image")" "$(image_path "$image").uf2" || exit 1
+        say "drag this onto the board's drive: $(realpath --relative-to=. "$(image_path "$image").uf2")"
+    done
+}
+
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
     cargo build --locked --quiet --package sim-host --example defmt_log
@@ -647,6 +662,11 @@ cmd_help() { #: list the sub-commands
 ! have python3 || ! have cargo || read_boards
 
 (( $# > 0 )) || { cmd_help >&2; exit 2; }
+# What follows `uf2` are names of images.
+if [[ $1 == uf2 ]]; then
+    UF2_IMAGES=("${@:2}")
+    set -- uf2
+fi
 for name in "$@"; do
     [[ $(type -t "cmd_$name") == function ]] || { cmd_help >&2; fail "no sub-command is called '$name'"; }
 done
