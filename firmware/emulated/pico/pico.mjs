@@ -41,6 +41,8 @@ export class Pico {
     this.sleptNs = 0;
     this.idle = 0;
     this.onReset = null;
+    // A computer at its USB connector, if there is one (usb.mjs).
+    this.usb = null;
     this.wire();
     this.patchInterrupts();
     chip.bootrom.set(bootRom);
@@ -122,6 +124,7 @@ export class Pico {
   restart() {
     const { chip, chip: { core, peripherals } } = this;
     this.uarts.forEach((uart) => uart.reset());
+    this.usb?.deviceReset();
     this.ssi.reset();
     this.nor.selected = false;
     for (const base of [0x14000, 0x40018, 0x40060]) peripherals[base].reset();
