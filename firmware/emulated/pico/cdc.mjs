@@ -9,13 +9,13 @@ const DTR_AND_RTS = 3;
 const BIT_RATE_115200_8N1 = [0x00, 0xc2, 0x01, 0x00, 0, 0, 8];
 
 export class SerialPort {
-  // `opens`: a program opens the port as soon as there is one.
-  constructor(pico, { opens = true } = {}) {
-    Object.assign(this, { opens, isReading: true, hearsEmpty: true, isOpen: false });
-    this.count = { sent: 0, received: 0, packets: 0, full: 0, empty: 0, bytes: 0 };
-    this.host = new UsbHost(pico, { onConfigured: () => this.configured() });
+  // A program opens the port as soon as there is one. `hearsEmpty`: else the computer is never told that a transfer has ended with a full packet.
+  constructor(pico, host = new UsbHost(pico)) {
+    Object.assign(this, { isReading: true, hearsEmpty: true, isOpen: false, queue: [], transfer: [] });
+    this.count = { sent: 0, packets: 0, full: 0, empty: 0, bytes: 0 };
+    this.host = host;
+    this.host.onConfigured = () => this.configured();
     this.onData = () => {};
-    this.queue = [];
   }
 
   get serialNumber() { return this.host.descriptors.strings?.[2]; }
@@ -25,7 +25,7 @@ export class SerialPort {
     Object.assign(this, { input, out, inToggle: FIRST_TOGGLE, outToggle: FIRST_TOGGLE, transfer: [], queue: [], isOpen: false });
     this.host.addPipe(() => this.write());
     this.host.addPipe(() => this.read());
-    if (this.opens) this.open();
+    this.open();
   }
 
   open() {

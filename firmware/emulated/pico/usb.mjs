@@ -6,11 +6,12 @@
 // Not shown: SOF, electrical levels, bit errors, and how a real host shares its frames of 1 ms between devices.
 
 const EP0 = 0, MAX_PACKET = 64;
-// Bits of a buffer's control word, and of an endpoint's.
-const AVAILABLE = 1 << 10, STALL = 1 << 11, DATA1 = 1 << 13, FULL = 1 << 15, LENGTH = 0x3ff, ENABLED = 1 << 31;
+// Bits of a buffer's control half-word, and of an endpoint's word.
+const AVAILABLE = 1 << 10, STALL = 1 << 11, SELECT_FIRST = 1 << 12, DATA1 = 1 << 13, FULL = 1 << 15, LENGTH = 0x3ff;
+const ENABLED = 1 << 31, DOUBLE = 1 << 30;
 const BUS_RESET = 1 << 19, SETUP_RECEIVED = 1 << 17, SUSPENDED = 1 << 4;
 const PULL_UP = 1 << 16, CONTROLLER_ON = 1;
-const SIE_STATUS = 0x50;
+const SIE_STATUS = 0x50, BUFF_STATUS = 0x58, BUFF_CPU_SHOULD_HANDLE = 0x5c;
 const SUSPEND_INTERRUPT = 1 << 14;
 // What a transaction takes: 19 packets of 64 bytes fit into a frame of 1 ms.
 const TRANSACTION_NS = 1e6 / 19;
@@ -61,13 +62,13 @@ class Control {
 }
 
 export class UsbHost {
-  // `onConfigured`: the device is set up, and may be spoken to.
-  constructor(pico, { onConfigured = () => {} } = {}) {
+  constructor(pico) {
     this.pico = pico;
     pico.usb = this;
     this.usb = pico.chip.usbCtrl;
     this.memory = pico.chip.usbDPRAMView;
-    this.onConfigured = onConfigured;
+    // The device is set up, and may be spoken to.
+    this.onConfigured = () => {};
     this.isPlugged = true;
     this.count = { toggleErrors: 0, enumerations: 0, stalls: 0 };
     this.timer = pico.clock.createAlarm(() => this.due());
@@ -78,6 +79,13 @@ export class UsbHost {
 
   forget() {
     Object.assign(this, { controls: [], pipes: [], isWaiting: false, isPresent: false, isConfigured: false, next: null, descriptors: {} });
+    this.forgetBuffers();
+  }
+
+  // Of each endpoint and direction: the buffer whose turn it is, and those that the program is yet to be told of.
+  forgetBuffers() {
+    this.turns = new Array(32).fill(0);
+    this.done = Array.from({ length: 32 }, () => []);
   }
 
   connectRegisters() {
@@ -85,13 +93,24 @@ export class UsbHost {
     // What the program has put into a buffer waits there for the host.
     usb.DPRAMUpdated = () => this.wake();
     usb.onUSBEnabled = () => this.look();
-    const control = usb.handleSieCtrlWrite.bind(usb), write = usb.writeUint32.bind(usb);
+    const control = usb.handleSieCtrlWrite.bind(usb), write = usb.writeUint32.bind(usb), read = usb.readUint32.bind(usb);
     usb.handleSieCtrlWrite = (value) => { control(value); this.look(); };
     usb.writeUint32 = (offset, value) => {
       // rp2040js does not know that this one is cleared by writing a one.
       if (offset === SIE_STATUS && usb.rawWriteValue & SUSPENDED) { usb.sieStatus &= ~SUSPENDED; usb.intRaw &= ~SUSPEND_INTERRUPT; }
       write(offset, value);
+      if (offset === BUFF_STATUS) this.told(usb.rawWriteValue);
     };
+    usb.readUint32 = (offset) => (offset === BUFF_CPU_SHOULD_HANDLE ? this.done.reduce((bits, [which], i) => bits | (which ? 1 << i : 0), 0) >>> 0 : read(offset));
+  }
+
+  // The program has taken note of buffers that are done; one that was done meanwhile comes up then.
+  told(bits) {
+    this.done.forEach((done, i) => {
+      if (!(bits & (1 << i)) || !done.length) return;
+      done.shift();
+      if (done.length) this.usb.indicateBufferReady(i >> 1, (i & 1) === 1);
+    });
   }
 
   // --- cable and device
@@ -144,6 +163,7 @@ export class UsbHost {
   resetBus() {
     this.usb.sieStatus |= BUS_RESET;
     this.usb.sieStatusUpdated();
+    this.forgetBuffers();
     this.after(RESET_NS, () => this.enumerate());
   }
 
@@ -176,7 +196,7 @@ export class UsbHost {
         this.control({ type: 0, request: SET_CONFIGURATION, value: configuration[5] }, [], () => {
           this.isConfigured = true;
           this.count.enumerations++;
-          this.onConfigured(this);
+          this.onConfigured();
         });
       });
     });
@@ -198,10 +218,25 @@ export class UsbHost {
 
   word(at) { return this.memory.getUint32(at, true); }
 
-  // The control word of a buffer, unless its endpoint is off.
+  // The buffer of an endpoint whose turn it is, or null where the endpoint is off.
   buffer(endpoint, isOut) {
-    if (endpoint !== EP0 && !(this.word(8 * endpoint + (isOut ? 4 : 0)) & ENABLED)) return null;
-    return 0x80 + 8 * endpoint + (isOut ? 4 : 0);
+    const at = 8 * endpoint + (isOut ? 4 : 0), index = 2 * endpoint + (isOut ? 1 : 0);
+    const settings = endpoint === EP0 ? ENABLED : this.word(at);
+    if (!(settings & ENABLED)) return null;
+    const first = this.memory.getUint16(0x80 + at, true);
+    if (first & SELECT_FIRST) {
+      this.turns[index] = 0;
+      this.memory.setUint16(0x80 + at, first & ~SELECT_FIRST, true);
+    }
+    const which = this.turns[index];
+    const start = this.usb.getEndpointBufferOffset(endpoint, isOut) + which * MAX_PACKET, place = 0x80 + at + 2 * which;
+    const finish = (control) => {
+      this.memory.setUint16(place, control & ~AVAILABLE, true);
+      if (settings & DOUBLE) this.turns[index] ^= 1;
+      this.done[index].push(which);
+      this.usb.indicateBufferReady(endpoint, isOut);
+    };
+    return { control: this.memory.getUint16(place, true), start, finish };
   }
 
   setup(packet) {
@@ -209,27 +244,31 @@ export class UsbHost {
     this.usb.sendSetupPacket(packet);
   }
 
+  // The buffer, if it takes part in a transaction; else NAK or STALLED.
+  ready(endpoint, isOut) {
+    const buffer = this.buffer(endpoint, isOut);
+    if (buffer && buffer.control & STALL) { this.count.stalls++; return STALLED; }
+    return buffer && buffer.control & AVAILABLE ? buffer : NAK;
+  }
+
   // Bytes, NAK or STALLED. A packet with the wrong toggle was there already, and is dropped.
   in(endpoint, toggle) {
-    const at = this.buffer(endpoint, false), control = at === null ? 0 : this.word(at);
-    if (control & STALL) { this.count.stalls++; return STALLED; }
-    if (!(control & AVAILABLE)) return NAK;
-    const start = this.usb.getEndpointBufferOffset(endpoint, false), data = this.pico.chip.usbDPRAM.slice(start, start + (control & LENGTH));
-    this.memory.setUint32(at, control & ~(AVAILABLE | FULL), true);
-    this.usb.indicateBufferReady(endpoint, false);
-    if ((control & DATA1) === toggle) return data;
+    const buffer = this.ready(endpoint, false);
+    if (buffer === NAK || buffer === STALLED) return buffer;
+    const data = this.pico.chip.usbDPRAM.slice(buffer.start, buffer.start + (buffer.control & LENGTH));
+    buffer.finish(buffer.control & ~FULL);
+    if ((buffer.control & DATA1) === toggle) return data;
     this.count.toggleErrors++;
     return NAK;
   }
 
   out(endpoint, data, toggle) {
-    const at = this.buffer(endpoint, true), control = at === null ? 0 : this.word(at);
-    if (control & STALL) { this.count.stalls++; return STALLED; }
-    if (!(control & AVAILABLE)) return NAK;
-    if ((control & DATA1) !== toggle) { this.count.toggleErrors++; return data; }
-    this.pico.chip.usbDPRAM.set(data, this.usb.getEndpointBufferOffset(endpoint, true));
-    this.memory.setUint32(at, (control & ~(AVAILABLE | LENGTH)) | FULL | data.length, true);
-    this.usb.indicateBufferReady(endpoint, true);
+    const buffer = this.ready(endpoint, true);
+    if (buffer === NAK || buffer === STALLED) return buffer;
+    // The device takes it for one that it has had, and says that it has it.
+    if ((buffer.control & DATA1) !== toggle) { this.count.toggleErrors++; return data; }
+    this.pico.chip.usbDPRAM.set(data, buffer.start);
+    buffer.finish((buffer.control & ~LENGTH) | FULL | data.length);
     return data;
   }
 
