@@ -21,4 +21,4 @@ function keep() {
   fs.renameSync(`${kept}.new`, kept);
 }
 
-serve(board, keep);
+serve(board, { afterTurn: keep });

@@ -1,6 +1,7 @@
 // A Pico behind standard input and output. Its time goes no faster than the wall clock; where it is slower, it lags.
 import path from 'node:path';
 import fs from 'node:fs';
+import { SerialPort } from './cdc.mjs';
 import { LineIn } from './line.mjs';
 import { Pico, bootRom } from './pico.mjs';
 import { ROOT } from './words.mjs';
@@ -11,11 +12,12 @@ const LONGEST_LAG = 5e6, STEP = 1e6;
 // A Pico with this image, its line at standard input and output once it is served.
 export const pico = (options) => new Pico({ bootRom: bootRom(path.join(ROOT, 'target/emulated/bootrom.bin')), ...options });
 
-// Runs it until standard input ends; calls `afterTurn` whenever it has run for a while, before what it has said goes out.
-export function serve(board, afterTurn = () => {}) {
-  const line = new LineIn(board, board.uarts[0]);
+// Runs it until standard input ends, with its UART or its port over USB; calls `afterTurn` whenever it has run for a while, before what it has said goes out.
+export function serve(board, { afterTurn = () => {}, usb = false } = {}) {
+  const line = usb ? new SerialPort(board) : new LineIn(board, board.uarts[0]);
   let said = [];
   board.uarts[0].onByte = (byte) => said.push(byte);
+  if (usb) line.onData = (bytes) => said.push(...bytes);
   process.stdin.on('data', (chunk) => line.push(chunk));
   process.stdin.on('end', () => process.exit(0));
   let wallBase = performance.now(), base = 0;
