@@ -108,15 +108,17 @@ impl<D: Driver<'static>> Device<D> {
     /// # Panics
     /// It is made twice.
     pub fn new(driver: D, uid: u64) -> Self {
-        static CONFIGURATION: ConstStaticCell<[u8; 128]> = ConstStaticCell::new([0; 128]);
-        static BOS: ConstStaticCell<[u8; 16]> = ConstStaticCell::new([0; 16]);
-        static CONTROL: ConstStaticCell<[u8; PACKET]> = ConstStaticCell::new([0; PACKET]);
+        static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
         static STATE: StaticCell<State<'static>> = StaticCell::new();
-        let config = config(uid);
-        // May panic: at the start, where they are asked for twice.
-        let (configuration, bos, control) = (CONFIGURATION.take(), BOS.take(), CONTROL.take());
-        let mut builder = Builder::new(driver, config, configuration, bos, &mut [], control);
-        let class = CdcAcmClass::new(&mut builder, STATE.init_with(State::new), PACKET as u16);
+        // May panic: at the start, where it is asked for twice.
+        let Memory { serial, configuration, bos, control } = MEMORY.take();
+        // May panic: the same.
+        let state = STATE.init_with(State::new);
+        // May panic: at the start, where a descriptor is longer than its memory.
+        let mut builder = Builder::new(driver, config(uid, serial), configuration, bos, &mut [], control);
+        // May panic: the same.
+        let class = CdcAcmClass::new(&mut builder, state, PACKET as u16);
+        // May panic: the same.
         Self { usb: builder.build(), class }
     }
 
@@ -128,14 +130,26 @@ impl<D: Driver<'static>> Device<D> {
     }
 }
 
-fn config(uid: u64) -> Config<'static> {
-    static SERIAL: ConstStaticCell<[u8; 16]> = ConstStaticCell::new([0; 16]);
+/// What the device keeps, as long as there is power.
+struct Memory {
+    serial: [u8; 16],
+    configuration: [u8; 128],
+    bos: [u8; 16],
+    control: [u8; PACKET],
+}
+
+impl Memory {
+    const fn new() -> Self {
+        Self { serial: [0; 16], configuration: [0; 128], bos: [0; 16], control: [0; PACKET] }
+    }
+}
+
+fn config(uid: u64, serial: &'static mut [u8; 16]) -> Config<'static> {
     let (vendor, product) = VENDOR_AND_PRODUCT;
     let mut config = Config::new(vendor, product);
     config.manufacturer = Some("Funnelnet");
     config.product = Some("Funnelnet node");
-    // May panic: at the start, where it is asked for twice.
-    config.serial_number = Some(hexadecimal(uid, SERIAL.take()));
+    config.serial_number = Some(hexadecimal(uid, serial));
     config.max_power = MAX_POWER_MA;
     config
 }

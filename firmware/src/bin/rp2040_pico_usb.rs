@@ -22,6 +22,7 @@ async fn serve(usb: Usb) {
 fn start() -> (Node, Usb) {
     let board = embassy_rp::init(Default::default());
     let (chip, storage) = rp::begin(board.FLASH, board.WATCHDOG);
+    // May panic: at the start, in embassy-usb, where a descriptor is longer than its memory.
     let usb = Device::new(usb::Driver::new(board.USB, Interrupts), chip.uid);
     (Node { lines: OnUsb, storage, chip }, usb)
 }
