@@ -4,7 +4,7 @@ import fs from 'node:fs';
 import { SerialPort } from './cdc.mjs';
 import { LineIn } from './line.mjs';
 import { Pico, bootRom } from './pico.mjs';
-import { ROOT } from './words.mjs';
+import { ROOT, bytes } from './words.mjs';
 
 // Time that it may catch up at once, ns: beyond it the line would not be looked at.
 const LONGEST_LAG = 5e6, STEP = 1e6;
@@ -40,4 +40,24 @@ export function serve(board, { afterTurn = () => {}, usb = false } = {}) {
     else setImmediate(turn);
   }
   turn();
+}
+
+// The Pico of a command line, IMAGE UID [STORAGE]. IMAGE: a path; UID: of its flash, 16 hexadecimal digits; STORAGE: a file that keeps the storage of its flash over a
+// power cycle, from the first time that something is written there.
+export function serveKept({ usb }) {
+  const [image, uid, kept] = process.argv.slice(2);
+  const storage = kept && fs.existsSync(kept) ? fs.readFileSync(kept) : null;
+  const board = pico({ image, uid: bytes(uid), storage });
+  // Flash operations that the file knows of.
+  let written = 0;
+
+  // The power may go at any moment: the file has all that the flash had after an operation.
+  function keep() {
+    if (!kept || board.nor.operations === written) return;
+    written = board.nor.operations;
+    fs.writeFileSync(`${kept}.new`, board.storage());
+    fs.renameSync(`${kept}.new`, kept);
+  }
+
+  serve(board, { afterTurn: keep, usb });
 }
