@@ -16,7 +16,7 @@ use embassy_usb::driver::{Driver, EndpointError};
 use embassy_usb::{Builder, Config, UsbDevice};
 use embedded_io_async::{ErrorType, Read, Write};
 use funnelnet_app::link::serial::Serial;
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::StaticCell;
 
 use crate::board::Lines;
 
@@ -108,12 +108,9 @@ impl<D: Driver<'static>> Device<D> {
     /// # Panics
     /// It is made twice.
     pub fn new(driver: D, uid: u64) -> Self {
-        static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
-        static STATE: StaticCell<State<'static>> = StaticCell::new();
+        static MEMORY: StaticCell<Memory> = StaticCell::new();
         // May panic: at the start, where it is asked for twice.
-        let Memory { serial, configuration, bos, control } = MEMORY.take();
-        // May panic: the same.
-        let state = STATE.init_with(State::new);
+        let Memory { serial, configuration, bos, control, state } = MEMORY.init_with(Memory::new);
         // May panic: at the start, where a descriptor is longer than its memory.
         let mut builder = Builder::new(driver, config(uid, serial), configuration, bos, &mut [], control);
         // May panic: the same.
@@ -136,11 +133,18 @@ struct Memory {
     configuration: [u8; 128],
     bos: [u8; 16],
     control: [u8; PACKET],
+    state: State<'static>,
 }
 
 impl Memory {
     const fn new() -> Self {
-        Self { serial: [0; 16], configuration: [0; 128], bos: [0; 16], control: [0; PACKET] }
+        Self {
+            serial: [0; 16],
+            configuration: [0; 128],
+            bos: [0; 16],
+            control: [0; PACKET],
+            state: State::new(),
+        }
     }
 }
 
