@@ -290,6 +290,25 @@ cmd_firmware() { #: build the firmware images
     say "image: ${IMAGES#"$ROOT"/}/mps2_an386"
 }
 
+uf2_file() { # IMAGE
+    python3 firmware/uf2.py "$1" "$(image_path "$1")" "$(image_path "$1").uf2" || exit 1
+}
+
+# Words behind `uf2`: what is to become a file. Set where sub-commands are told apart from words.
+UF2_IMAGES=()
+
+cmd_uf2() { #: build images by name (uf2 IMAGE...) and make UF2 files of them, for boards that take programs by drag and drop
+    (( ${#UF2_IMAGES[@]} > 0 )) || fail "which image? For example: ./ci.sh uf2 rp2040_pico"
+    local image
+    for image in "${UF2_IMAGES[@]}"; do
+        # Before anything is built.
+        python3 firmware/uf2.py "$image" || exit 1
+        image_build "$image"
+        uf2_file "$image"
+        say "drag this onto the board's drive: $(realpath --relative-to=. "$(image_path "$image").uf2")"
+    done
+}
+
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
     cargo build --locked --quiet --package sim-host --example defmt_log
@@ -311,6 +330,7 @@ cmd_boards-run() { #: run images of real boards on emulators that others wrote: 
     fi
     local image
     for image in $(emulated_images); do image_build "$image"; done
+    uf2_file rp2040_pico_usb
     cargo build --locked --quiet --package sim-host --bins --example board_words
     boards_run_pico & local pico=$!
     boards_run_arm || { kill "$pico" 2>/dev/null; wait "$pico"; fail "images of the boards with a Cortex-M4F"; }
@@ -318,8 +338,8 @@ cmd_boards-run() { #: run images of real boards on emulators that others wrote: 
 }
 
 boards_run_pico() {
-    local nodes=5 ticks=300 image
-    image=$(image_path rp2040_pico)
+    local nodes=5 ticks=300 image over_usb
+    image=$(image_path rp2040_pico) over_usb=$(image_path rp2040_pico_usb)
     (cd firmware/emulated/pico && node --test --test-reporter=spec test/) || return
     say "a bench of $nodes Picos, $ticks ticks"
     python3 firmware/emulated/bench.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$image" \
@@ -332,6 +352,11 @@ boards_run_pico() {
         firmware/heaters.toml ${heaters[@]+"${heaters[@]}"} || return
     say "$nodes Picos commissioned over a power cycle"
     python3 firmware/emulated/commission.py target/debug/sim-host firmware/emulated/pico/serve.mjs "$image" \
+        "$nodes" scenarios/five-agents.toml --set "time.duration=50ms" || return
+    say "the same bench and commissioning over USB"
+    python3 firmware/emulated/bench.py target/debug/sim-host firmware/emulated/pico/serve-usb.mjs "$over_usb" \
+        "$nodes" scenarios/five-agents.toml --set "time.duration=${ticks}ms" || return
+    python3 firmware/emulated/commission.py target/debug/sim-host firmware/emulated/pico/serve-usb.mjs "$over_usb" \
         "$nodes" scenarios/five-agents.toml --set "time.duration=50ms"
 }
 
@@ -647,6 +672,11 @@ cmd_help() { #: list the sub-commands
 ! have python3 || ! have cargo || read_boards
 
 (( $# > 0 )) || { cmd_help >&2; exit 2; }
+# What follows `uf2` are names of images.
+if [[ $1 == uf2 ]]; then
+    UF2_IMAGES=("${@:2}")
+    set -- uf2
+fi
 for name in "$@"; do
     [[ $(type -t "cmd_$name") == function ]] || { cmd_help >&2; fail "no sub-command is called '$name'"; }
 done

@@ -31,6 +31,7 @@ use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::future::pending;
 use std::pin::pin;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// What a log has been told, in short.
 #[derive(Default)]
@@ -170,6 +171,19 @@ fn frames_on_both_sides_of_the_end_of_a_drivers_buffer_come_in_one_turn() {
         }
         assert_eq!(frames, 2, "{end} bytes in front of the end");
     }
+}
+
+#[test]
+fn frames_that_a_driver_had_no_room_for_are_told_apart_from_errors_of_the_line() {
+    static ERRORS: AtomicU32 = AtomicU32::new(2);
+    static UNSAID: AtomicU32 = AtomicU32::new(0);
+    let losses = |link: Serial<InParts<'_>>| link.health().losses;
+    let line = || Serial::new(InParts([&[], &[]]));
+    assert_eq!(losses(line()), Losses::default());
+    UNSAID.store(3, Ordering::Relaxed);
+    assert_eq!(losses(line().with_unsaid(&UNSAID)), Losses { unsaid: 3, ..Losses::default() });
+    let both = line().with_errors(&ERRORS).with_unsaid(&UNSAID);
+    assert_eq!(losses(both), Losses { line_errors: 2, unsaid: 3, ..Losses::default() });
 }
 
 /// Two nodes on a bus until `off` (ms), when the second one's controller goes off the bus, and 900 ms more.

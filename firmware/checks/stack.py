@@ -28,9 +28,9 @@ EXCEPTION = {"v6": 36, "v7e": 108}
 ROM_BYTES = 256
 # Of core::fmt, or what is formatted by it; as names are read, not as they are mangled.
 FORMATS = re.compile(r"\bcore(\[[0-9a-f]+\])?::fmt::")
-# Called by a pointer, and calls by pointers itself: a channel wakes a task, or runs a closure of its own, and functions in RAM call the boot ROM; none comes
-# back.
-RETURNS = re.compile(r"\bembassy_sync::channel::|\bembassy_rp::flash::ram_helpers::")
+# Called by a pointer, and calls by pointers itself: a channel or a USB class wakes a task, or runs a closure of its own, and functions in RAM call the boot ROM;
+# none comes back.
+RETURNS = re.compile(r"\bembassy_sync::channel::|\bembassy_usb::class::cdc_acm::Control\b|\bembassy_rp::flash::ram_helpers::")
 NOTHING = re.compile("(?!)")
 # The task's function, whose address is in its header, and who reads that.
 POLL = re.compile(r"TaskStorage.*4poll")

@@ -129,12 +129,33 @@ pub fn host_buffers() -> (&'static mut [u8], &'static mut [u8]) {
     (TRANSMIT.take(), RECEIVE.take())
 }
 
-/// The program of a board with a virtual node: `node!(start, PARTS)`, where `start` is a function that gives the [`Parts`] of type `PARTS`.
+/// The program of a board with a virtual node: `node!(start, PARTS)`, where `start` is a function that gives the [`Parts`] of type `PARTS`; with a second task,
+/// `node!(start, PARTS, task)`, it gives the parts and what the task takes.
 ///
 /// It is a macro since a task, and the statics that hold what is large, cannot be generic.
 #[macro_export]
 macro_rules! node {
     ($start:ident, $parts:ty) => {
+        $crate::node!(@program $parts, $start(););
+    };
+    ($start:ident, $parts:ty, $task:ident) => {
+        $crate::node!(@program $parts, $start(); $task);
+    };
+    // The parts come alone, or with what a second task takes.
+    (@split $given:expr;) => {
+        ($given, ())
+    };
+    (@split $given:expr; $task:ident) => {{
+        let (parts, taken) = $given;
+        (parts, $task(taken).expect("the second task is spawned once"))
+    }};
+    (@spawn $spawner:ident, $second:ident;) => {
+        let () = $second;
+    };
+    (@spawn $spawner:ident, $second:ident; $task:ident) => {
+        $spawner.spawn($second)
+    };
+    (@program $parts:ty, $given:expr; $($task:ident)?) => {
         // One by one: what is together is moved within the task, by a memmove of 1.4 KiB that nothing else calls.
         #[embassy_executor::task]
         async fn node(
@@ -162,10 +183,13 @@ macro_rules! node {
         fn main() -> ! {
             static EXECUTOR: static_cell::StaticCell<$crate::executor::Executor> =
                 static_cell::StaticCell::new();
-            let $crate::board::Parts { lines, storage, chip } = $start();
+            let ($crate::board::Parts { lines, storage, chip }, second) = $crate::node!(@split $given; $($task)?);
             let $crate::app::Chip { uid, start, watchdog } = chip;
             let node = node(lines, storage, uid, start, watchdog).expect("the task is spawned once");
-            EXECUTOR.init($crate::executor::Executor::new()).run(|spawner| spawner.spawn(node))
+            EXECUTOR.init($crate::executor::Executor::new()).run(|spawner| {
+                spawner.spawn(node);
+                $crate::node!(@spawn spawner, second; $($task)?);
+            })
         }
 
         #[panic_handler]

@@ -30,6 +30,8 @@ pub mod selftest;
 #[cfg(feature = "_stm32")]
 pub mod stm32;
 pub mod storage;
+#[cfg(feature = "usb")]
+pub mod usb;
 pub mod watchdog;
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());

@@ -26,18 +26,25 @@ pub struct Serial<U> {
     receiving: Receiving<MAX_FRAME>,
     failures: u32,
     errors: Option<&'static AtomicU32>,
+    unsaid: Option<&'static AtomicU32>,
 }
 
 impl<U: Read + Write> Serial<U> {
     /// A link on this UART.
     pub fn new(uart: U) -> Self {
-        Self { uart, receiving: Receiving::new(), failures: 0, errors: None }
+        Self { uart, receiving: Receiving::new(), failures: 0, errors: None, unsaid: None }
     }
 
     /// The same with the number of errors that its driver counts, and of which no read fails.
     #[must_use]
     pub fn with_errors(self, errors: &'static AtomicU32) -> Self {
         Self { errors: Some(errors), ..self }
+    }
+
+    /// The same with the number of frames for which its driver had no room, and of which no write fails.
+    #[must_use]
+    pub fn with_unsaid(self, unsaid: &'static AtomicU32) -> Self {
+        Self { unsaid: Some(unsaid), ..self }
     }
 
     /// Counts a write that has failed.
@@ -89,6 +96,8 @@ impl<U: Read + Write> Link for Serial<U> {
     }
 
     fn health(&self) -> Health {
-        Health { losses: Losses { line_errors: self.errors(), ..Losses::default() }, ..Health::default() }
+        let unsaid = self.unsaid.map_or(0, |unsaid| unsaid.load(Ordering::Relaxed));
+        let losses = Losses { line_errors: self.errors(), unsaid, ..Losses::default() };
+        Health { losses, ..Health::default() }
     }
 }

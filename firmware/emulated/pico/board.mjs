@@ -1,30 +1,50 @@
 // A Pico with a host at its line, in virtual time: the same every time.
 import path from 'node:path';
+import { SerialPort } from './cdc.mjs';
 import { Frames, LineIn, kind } from './line.mjs';
 import { Pico, bootRom } from './pico.mjs';
 import { KIND, ROOT, bytes, read } from './words.mjs';
 
-const IMAGES = path.join(ROOT, 'firmware/target/thumbv6m-none-eabi/release');
-const BOOT_ROM = bootRom(path.join(ROOT, 'target/emulated/bootrom.bin'));
+export const IMAGES = path.join(ROOT, 'firmware/target/thumbv6m-none-eabi/release');
+export const BOOT_ROM = bootRom(path.join(ROOT, 'target/emulated/bootrom.bin'));
 const MS = 1e6;
 const STEP_NS = 50_000;
-// From power on to a node that listens.
-const BOOT_MS = 20;
+// From power on to a node that listens; over USB the host has set up the line by then.
+const BOOT_MS = 20, USB_BOOT_MS = 150;
 
 export class Board {
-  constructor(image, { storage = null, uid } = {}) {
+  // `usb`: its line is that of its USB connector.
+  constructor(image, { storage = null, uid, usb = false } = {}) {
     this.pico = new Pico({ image: path.join(IMAGES, image), bootRom: BOOT_ROM, storage, uid });
-    [this.uart] = this.pico.uarts;
-    this.line = new LineIn(this.pico, this.uart);
+    this.bootMs = usb ? USB_BOOT_MS : BOOT_MS;
+    this.listen(usb ? new SerialPort(this.pico) : null);
+  }
+
+  // A Pico that runs already, at a computer's USB.
+  static at(pico, host) {
+    const board = Object.assign(Object.create(Board.prototype), { pico });
+    board.listen(new SerialPort(pico, host));
+    return board;
+  }
+
+  // Takes what comes from a port over USB, or from its UART.
+  listen(port) {
     this.said = [];
     const frames = new Frames((frame) => this.said.push({ at: this.pico.now, frame }));
+    if (port) {
+      this.line = this.port = port;
+      port.onData = (bytes) => bytes.forEach((byte) => frames.push(byte));
+      return;
+    }
+    [this.uart] = this.pico.uarts;
+    this.line = new LineIn(this.pico, this.uart);
     this.uart.onByte = (byte) => frames.push(byte);
   }
 
   // One that has started.
   static booted(image, options) {
     const board = new Board(image, options);
-    board.ms(BOOT_MS);
+    board.ms(board.bootMs);
     return board;
   }
 
@@ -47,5 +67,5 @@ export class Board {
   identity(words) { return this.ask(words.hello, KIND.identity)?.identity ?? null; }
 
   // The same flash in a board that has had no supply.
-  powerCycled(image) { return Board.booted(image, { storage: this.pico.storage() }); }
+  powerCycled(image, options) { return Board.booted(image, { ...options, storage: this.pico.storage() }); }
 }

@@ -14,11 +14,12 @@ import { Ssi } from './ssi.mjs';
 const FLASH = 0x10000000, FLASH_SIZE = 2 << 20, RAM = 0x20000000;
 // The board's storage, in the metadata of firmware/Cargo.toml.
 export const STORAGE = { start: FLASH_SIZE - (16 << 10), end: FLASH_SIZE };
+const CACHE = 0x15000000, CACHE_SIZE = 16 << 10;
 const CYCLE_NS = 8;
 const UART_IRQS = [20, 21];
 const SIO_GPIO_HI_IN = 0x008;
-// QSPI pins that nothing pulls down: BOOTSEL is not pressed.
-const NOT_BOOTSEL = 0x3e;
+// QSPI pins that nothing pulls down; BOOTSEL pulls down the chip select.
+const NOT_BOOTSEL = 0x3e, BOOTSEL = 0x3c;
 const HAD_POWER_ON = 0x100, PSM_RESTART = 1 << 24;
 // The mode of RTT that a debugger sets.
 const LOG_WAITS = 2;
@@ -26,8 +27,8 @@ const LOG_WAITS = 2;
 const IDLE_LIMIT = 2e6;
 
 export class Pico {
-  // `log`: where what rp2040js has no model of is counted.
-  constructor({ image, bootRom, uid = [1, 2, 3, 4, 5, 6, 7, 8], storage = null }) {
+  // `isFlashed`: else the flash is as it comes from the factory, and the image is what it will be. `unknown` counts what rp2040js has no model of.
+  constructor({ image, bootRom, uid = [1, 2, 3, 4, 5, 6, 7, 8], storage = null, isFlashed = true }) {
     this.elf = new Elf(image);
     const chip = (this.chip = new RP2040());
     this.clock = chip.clock;
@@ -41,10 +42,15 @@ export class Pico {
     this.sleptNs = 0;
     this.idle = 0;
     this.onReset = null;
+    // The button BOOTSEL.
+    this.isPressed = false;
+    // A computer at its USB connector, if there is one (usb.mjs).
+    this.usb = null;
     this.wire();
     this.patchInterrupts();
     chip.bootrom.set(bootRom);
-    this.flash();
+    if (isFlashed) this.flash();
+    else this.leaveFactory();
     if (storage) chip.flash.set(storage, STORAGE.start);
     this.powerOn();
   }
@@ -72,7 +78,7 @@ export class Pico {
       return true;
     });
     const readSio = chip.sio.readUint32.bind(chip.sio);
-    chip.sio.readUint32 = (offset) => (offset === SIO_GPIO_HI_IN ? NOT_BOOTSEL : readSio(offset));
+    chip.sio.readUint32 = (offset) => (offset === SIO_GPIO_HI_IN ? (this.isPressed ? BOOTSEL : NOT_BOOTSEL) : readSio(offset));
     this.watchdog = peripherals[0x40058];
     this.watchdog.onWatchdogTrigger = () => {
       this.wantsReset = true;
@@ -85,6 +91,15 @@ export class Pico {
       if (address < FLASH || address + bytes.length > FLASH + FLASH_SIZE) throw new Error(`a segment at 0x${address.toString(16)} is not in flash`);
       this.chip.flash.set(bytes, address - FLASH);
     }
+  }
+
+  // An erased flash; its cache is memory that the boot ROM's drive has its notes in, which rp2040js lacks.
+  leaveFactory() {
+    const { chip } = this, cache = new DataView(new ArrayBuffer(CACHE_SIZE));
+    chip.flash.fill(0xff, 0, FLASH_SIZE);
+    const read = chip.readUint32.bind(chip), write = chip.writeUint32.bind(chip), isCache = (address) => address >>> 14 === CACHE >>> 14;
+    chip.readUint32 = (address) => (isCache(address) ? cache.getUint32(address - CACHE, true) : read(address));
+    chip.writeUint32 = (address, value) => (isCache(address) ? cache.setUint32(address - CACHE, value, true) : write(address, value));
   }
 
   // ARMv6-M: an interrupt latches, its entry clears the latch, and a line that is still up at its return pends it again.
@@ -122,6 +137,7 @@ export class Pico {
   restart() {
     const { chip, chip: { core, peripherals } } = this;
     this.uarts.forEach((uart) => uart.reset());
+    this.usb?.deviceReset();
     this.ssi.reset();
     this.nor.selected = false;
     for (const base of [0x14000, 0x40018, 0x40060]) peripherals[base].reset();
