@@ -1,5 +1,6 @@
 //! A block of nodes: it reads the states of this tick, and writes its own of the next. The steps are those of
 //! `funnelnet-node`, in the same order (node/src/node/tick.rs).
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "what is not a number is outside")]
 
 use super::columns::{Columns, Own};
 use super::findings::{Findings, Halt};

@@ -1,4 +1,5 @@
 //! A scenario with `bus.model = "none"`: up to a million nodes without a wire (docs/notes/2026-11-29-large.md).
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "what is not a number is outside")]
 
 use super::agents::{self, Population};
 use super::coupling::{self, Defaults};

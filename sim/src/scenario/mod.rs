@@ -30,6 +30,8 @@ mod safety;
 #[cfg(feature = "check")]
 pub mod schema;
 #[cfg(feature = "spectrum")]
+mod sparse_spectrum;
+#[cfg(feature = "spectrum")]
 mod spectrum;
 mod topology;
 pub mod tree;
@@ -60,11 +62,15 @@ pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use inputs::{InputFile, Series};
+#[cfg(feature = "check")]
+pub(crate) use large::starts as large_starts;
 pub use large::{AnyScenario, LargeScenario};
 pub use model::{
     Expect, FinalValue, FloorSpec, InputLimits, NodeSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
 };
 pub use overrides::Override;
+#[cfg(feature = "spectrum")]
+pub use sparse_spectrum::Estimate;
 pub use written::FIRST_LINE;
 
 use agents::Agents;
