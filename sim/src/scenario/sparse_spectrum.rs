@@ -4,8 +4,8 @@
 use super::Graph;
 use crate::random::mix;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
-use faer::operator::LinOp;
-use faer::operator::eigen::{
+use faer::matrix_free::LinOp;
+use faer::matrix_free::eigen::{
     PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
 };
 use faer::{Col, Mat, MatMut, MatRef, Par};
@@ -177,7 +177,7 @@ impl LinOp<f64> for Reflected {
             self.laplacian(&x, &mut image);
             image.iter_mut().zip(&x).for_each(|(image, x)| *image = self.top * x - *image);
             centre(&mut image);
-            out.rb_mut().col_mut(column).iter_mut().zip(&image).for_each(|(slot, image)| *slot = *image);
+            out.as_mut().col_mut(column).iter_mut().zip(&image).for_each(|(slot, image)| *slot = *image);
         }
     }
 
