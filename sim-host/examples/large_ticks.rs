@@ -33,7 +33,7 @@ fn main() {
     };
     let mut network = Network::new(&scenario, threads).expect("the nodes take it");
     println!("{nodes} nodes read and made in {:.2} s", begin.elapsed().as_secs_f64());
-    let (begin, mut steps) = (Instant::now(), 0u64);
+    let (begin, before, mut steps) = (Instant::now(), cpu_seconds(), 0u64);
     while let Some(k) = network.step() {
         steps += nodes as u64;
         if k.is_power_of_two() || k == ticks as u64 {
@@ -41,9 +41,24 @@ fn main() {
         }
     }
     let seconds = begin.elapsed().as_secs_f64();
-    let rate = steps as f64 / seconds;
-    println!("{steps} node-steps in {seconds:.2} s on {threads} threads: {rate:.3e} per second");
+    let cpu = cpu_seconds() - before;
+    let (rate, of_core) = (steps as f64 / seconds, steps as f64 / cpu);
+    println!(
+        "{steps} node-steps in {seconds:.2} s on {threads} threads: {rate:.3e} per second, {of_core:.3e} per core and second"
+    );
     println!("hash {}, largest |nu|/psi {}", network.hash(), network.findings().max_ratio);
+}
+
+/// Time that all threads of this process have had a core, s: other work on the machine does not count. Not a number where the system
+/// does not say.
+fn cpu_seconds() -> f64 {
+    let of_thread = |entry: std::io::Result<std::fs::DirEntry>| {
+        let text = std::fs::read_to_string(entry.ok()?.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<f64>().ok()
+    };
+    let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten();
+    let ns: Vec<f64> = threads.filter_map(of_thread).collect();
+    if ns.is_empty() { f64::NAN } else { ns.iter().sum::<f64>() / 1e9 }
 }
 
 /// Largest resident memory of this process so far, MiB; 0 where the system does not say.
