@@ -55,7 +55,12 @@ pub(super) struct Block {
     believed_bar: f32,
 }
 
+/// Nodes whose sums are made before anything else of them: states of neighbours are all over the memory, and the processor fetches
+/// many at once where nothing waits for one.
+const TOGETHER: usize = 64;
+
 /// Sums over the edges of a node.
+#[derive(Clone, Copy, Default)]
 struct Sums {
     nu: f32,
     dnu: f32,
@@ -104,8 +109,13 @@ impl Block {
         let from = u64::from(at.k) << 1;
         let last = self.first + self.nodes.len();
         let own = &columns.own[self.first..last];
+        let mut ahead = [Sums::default(); TOGETHER];
         for (offset, (own, next)) in own.iter().zip(next).enumerate() {
             let index = self.first + offset;
+            if offset % TOGETHER == 0 {
+                let some = columns.own[index..last].iter().zip(&now[index..last]);
+                ahead.iter_mut().zip(some).for_each(|(slot, (own, &me))| *slot = sums(columns, own, me, now));
+            }
             let me = now[index];
             hash.push(me.x);
             // No state is a NaN: the run would have ended.
@@ -115,7 +125,7 @@ impl Block {
             if me.x > high {
                 high = me.x;
             }
-            let sums = sums(columns, own, me, now);
+            let sums = ahead[offset % TOGETHER];
             let kind = &kinds[own.kind as usize];
             let Width { widths, judged } = at.widths[kind.funnel];
             let node = &mut self.nodes[offset];
