@@ -1,7 +1,10 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
 use crate::sampled::Bounds;
-use crate::scenario::{Affine, Coupling, Dynamics, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
+use crate::scenario::{
+    Affine, Coupling, Dynamics, Edge, LARGEST_RUN, LargeScenario, NodeSpec, Scenario, TimeSpec,
+};
+use funnelnet_law::Breach;
 use funnelnet_law::program::Operation;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
@@ -113,13 +116,53 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
                 slow_start: time.start.ticks(),
             },
             program: program(&node.dynamics),
-            limits: node.limits.map_or(Limits::default(), |limits| Limits {
-                low: limits.low as f32,
-                high: limits.high as f32,
-            }),
+            limits: limits(node),
         })
     };
     scenario.nodes.iter().enumerate().map(config).collect()
+}
+
+/// A configuration without edges for a prototype of nodes without a bus, by which a node validates and prepares it.
+///
+/// # Errors
+/// As [`node_configs`].
+pub(crate) fn alone_config(scenario: &LargeScenario, node: &NodeSpec) -> Result<NodeConfig, Unfit> {
+    let too_much = |what, limit| Unfit::TooMuch { node: node.id, what, limit };
+    let tick_ns = u32::try_from(scenario.time.tick_ns)
+        .map_err(|_| too_much("nanoseconds in a tick", u32::MAX as usize))?;
+    Ok(NodeConfig {
+        id: 1,
+        tick_ns,
+        tick_source: TickSource::Timer,
+        initial_state: collect(node.state.iter().map(|&x| x as f32))
+            .ok_or(too_much("components", MAX_COMPONENTS))?,
+        state_limit: STATE_LIMIT,
+        field: field(&node.dynamics).ok_or(too_much("sinusoids or components", MAX_SINES))?,
+        coupling: scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?,
+        gain: node.gain.map(|value| value as f32),
+        funnel: node.funnel.map(|value| value as f32),
+        on_breach: Breach::Ride,
+        neighbours: heapless::Vec::new(),
+        extrapolate_ticks: Bounds::NONE.extrapolate,
+        telemetry_every: 0,
+        lost_neighbours: 0,
+        holdover_ns: 0,
+        tuning: Tuning {
+            damping: node.damping as f32,
+            guard: scenario.guard as f32,
+            round: 1,
+            input_limit: scenario.u_max.unwrap_or(0.0) as f32,
+            slope_limit: 0.0,
+            slow_start: 0,
+        },
+        program: program(&node.dynamics),
+        limits: limits(node),
+    })
+}
+
+fn limits(node: &NodeSpec) -> Limits {
+    node.limits
+        .map_or(Limits::default(), |limits| Limits { low: limits.low as f32, high: limits.high as f32 })
 }
 
 /// Configurations for weakly centralised coupling, which is simulated with the parameters of node-wise
@@ -210,13 +253,18 @@ fn field(dynamics: &Dynamics) -> Option<Field<f32>> {
     }
 }
 
-fn affine_field(field: &Affine, sines: &[crate::scenario::Sine]) -> Option<Field<f32>> {
-    let sines = sines.iter().map(|sine| Sine {
+/// A sine as it travels.
+pub(crate) fn wave(sine: &crate::scenario::Sine) -> Sine<f32> {
+    Sine {
         component: sine.component,
         amplitude: sine.amplitude as f32,
         frequency: sine.frequency,
         phase: sine.phase,
-    });
+    }
+}
+
+fn affine_field(field: &Affine, sines: &[crate::scenario::Sine]) -> Option<Field<f32>> {
+    let sines = sines.iter().map(wave);
     Some(Field {
         slope: collect(field.slope.iter().map(|&slope| slope as f32))?,
         offset: collect(field.offset.iter().map(|&offset| offset as f32))?,

@@ -10,6 +10,8 @@ pub mod emergent;
 pub mod engine;
 pub mod extremes;
 pub mod judge;
+#[cfg(feature = "large")]
+pub mod large;
 pub mod loopback;
 pub mod noise;
 pub mod number;
@@ -22,6 +24,7 @@ pub mod reference;
 pub mod sampled;
 pub mod scenario;
 pub mod simulation;
+pub mod trace_hash;
 
 pub use scenario::Scenario;
 pub use simulation::{Simulation, Verdict};

@@ -44,6 +44,16 @@ pub enum Purpose {
     EventNoise = 26,
     /// Events by chance.
     Faults = 27,
+    /// Initial states that are drawn; from here on an index is that of a node.
+    AgentState = 32,
+    /// Slopes of fields.
+    AgentSlope = 33,
+    /// Their offsets.
+    AgentOffset = 34,
+    /// Amplitudes of their sines.
+    AgentAmplitude = 35,
+    /// Phases of them.
+    AgentPhase = 36,
     /// Points of a sweep.
     Design = 64,
 }

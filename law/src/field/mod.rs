@@ -106,9 +106,9 @@ pub trait VectorField<F: Real> {
     }
 }
 
-/// One sinusoid with an integer phase in 2^-64 turns.
+/// One sinusoid prepared for a tick period, with an integer phase in 2^-64 turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Phasor<F> {
+pub struct Phasor<F> {
     component: u8,
     amplitude: F,
     start: u64,
@@ -117,7 +117,8 @@ struct Phasor<F> {
 
 impl<F: Real> Phasor<F> {
     /// Prepares a sinusoid for tick period `tick` (s).
-    fn new(sine: &Sine<f32>, tick: f64) -> Self {
+    #[must_use]
+    pub fn new(sine: &Sine<f32>, tick: f64) -> Self {
         Self {
             component: sine.component,
             amplitude: F::from_f32(sine.amplitude),
@@ -130,6 +131,38 @@ impl<F: Real> Phasor<F> {
     fn at(&self, half_ticks: u64) -> F {
         let turns = self.start.wrapping_add(self.per_half_tick.wrapping_mul(half_ticks));
         self.amplitude * F::sin_turns(turns)
+    }
+}
+
+/// The affine field of a state with one component, whose sinusoids lie elsewhere: a caller with a million
+/// fields has no room for [`AffineSines`], which holds eight of them and a matrix. The same bits.
+///
+/// ```
+/// use funnelnet_law::field::{AffineSines, Field, Phasor, Scalar, Sine, VectorField};
+/// let sine = Sine { component: 0, amplitude: 2.0, frequency: 3.0, phase: 0.5 };
+/// let phasors = [Phasor::<f32>::new(&sine, 1e-3)];
+/// let lean = Scalar { slope: -1.0, offset: 0.3, phasors: &phasors };
+/// let whole = AffineSines::<f32>::new(&Field::scalar(-1.0, 0.3, [sine]), 1e-3);
+/// assert_eq!(lean.at(77, 0.1).to_bits(), whole.at(77, 0.1).to_bits());
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scalar<'a, F> {
+    /// Slope, 1/s.
+    pub slope: F,
+    /// Offset, state units / s.
+    pub offset: F,
+    /// Sinusoids, whatever component they name.
+    pub phasors: &'a [Phasor<F>],
+}
+
+impl<F: Real> VectorField<F> for Scalar<'_, F> {
+    #[inline]
+    fn at(&self, half_ticks: u64, x: F) -> F {
+        let mut sum = self.slope * x + self.offset;
+        for phasor in self.phasors {
+            sum += phasor.at(half_ticks);
+        }
+        sum
     }
 }
 
@@ -164,11 +197,7 @@ impl<F: Real> VectorField<F> for AffineSines<F> {
     #[inline]
     fn at(&self, half_ticks: u64, x: F) -> F {
         let [offset, ..] = self.offset;
-        let mut sum = self.slope * x + offset;
-        for phasor in &self.phasors {
-            sum += phasor.at(half_ticks);
-        }
-        sum
+        Scalar { slope: self.slope, offset, phasors: &self.phasors }.at(half_ticks, x)
     }
 
     fn component(&self, half_ticks: u64, x: &[F], index: usize) -> F {

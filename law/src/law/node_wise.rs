@@ -58,6 +58,13 @@ impl<F: Real, G: GainFunction<F>> NodeWise<F, G> {
         Self { gain, b, look_back, usual: (b, look_back) }
     }
 
+    /// The same law with a gain of another type, such as the one that a [`Gain`](crate::Gain) stands for: a loop over many
+    /// nodes then chooses once and not at each.
+    #[must_use]
+    pub fn with_gain<H>(self, gain: H) -> NodeWise<F, H> {
+        NodeWise { gain, b: self.b, look_back: self.look_back, usual: self.usual }
+    }
+
     /// Takes the constants of a pace (slow start).
     #[cold]
     pub fn keep_pace(&mut self, pace: Pace) {

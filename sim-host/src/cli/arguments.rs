@@ -29,6 +29,7 @@ Examples:
   sim-host run scenarios/five-agents.toml --on reference --out ref --every 10ms
   sim-host run scenarios/lossy-ring.toml --set bus.loss=0.3 --junit lossy.xml
   sim-host run scenarios/five-agents.toml --seed 7 --set node.3.state=-2
+  sim-host run large.toml --out out/large --nodes 1,5,9
   sim-host run - --json - < scenarios/five-agents.toml";
 
 const BENCH_HELP: &str = "\
@@ -55,7 +56,7 @@ Examples:
   sim-host node --serial /dev/ttyUSB0 --can can0 --can-fd";
 
 const CHECK_HELP: &str = "\
-Runs nothing. Answers, for up to 2,000 nodes (a run takes 127):
+Runs nothing. Answers, for up to 2,000 nodes (a run takes 127; with bus.model = \"none\" what scales is answered):
   - do the paper's assumptions hold, with which constants, and what do its bounds give over time?
   - how narrow a funnel can the tick hold?
   - what do the emergent dynamics predict, and how large an input does each node need?
@@ -225,6 +226,12 @@ pub(super) struct RunArgs {
     /// What runs the scenario
     #[arg(long, value_enum, default_value = "loopback")]
     pub(super) on: Fidelity,
+    /// Ids of nodes that get columns in trajectory.csv, as 1,5,9; for runs with bus.model = "none", which have none else
+    #[arg(long, value_name = "IDS", value_delimiter = ',', requires = "out")]
+    pub(super) nodes: Vec<usize>,
+    /// Threads of a run with bus.model = "none"; no figure depends on them [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(super) threads: Option<u16>,
     #[command(flatten)]
     pub(super) output: OutputArgs,
 }

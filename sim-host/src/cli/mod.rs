@@ -24,8 +24,8 @@ use crate::printable::printable_lines;
 use crate::record::{BusLogs, Summary, failures, is_standard_output, write_atomic};
 use crate::replay::replay;
 use crate::report::{self, Report};
-use crate::run::{self, Claim, Fidelity, RunError, RunOptions, Verbosity, Wanted};
-use crate::scenario::{Override, Scenario, format_duration};
+use crate::run::{self, Claim, Fidelity, LargeOptions, RunError, RunOptions, Verbosity, Wanted};
+use crate::scenario::{self, AnyScenario, LargeScenario, Override, Scenario, TimeSpec, format_duration};
 
 pub use arguments::Cli;
 use arguments::{
@@ -69,16 +69,19 @@ impl From<io::Error> for Failure {
 }
 
 impl Source {
-    fn load(&self) -> Result<Scenario, Failure> {
-        self.settings.load(&self.scenario)
+    fn load_any(&self) -> Result<AnyScenario, Failure> {
+        let read = || scenario::Source::read(&self.scenario)?.any_scenario(&self.settings.overrides());
+        read().map_err(|errors| Failure::bad_input(errors.to_string()))
     }
 }
 
 impl Settings {
+    fn overrides(&self) -> Vec<Override> {
+        self.set.iter().cloned().chain(self.seed.map(Override::seed)).collect()
+    }
+
     fn load(&self, scenario: &Path) -> Result<Scenario, Failure> {
-        let seed = self.seed.map(Override::seed);
-        let overrides: Vec<_> = self.set.iter().cloned().chain(seed).collect();
-        Scenario::load(scenario, &overrides).map_err(|errors| Failure::bad_input(errors.to_string()))
+        Scenario::load(scenario, &self.overrides()).map_err(|errors| Failure::bad_input(errors.to_string()))
     }
 }
 
@@ -134,7 +137,29 @@ fn usage(error: &clap::Error) -> Exit {
 fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
     let command = command(arguments);
     let wanted = wanted(&args.source.scenario, None, &args.output, &command);
-    execute(&wanted, args.on, &args.output, arguments, || Ok((args.source.load()?, None)))
+    execute(&wanted, args.on, &args.output, arguments, || {
+        Ok(match args.source.load_any()? {
+            AnyScenario::Wired(_) if !args.nodes.is_empty() || args.threads.is_some() => {
+                return Err(Failure::bad_input(
+                    "--nodes and --threads are for runs with bus.model = \"none\"; others have columns of every node, and one thread".to_owned(),
+                ));
+            }
+            AnyScenario::Wired(scenario) => (Asked::Wired(scenario), None),
+            AnyScenario::Large(_) if args.on != Fidelity::Loopback => {
+                return Err(Failure::bad_input(format!(
+                    "--on {}: bus.model = \"none\" runs in this program only; leave --on out",
+                    args.on
+                )));
+            }
+            AnyScenario::Large(scenario) => {
+                let mut nodes = args.nodes.clone();
+                nodes.sort_unstable();
+                nodes.dedup();
+                let large = LargeOptions { nodes, threads: args.threads.map(Into::into) };
+                (Asked::Large(scenario, large), None)
+            }
+        })
+    })
 }
 
 fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
@@ -151,7 +176,7 @@ fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failu
             let wanted = wanted(scenario, args.bench.as_deref(), &args.output, &command);
             execute(&wanted, Fidelity::Bench, &args.output, arguments, || {
                 let bench = bench()?;
-                Ok((args.settings.load(scenario)?, bench))
+                Ok((Asked::Wired(Box::new(args.settings.load(scenario)?)), bench))
             })
         }
         None if args.erase => {
@@ -198,22 +223,42 @@ fn list(bench: Option<&BenchFile>) -> Result<Exit, Failure> {
     Ok(Exit::Success)
 }
 
+/// What a command runs.
+enum Asked {
+    Wired(Box<Scenario>),
+    Large(Box<LargeScenario>, LargeOptions),
+}
+
+impl Asked {
+    fn time_and_seed(&self) -> (TimeSpec, u64) {
+        match self {
+            Self::Wired(scenario) => (scenario.time, scenario.seed),
+            Self::Large(scenario, _) => (scenario.time, scenario.seed),
+        }
+    }
+}
+
 /// A run from its outputs on: whatever happens after they are claimed, the JUnit file says so.
 fn execute(
     wanted: &Wanted<'_>,
     on: Fidelity,
     args: &OutputArgs,
     arguments: &[OsString],
-    load: impl FnOnce() -> Result<(Scenario, Option<BenchFile>), Failure>,
+    load: impl FnOnce() -> Result<(Asked, Option<BenchFile>), Failure>,
 ) -> Result<Exit, Failure> {
     let (summary, options) = Claim::take(wanted)?.guard(|claim| {
-        let (scenario, bench) = load()?;
-        let every_ticks = args.every.map(|every| every_ticks(every, &scenario)).transpose()?;
+        let (asked, bench) = load()?;
+        let (time, seed) = asked.time_and_seed();
+        let every_ticks = args.every.map(|every| every_ticks(every, &time)).transpose()?;
         if args.every.is_some() && args.out.is_none() && !args.quiet {
             complain("note: --every says which rows trajectory.csv has, and there is none without --out");
         }
-        let options = options(on, bench, args, every_ticks, repeat(arguments, scenario.seed))?;
-        match run::execute_in(claim, &scenario, &options) {
+        let options = options(on, bench, args, every_ticks, repeat(arguments, seed))?;
+        let done = match &asked {
+            Asked::Wired(scenario) => run::execute_in(claim, scenario, &options),
+            Asked::Large(scenario, large) => run::execute_large_in(claim, scenario, &options, large),
+        };
+        match done {
             Ok(summary) => Ok((summary, options)),
             Err(error) if error.exit == Exit::Interrupted => {
                 Err(RunError { exit: options.interrupt.exit(), ..error })
@@ -269,10 +314,10 @@ fn options(
     })
 }
 
-fn every_ticks(every_ns: u64, scenario: &Scenario) -> Result<u64, Failure> {
+fn every_ticks(every_ns: u64, time: &TimeSpec) -> Result<u64, Failure> {
     // Not rounds: there are rows between two of them.
-    let tick = scenario.time.tick_ns / u64::from(scenario.time.round);
-    let duration = scenario.time.end_ns();
+    let tick = time.tick_ns / u64::from(time.round);
+    let duration = time.end_ns();
     if every_ns == 0 || !every_ns.is_multiple_of(tick) || every_ns > duration {
         let [every, tick, duration] = [every_ns, tick, duration].map(format_duration);
         return Err(Failure::bad_input(format!(
@@ -293,7 +338,10 @@ fn verdict(summary: &Summary, repeat: &str) -> Exit {
 }
 
 fn check_command(args: &CheckArgs) -> Result<Exit, Failure> {
-    let report = check::check(&args.source.load()?);
+    let report = match args.source.load_any()? {
+        AnyScenario::Wired(scenario) => check::check(&scenario),
+        AnyScenario::Large(scenario) => check::check_large(&scenario),
+    };
     if args.json {
         let text = serde_json::to_string_pretty(&report)
             .map_err(|error| Failure { message: error.to_string(), exit: Exit::Defect })?;

@@ -18,6 +18,7 @@ mod marks;
 mod notes;
 mod overlay;
 mod panel;
+mod quantiles;
 mod states;
 mod style;
 mod text;
@@ -29,6 +30,7 @@ pub use funnels::funnels_svg;
 pub use lines::{Lines, Spot};
 pub use marks::Kind as MarkKind;
 pub use overlay::Overlay;
+pub use quantiles::quantiles_svg;
 pub use states::{inputs_svg, states_svg};
 pub use trace::Trace;
 

@@ -9,12 +9,12 @@ mod rights;
 mod summary;
 mod summary_text;
 mod temporary;
-mod trace_hash;
 mod trajectory;
 
 pub(crate) use atomic::follow;
 pub use atomic::{AtomicFile, RecordError, is_standard_output, place_new, write_atomic};
 pub use bus_files::{BusFiles, BusLogs, OnBus};
+pub use funnelnet_sim::trace_hash::TraceHash;
 pub use junit::{JunitError, junit, junit_error};
 pub use rights::remove_earlier;
 pub use summary::{
@@ -24,5 +24,4 @@ pub use summary::{
 };
 pub use summary_text::failures;
 pub use temporary::remove_abandoned;
-pub use trace_hash::TraceHash;
 pub use trajectory::{Row, Shape, TrajectoryWriter};

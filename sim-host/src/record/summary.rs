@@ -19,7 +19,7 @@ pub struct Summary {
     pub scenario: String,
     /// The root of every random stream.
     pub seed: u64,
-    /// The fidelity: `loopback`, `reference`, `emulator` or `bench`.
+    /// The fidelity: `loopback`, `reference`, `emulator` or `bench`; `none` for a run without a bus.
     pub on: String,
     /// Number of nodes.
     pub nodes: usize,
@@ -65,6 +65,9 @@ pub struct Summary {
     /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have
     /// any.
     pub overruns: u64,
+    /// What such a run leaves out; left out itself where that is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<&'static str>,
     /// Version of this program.
     pub version: &'static str,
     /// The command as typed, quoted for a shell.

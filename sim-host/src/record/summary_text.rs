@@ -99,6 +99,7 @@ fn verdict(summary: &Summary) -> Vec<Line> {
     let mut lines: Vec<Line> = summary.expect.iter().map(expectation).collect();
     let failed = summary.checks.iter().filter(|check| !check.pass);
     lines.extend(failed.map(|check| ("FAIL", format!("{}: {}", check.name, check.text))));
+    lines.extend(summary.left_out.iter().map(|what| ("left out", (*what).to_owned())));
     if summary.expect.is_empty() {
         let note = "the scenario expects nothing: only the checks that every run has to pass were made";
         lines.push(("note", note.to_owned()));

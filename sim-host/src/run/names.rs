@@ -9,6 +9,9 @@ pub const SCENARIO: &str = "scenario.toml";
 pub const SUMMARY: &str = "summary.json";
 /// The rows of a run.
 pub const TRAJECTORY: &str = "trajectory.csv";
+/// Quantiles of a run without a bus, as rows and as a picture.
+pub const QUANTILES: &str = "quantiles.csv";
+pub const QUANTILES_PICTURE: &str = "quantiles.svg";
 /// The page that `report` makes of the others.
 pub const REPORT: &str = "report.html";
 /// Held locked while a run writes into the folder.
@@ -18,9 +21,11 @@ pub const LOCK: &str = ".sim-host.lock";
 pub const SWEEP: &str = "sweep.json";
 
 /// Files of every command but `sweep`.
-const FILES: [&str; 13] = [
+const FILES: [&str; 15] = [
     SUMMARY,
     TRAJECTORY,
+    QUANTILES,
+    QUANTILES_PICTURE,
     "events.txt",
     "states.svg",
     "funnels.svg",

@@ -15,6 +15,7 @@ mod expectations;
 mod followed;
 mod forecast;
 mod kick;
+mod large;
 mod limits;
 mod longest;
 mod nodes;
@@ -37,6 +38,7 @@ use crate::scenario::{LARGEST_RUN, Scenario, format_duration};
 use forecast::Forecast;
 use funnelnet_law::math;
 use funnelnet_law::range::{LARGEST, SHORTEST_TICK_NS};
+pub use large::check_large;
 pub use nodes::NodeRow;
 use subject::Subject;
 

@@ -18,6 +18,7 @@ use super::dynamics::Dynamics;
 use super::expression::{Expression, ExpressionError};
 use super::inputs::{self, Files, Series};
 use super::model::{InputLimits, NodeSpec};
+use super::random::{self, Kept, Random};
 use super::reader::{Log, Range, Section, duration_ns, integer, number, ready};
 use super::tree::{Item, Place, Value};
 use crate::extremes::largest;
@@ -79,17 +80,86 @@ pub(super) struct Agents<'a> {
     pub damping: Vec<Option<&'a Item>>,
 }
 
+/// What both kinds of scenario begin with.
+struct Written<'a> {
+    common: Common<'a>,
+    overrides: BTreeMap<u64, Given<'a>>,
+    unit: Option<String>,
+    random: Random,
+    /// Where it stands.
+    drawn: Option<&'a Item>,
+}
+
 /// What `[agent]` and `[[node]]` say.
 pub(super) fn read<'a>(
     root: &mut Section<'a>,
     coupling: &Defaults<'a>,
     count: u64,
-    files: &Files,
+    files: &'a Files,
     end: f64,
+    seed: u64,
 ) -> Agents<'a> {
+    let Written { common, overrides, unit, random, drawn } = open(root, coupling, count, files, end);
+    let node = |id: u16| {
+        let given = overrides.get(&u64::from(id));
+        let (mut node, place) = read_node(id, &common, given)?;
+        random.apply(seed, usize::from(id) - 1, kept(given), &mut node);
+        Some((node, place))
+    };
+    let (nodes, places): (Vec<_>, _) =
+        (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip();
+    random::has_a_place(&random, drawn, nodes.iter(), common.log);
+    let written = |id| overrides.get(&id).and_then(|given: &Given<'a>| given.damping).or(coupling.damping);
+    let damping = (1..=count).map(written).collect();
+    Agents { nodes, places, unit, damping }
+}
+
+/// Nodes of which most are alike: what they have in common, and those that `[[node]]` changes.
+#[derive(Default)]
+pub(super) struct Population<'a> {
+    /// All others; none where each node is changed. Ids of these specifications mean nothing.
+    pub common: Option<NodeSpec>,
+    /// By index, ascending, each with what it does not let be drawn.
+    pub own: Vec<(usize, Kept, NodeSpec)>,
+    /// The unit of the states.
+    pub unit: Option<String>,
+    pub random: Random,
+    /// What is written of the damping of the common node, and then of the others.
+    pub damping: Vec<Option<&'a Item>>,
+}
+
+/// The same as [`read`] without a specification for each node: there may be a million.
+pub(super) fn read_population<'a>(
+    root: &mut Section<'a>,
+    coupling: &Defaults<'a>,
+    count: u64,
+    files: &'a Files,
+    end: f64,
+) -> Population<'a> {
+    let Written { common, overrides, unit, random, drawn } = open(root, coupling, count, files, end);
+    let all_are_changed = overrides.len() as u64 == count;
+    let shared = if all_are_changed { None } else { read_node(0, &common, None).map(|(node, _)| node) };
+    let own = |(&id, given): (&u64, &Given<'a>)| {
+        let (node, _) = read_node(0, &common, Some(given))?;
+        Some((usize::try_from(id - 1).ok()?, kept(Some(given)), node))
+    };
+    let own: Vec<_> = overrides.iter().filter_map(own).collect();
+    random::has_a_place(&random, drawn, shared.iter().chain(own.iter().map(|(.., node)| node)), common.log);
+    let of_own = overrides.values().map(|given| given.damping.or(coupling.damping));
+    let damping = shared.iter().map(|_| coupling.damping).chain(of_own).collect();
+    Population { common: shared, own, unit, random, damping }
+}
+
+fn open<'a>(
+    root: &mut Section<'a>,
+    coupling: &Defaults<'a>,
+    count: u64,
+    files: &'a Files,
+    end: f64,
+) -> Written<'a> {
     let log = root.log();
     let components = Components::of(root.take("agent").into_iter().chain(root.array("node")));
-    let (defaults, unit) = read_agent(root, coupling, &components, files);
+    let (defaults, unit, drawn) = read_agent(root, coupling, &components, files);
     let overrides = read_overrides(root, coupling.kind, count);
     let lacks = |id: &u64| overrides.get(id).is_none_or(|given| given.dynamics.is_none());
     let without = (1..=count).find(|id| defaults.dynamics.is_none() && lacks(id));
@@ -100,24 +170,28 @@ pub(super) fn read<'a>(
     }
     let outside = Outside { files, end };
     let common = Common { defaults, coupling: coupling.kind, components, root: root.place(), outside, log };
-    let node = |id| read_node(id, &common, overrides.get(&u64::from(id)));
-    let (nodes, places) = (1..=u16::try_from(count).unwrap_or(u16::MAX)).filter_map(node).unzip();
-    let written = |id| overrides.get(&id).and_then(|given: &Given<'a>| given.damping).or(coupling.damping);
-    let damping = (1..=count).map(written).collect();
-    Agents { nodes, places, unit, damping }
+    let random = drawn.map_or(Random::default(), |item| random::read(item, log));
+    Written { common, overrides, unit, random, drawn }
 }
 
-/// What `[agent]` gives to all nodes, and the unit of the states.
+/// What a `[[node]]` says itself.
+fn kept(given: Option<&Given<'_>>) -> Kept {
+    let Some(given) = given else { return Kept::default() };
+    let says = |key: &str| given.dynamics.is_some_and(|dynamics| dynamics.get(key).is_some());
+    Kept { state: given.state.is_some(), slope: says("slope"), offset: says("offset"), sines: says("sines") }
+}
+
+/// What `[agent]` gives to all nodes, the unit of the states, and what is drawn.
 fn read_agent<'a>(
     root: &mut Section<'a>,
     coupling: &Defaults<'a>,
     components: &Components,
     files: &Files,
-) -> (Given<'a>, Option<String>) {
+) -> (Given<'a>, Option<String>, Option<&'a Item>) {
     // What a default expression may name is not known here where a node has inputs of its own.
     let inputs_differ = root.array("node").iter().any(|node| node.get("inputs").is_some());
     let mut given = Given { gain: coupling.gain, funnel: coupling.funnel, ..Given::default() };
-    let mut unit = None;
+    let (mut unit, mut drawn) = (None, None);
     if let Some(mut agent) = root.section("agent") {
         let log = agent.log();
         given.state = agent.take("state");
@@ -126,6 +200,7 @@ fn read_agent<'a>(
         given.inputs = agent.take("inputs");
         given.limits = agent.take("limits");
         given.compute = agent.take("compute");
+        drawn = agent.take("random");
         unit = agent.value("unit", None, |item| read_unit(item).map(Some));
         agent.finish();
         given.state.and_then(|item| read_state(item, components, log));
@@ -135,7 +210,7 @@ fn read_agent<'a>(
         given.noise.and_then(|item| read_noise(item, log));
         given.compute.and_then(|item| read_compute(item, log));
     }
-    (given, unit)
+    (given, unit, drawn)
 }
 
 /// A unit stands on axes: short, and all of it to be seen.

@@ -52,9 +52,15 @@ impl Graph {
     /// The diffusive terms `nu_i`, the sums of `alpha_ij (x_j - x_i)`, one per node (state units).
     #[must_use]
     pub fn diffusive_terms(&self, states: &[f64]) -> Vec<f64> {
+        self.terms_of(|index| states[index])
+    }
+
+    /// The same of states that are somewhere else, by index.
+    #[must_use]
+    pub fn terms_of(&self, state: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut terms = vec![0.0; self.nodes];
         for edge in &self.edges {
-            let flow = edge.weight * (states[edge.b] - states[edge.a]);
+            let flow = edge.weight * (state(edge.b) - state(edge.a));
             terms[edge.a] += flow;
             terms[edge.b] -= flow;
         }

@@ -20,13 +20,17 @@ mod faults;
 mod graph;
 mod initial;
 mod inputs;
+mod large;
 mod model;
 mod network;
 mod overrides;
+pub mod random;
 pub mod reader;
 mod safety;
 #[cfg(feature = "check")]
 pub mod schema;
+#[cfg(feature = "spectrum")]
+mod sparse_spectrum;
 #[cfg(feature = "spectrum")]
 mod spectrum;
 mod topology;
@@ -58,10 +62,15 @@ pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
 pub use initial::initial_ratios;
 pub use inputs::{InputFile, Series};
+#[cfg(feature = "check")]
+pub(crate) use large::starts as large_starts;
+pub use large::{AnyScenario, LargeScenario};
 pub use model::{
     Expect, FinalValue, FloorSpec, InputLimits, NodeSpec, SafetySpec, Scenario, Stoppable, TimeSpec, Window,
 };
 pub use overrides::Override;
+#[cfg(feature = "spectrum")]
+pub use sparse_spectrum::Estimate;
 pub use written::FIRST_LINE;
 
 use agents::Agents;
@@ -198,17 +207,25 @@ fn read_all(source: impl Read, name: &str) -> Result<String, Diagnostics> {
 fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, Diagnostics> {
     let log = Log::default();
     let unread = || Diagnostics::from(root.place.diagnostic(Problem::Whole, "", "cannot be made sense of"));
+    large::refuse(root, &log);
+    log.checkpoint()?;
     let Some(mut file) = Section::open(root, &log) else { return Err(unread()) };
     file.integer("version", None, (1, 1), "the version of this format; write version = 1");
     let title = file.text("title").unwrap_or_else(|| default_title(path));
     let seed = file.integer("seed", Some(DEFAULT_SEED), (0, u64::MAX), "");
     let time = need_section(&mut file, "time").map(read_time);
-    let network = need_section(&mut file, "graph").and_then(network::read);
+    let network = need_section(&mut file, "graph").and_then(|section| {
+        network::read(
+            section,
+            network::MOST_WIRED,
+            "and a run takes 127 at most, without bus.model = \"none\"",
+        )
+    });
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
     let Agents { mut nodes, places, unit, damping } = match (&network, &coupling) {
         (Some(network), Some(coupling)) if network.nodes > 0 => {
             let end = time.as_ref().map_or(0.0, |time| time.duration_ns as f64 / 1e9);
-            agents::read(&mut file, coupling, network.nodes, files, end)
+            agents::read(&mut file, coupling, network.nodes, files, end, seed)
         }
         _ => {
             file.take("agent");

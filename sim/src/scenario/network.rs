@@ -10,8 +10,15 @@ use super::tree::{Item, Place, Value};
 use funnelnet_node::params;
 use funnelnet_protocol::config::MAX_NEIGHBOURS;
 
-/// The largest network that can be read, and checked. A run takes fewer: see [`super::LARGEST_RUN`].
-pub(super) const MAX_NODES: u64 = 2_000;
+/// The largest network without a bus.
+pub(super) const MAX_NODES: u64 = 1_000_000;
+/// The largest network with a bus that can be read, and checked. A run takes fewer: see [`super::LARGEST_RUN`].
+pub(super) const MOST_WIRED: u64 = 2_000;
+/// The most edges of a graph that is drawn or laid out: what a machine of some GiB holds.
+const MOST_EDGES: f64 = 16_777_216.0;
+
+/// The most parts, and nodes of each, that a message names.
+const MOST_NAMED: usize = 100;
 
 pub(super) const EDGE_WEIGHT: Range = Range::positive("edge weight").up_to(params::LARGEST_WEIGHT);
 
@@ -22,18 +29,20 @@ enum Kind {
     Star,
     Complete,
     Grid,
+    Torus,
     RingLattice,
     RandomRegular,
     ErdosRenyi,
     Edges,
 }
 
-const KINDS: [Choice<Kind>; 9] = [
+const KINDS: [Choice<Kind>; 10] = [
     ready("ring", Kind::Ring),
     ready("path", Kind::Path),
     ready("star", Kind::Star),
     ready("complete", Kind::Complete),
     ready("grid", Kind::Grid),
+    ready("torus", Kind::Torus),
     ready("ring-lattice", Kind::RingLattice),
     ready("random-regular", Kind::RandomRegular),
     ready("erdos-renyi", Kind::ErdosRenyi),
@@ -51,10 +60,10 @@ pub(super) struct Network<'a> {
     place: Place,
 }
 
-/// Reads `[graph]`; `None`, reported, where the kind is not known.
-pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Network<'a>> {
+/// Reads `[graph]` of at most `largest` nodes, of which `why` says more; `None`, reported, where the kind is not known.
+pub(super) fn read<'a>(mut section: Section<'a>, largest: u64, why: &str) -> Option<Network<'a>> {
     let kind = section.choice("kind", &KINDS, None)?;
-    let nodes = section.integer("nodes", None, (1, MAX_NODES), "and a run takes 127 at most");
+    let nodes = section.integer("nodes", None, (1, largest), why);
     let weight = section.number("weight", Some(1.0), EDGE_WEIGHT);
     let mut network =
         Network { nodes, weight, shape: None, parameter: None, edges: &[], place: section.place().clone() };
@@ -64,6 +73,7 @@ pub(super) fn read<'a>(mut section: Section<'a>) -> Option<Network<'a>> {
         Kind::Star => Some(Topology::Star),
         Kind::Complete => Some(Topology::Complete),
         Kind::Grid => Some(Topology::Grid { columns: columns(&mut section, nodes) }),
+        Kind::Torus => Some(Topology::Torus { columns: columns(&mut section, nodes) }),
         Kind::RingLattice => Some(Topology::RingLattice { degree: degree(&mut section) }),
         Kind::RandomRegular => Some(Topology::RandomRegular { degree: degree(&mut section) }),
         Kind::ErdosRenyi => {
@@ -97,6 +107,14 @@ pub(super) fn build(network: &Network<'_>, seed: u64, log: &Log) -> Graph {
     let nodes = network.nodes as usize;
     let edges = match network.shape {
         None => listed(network, log),
+        Some(shape) if shape.expected_links(nodes) > MOST_EDGES => {
+            let found = shape.expected_links(nodes);
+            let allowed = format!(
+                "must have {MOST_EDGES} edges at most; {nodes} nodes of this kind have some {found:.3e}"
+            );
+            complain(network, allowed, log);
+            return Graph { nodes, edges: Vec::new() };
+        }
         Some(shape) => match shape.links(nodes, seed) {
             Ok(links) => links.into_iter().map(|(a, b)| Edge { a, b, weight: network.weight }).collect(),
             Err(allowed) => {
@@ -133,8 +151,12 @@ fn light(graph: &Graph, network: &Network<'_>, log: &Log) {
 
 /// Every component of every neighbour has its place in a node's table.
 pub(super) fn room(graph: &Graph, components: usize, network: &Network<'_>, log: &Log) {
+    // One component always fits, and looking takes long.
+    if components < 2 {
+        return;
+    }
     let crowded = (0..graph.nodes).find(|&index| graph.neighbours(index).len() * components > MAX_NEIGHBOURS);
-    if let Some(index) = crowded.filter(|_| components > 1) {
+    if let Some(index) = crowded {
         let (id, neighbours) = (index + 1, graph.neighbours(index).len());
         let allowed = format!(
             "node {id} has {neighbours} neighbours with {components} components each; a node has room for {MAX_NEIGHBOURS} in all"
@@ -147,10 +169,11 @@ fn connected(graph: &Graph, network: &Network<'_>, log: &Log) {
     let parts = graph.components();
     if parts.len() > 1 {
         let name = |part: &Vec<usize>| {
-            let ids: Vec<_> = part.iter().map(|index| (index + 1).to_string()).collect();
-            format!("{{{}}}", ids.join(", "))
+            let ids: Vec<_> = part.iter().take(MOST_NAMED).map(|index| (index + 1).to_string()).collect();
+            let more = if part.len() > MOST_NAMED { ", ..." } else { "" };
+            format!("{{{}{more}}}", ids.join(", "))
         };
-        let names: Vec<_> = parts.iter().map(name).collect();
+        let names: Vec<_> = parts.iter().take(MOST_NAMED).map(name).collect();
         let allowed = format!(
             "must be connected (Assumption 1), but it falls into {} parts: {}",
             parts.len(),

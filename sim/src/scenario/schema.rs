@@ -206,7 +206,7 @@ fn graph() -> Value {
     let branch = |names: &[&str], own: Vec<Key>| {
         let common = vec![
             kind("kind", names),
-            key("nodes", integer((1, MAX_NODES)), "number of nodes, ids 1 to this; a run takes 127 at most")
+            key("nodes", integer((1, MAX_NODES)), "number of nodes, ids 1 to this; a run takes 127 at most, with bus.model = \"none\" a million")
                 .like(json!(5))
                 .required(),
             key("weight", number(network::EDGE_WEIGHT), "weight of every edge").or(json!(1.0)),
@@ -219,7 +219,7 @@ fn graph() -> Value {
     kinds(vec![
         branch(&["ring", "path", "star", "complete"], vec![]),
         branch(
-            &["grid"],
+            &["grid", "torus"],
             vec![
                 key("columns", integer((1, MAX_NODES)), "nodes per row; default: as square as it gets")
                     .like(json!(3)),
@@ -443,6 +443,8 @@ fn agent() -> Value {
         key("dynamics", dynamics(|key| key), "the node's own field: needed here or in each node")
             .like(json!({ "kind": "affine", "slope": -1.0 })),
         key("unit", unit, "the unit of the states, shown on the axes of pictures").like(json!("degC")),
+        key("random", random(), "what is drawn for each node, from the seed")
+            .like(json!({ "state": { "uniform": [-1.0, 1.0] } })),
     ];
     let with_default = |key: Key| match key.name {
         "state" | "noise" => key.or(json!(0.0)),
@@ -451,6 +453,24 @@ fn agent() -> Value {
         _ => key,
     };
     object(own.into_iter().chain(of_node().into_iter().map(with_default)).collect())
+}
+
+/// Draws, by key.
+fn random() -> Value {
+    let of = |name, range: Range, what: &str| {
+        let low_high = array(number(range), 2, Some(2));
+        let uniform = object(vec![key("uniform", low_high.clone(), "lowest and highest value").required()]);
+        let normal = object(vec![key("normal", low_high, "mean and standard deviation").required()]);
+        let example = if name == "slope" { [-2.0, -0.5] } else { [0.0, 1.0] };
+        key(name, kinds(vec![uniform, normal]), what).like(json!({ "uniform": example }))
+    };
+    object(vec![
+        of("state", agents::STATE, "initial state (state units)"),
+        of("slope", agents::SLOPE, "slope of an affine field, 1/s"),
+        of("offset", agents::INPUT, "offset of an affine field (state units per second)"),
+        of("amplitude", agents::INPUT, "amplitude of each sine (state units per second)"),
+        of("phase", agents::PHASE, "phase of each sine, rad"),
+    ])
 }
 
 /// An override is merged over the default, so that nothing of it is required.
@@ -616,6 +636,7 @@ fn bus_section() -> Value {
     let ideal = Key { required: false, ..kind("model", &["ideal"]) }.or(json!("ideal"));
     kinds(vec![
         object([ideal, loss()].into_iter().chain(delay()).collect()),
+        object(vec![kind("model", &["none"])]),
         object(can("can")),
         object(can("can-fd").into_iter().chain(of_data).collect()),
         object(vec![

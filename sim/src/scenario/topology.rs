@@ -9,6 +9,8 @@ use funnelnet_law::math;
 
 use crate::random::{Purpose, below, stream, uniform};
 
+/// The most nodes of which each pair is drawn by itself: graphs of seeds that are in use stay.
+const LARGEST_BY_PAIRS: usize = 2_000;
 /// Draws before a random graph is given up.
 const ATTEMPTS: u64 = 1_000;
 
@@ -27,6 +29,10 @@ pub(super) enum Topology {
     Grid {
         columns: usize,
     },
+    /// Row by row, whole rows, each closed to a ring, and each column too.
+    Torus {
+        columns: usize,
+    },
     /// Every node linked to the `degree / 2` next ones on either side of a ring.
     RingLattice {
         degree: usize,
@@ -40,6 +46,18 @@ pub(super) enum Topology {
 }
 
 impl Topology {
+    /// How many links there will be, about.
+    pub fn expected_links(self, nodes: usize) -> f64 {
+        let n = nodes as f64;
+        match self {
+            Self::Ring | Self::Path | Self::Star => n,
+            Self::Complete => n * n / 2.0,
+            Self::Grid { .. } | Self::Torus { .. } => 2.0 * n,
+            Self::RingLattice { degree } | Self::RandomRegular { degree } => n * degree as f64 / 2.0,
+            Self::ErdosRenyi { probability } => probability * n * n / 2.0,
+        }
+    }
+
     /// The links, sorted, each once.
     ///
     /// # Errors
@@ -51,6 +69,7 @@ impl Topology {
             Self::Star => (1..nodes).map(|i| (0, i)).collect(),
             Self::Complete => pairs(nodes).collect(),
             Self::Grid { columns } => grid(nodes, columns),
+            Self::Torus { columns } => torus(nodes, columns)?,
             Self::RingLattice { degree } => {
                 if degree % 2 == 1 || degree >= nodes.max(1) {
                     return Err(format!("must be even and below nodes = {nodes} for a ring lattice"));
@@ -80,6 +99,18 @@ fn grid(nodes: usize, columns: usize) -> BTreeSet<Link> {
     right.chain(down).collect()
 }
 
+fn torus(nodes: usize, columns: usize) -> Result<BTreeSet<Link>, String> {
+    let rows = nodes / columns;
+    if !nodes.is_multiple_of(columns) || columns < 3 || rows < 3 {
+        return Err(format!("must divide nodes = {nodes} into three rows or more of three nodes or more"));
+    }
+    let around = |i: usize| {
+        let (row, column) = (i / columns, i % columns);
+        [(i, row * columns + (column + 1) % columns), (i, (row + 1) % rows * columns + column)]
+    };
+    Ok((0..nodes).flat_map(around).map(|(a, b)| (a.min(b), a.max(b))).collect())
+}
+
 fn connected(nodes: usize, links: &BTreeSet<Link>) -> bool {
     let edges = links.iter().map(|&(a, b)| Edge { a, b, weight: 1.0 }).collect();
     Graph { nodes, edges }.components().len() == 1
@@ -96,8 +127,12 @@ fn draw(
 }
 
 fn erdos_renyi(nodes: usize, probability: f64, seed: u64) -> Result<BTreeSet<Link>, String> {
-    let once =
-        |generator: &mut Pcg64| Some(pairs(nodes).filter(|_| uniform(generator) < probability).collect());
+    let once = |generator: &mut Pcg64| {
+        if nodes > LARGEST_BY_PAIRS {
+            return Some(skipping(nodes, probability, generator));
+        }
+        Some(pairs(nodes).filter(|_| uniform(generator) < probability).collect())
+    };
     let enough = (math::ln(nodes as f64) / nodes as f64).min(1.0);
     draw(nodes, seed, once).ok_or_else(|| {
         format!(
@@ -105,6 +140,30 @@ fn erdos_renyi(nodes: usize, probability: f64, seed: u64) -> Result<BTreeSet<Lin
          draws are connected"
         )
     })
+}
+
+/// Batagelj and Brandes (2005): the number of pairs up to the next link is geometric, so that only links cost time.
+fn skipping(nodes: usize, probability: f64, generator: &mut Pcg64) -> BTreeSet<Link> {
+    if probability >= 1.0 {
+        return pairs(nodes).collect();
+    }
+    let scale = 1.0 / math::ln_1p(-probability);
+    let mut links = BTreeSet::new();
+    let (mut row, mut column) = (0, 0usize);
+    while row < nodes {
+        let skip = math::floor(math::ln(1.0 - uniform(generator)) * scale);
+        column = column.saturating_add(skip as usize);
+        // Row a has the pairs with a + 1 and beyond.
+        while row < nodes && column >= nodes - 1 - row {
+            column -= nodes - 1 - row;
+            row += 1;
+        }
+        if row < nodes {
+            links.insert((row, row + 1 + column));
+            column += 1;
+        }
+    }
+    links
 }
 
 fn random_regular(nodes: usize, degree: usize, seed: u64) -> Result<BTreeSet<Link>, String> {
@@ -181,6 +240,37 @@ mod tests {
         assert_ne!(other.links(50, 1), other.links(50, 2));
         assert!(Topology::RandomRegular { degree: 3 }.links(5, 1).is_err());
         assert!(Topology::RandomRegular { degree: 1 }.links(6, 1).unwrap_err().contains("1000 draws"));
+    }
+
+    #[test]
+    fn a_torus_has_four_neighbours_everywhere() {
+        let links = Topology::Torus { columns: 5 }.links(15, 1).unwrap();
+        let count = |i| links.iter().filter(|(a, b)| *a == i || *b == i).count();
+        assert!(links.len() == 30 && (0..15).all(|i| count(i) == 4), "{links:?}");
+        assert!(Topology::Torus { columns: 4 }.links(15, 1).unwrap_err().contains("three rows"));
+        assert!(Topology::Torus { columns: 3 }.links(6, 1).is_err());
+    }
+
+    #[test]
+    fn skipping_gives_as_many_links_as_drawing_each_pair() {
+        let (nodes, probability) = (400, 0.02);
+        let expected = probability * (nodes * (nodes - 1) / 2) as f64;
+        let count = |n| skipping(nodes, probability, &mut stream(n, Purpose::Graph, 0)).len() as f64;
+        let mean = (0..50).map(count).sum::<f64>() / 50.0;
+        // Five standard deviations of the mean.
+        assert!((mean - expected).abs() < 5.0 * (expected / 50.0).sqrt(), "{mean} {expected}");
+        let links = skipping(nodes, probability, &mut stream(1, Purpose::Graph, 0));
+        assert!(links.iter().all(|&(a, b)| a < b && b < nodes));
+        let last = (0..50).flat_map(|n| skipping(nodes, probability, &mut stream(n, Purpose::Graph, 0)));
+        let (low, high) = last.fold(
+            (0, 0),
+            |(low, high), (a, _)| {
+                if a < nodes / 2 { (low + 1, high) } else { (low, high + 1) }
+            },
+        );
+        // Three quarters of all pairs begin in the first half.
+        let share = f64::from(low) / f64::from(low + high);
+        assert!((share - 0.75).abs() < 0.01, "{share}");
     }
 
     #[test]

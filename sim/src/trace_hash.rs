@@ -15,18 +15,27 @@ impl Default for TraceHash {
 
 impl TraceHash {
     /// The hash of nothing.
+    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
     /// Takes the next state in.
+    #[inline]
     pub fn push(&mut self, state: f32) {
-        for byte in state.to_le_bytes() {
+        self.push_bytes(&state.to_le_bytes());
+    }
+
+    /// Takes bytes in, for a hash of hashes.
+    #[inline]
+    pub fn push_bytes(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
     }
 
     /// The hash of all states so far.
+    #[must_use]
     pub fn value(&self) -> u64 {
         self.0
     }

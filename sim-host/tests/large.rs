@@ -1,0 +1,151 @@
+//! Runs and checks without a bus, as users type them.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCENARIO: &str = r#"
+version = 1
+title = "Five thousand nodes"
+[time]
+tick = "1ms"
+duration = "300ms"
+[graph]
+kind = "random-regular"
+nodes = 5000
+degree = 4
+[coupling]
+kind = "node-wise"
+gain = { kind = "reciprocal" }
+funnel = { kind = "exponential", start = 60, end = 2, rate = 10 }
+[agent]
+dynamics = { kind = "affine", slope = -1.0 }
+random = { state = { uniform = [-2, 2] }, offset = { normal = [0, 1] } }
+[bus]
+model = "none"
+[expect]
+funnel_ratio = 1.0
+"#;
+
+fn sim_host(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sim-host")).current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn folder() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("large.toml"), SCENARIO).unwrap();
+    let path = folder.path().to_owned();
+    (folder, path)
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn files_are_the_same_for_any_number_of_threads() {
+    let (_keep, at) = folder();
+    for threads in ["1", "3"] {
+        let out = format!("out{threads}");
+        let done =
+            sim_host(&at, &["run", "large.toml", "--out", &out, "--nodes", "9,1,4999", "--threads", threads]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        let told = text(&done.stdout);
+        assert!(told.contains("left out") && told.contains("nothing is lost"), "{told}");
+    }
+    for name in ["quantiles.csv", "quantiles.svg", "trajectory.csv", "scenario.toml"] {
+        let [a, b] = ["out1", "out3"].map(|out| fs::read_to_string(at.join(out).join(name)).unwrap());
+        assert_eq!(a, b, "{name}");
+    }
+    let [a, b] = ["out1", "out3"].map(|out| json(&at.join(out).join("summary.json")));
+    assert_eq!(a["trace_hash"], b["trace_hash"]);
+    assert_eq!((&a["passed"], &a["on"], &a["nodes"]), (&true.into(), &"none".into(), &5000.into()));
+    assert!(a["left_out"].as_array().is_some_and(|list| !list.is_empty()));
+    let trajectory = fs::read_to_string(at.join("out1/trajectory.csv")).unwrap();
+    assert_eq!(
+        trajectory.lines().next().unwrap(),
+        "t,x_1,x_9,x_4999,nu_1,nu_9,nu_4999,psi_1,psi_9,psi_4999,u_1,u_9,u_4999"
+    );
+    let quantiles = fs::read_to_string(at.join("out1/quantiles.csv")).unwrap();
+    let rows: Vec<Vec<f64>> = quantiles
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|value| value.parse().unwrap()).collect())
+        .collect();
+    // Every second tick, and the last one.
+    assert_eq!((rows.len(), rows[0][0], rows[rows.len() - 1][0]), (151, 0.0, 0.3));
+    assert!(rows.iter().all(|row| row[2..9].is_sorted() && row[9..12].is_sorted()));
+    // Uniform draws from -2 to 2.
+    assert!(
+        rows[0][2] < -1.99 && rows[0][8] > 1.99 && (rows[0][3] + 1.8).abs() < 0.1 && rows[0][5].abs() < 0.1
+    );
+}
+
+#[test]
+fn an_expectation_that_is_missed_fails_and_says_the_seed() {
+    let (_keep, at) = folder();
+    let done = sim_host(&at, &["run", "large.toml", "--set", "expect.max_input=1e-3", "--json", "-"]);
+    assert_eq!(done.status.code(), Some(1));
+    assert!(text(&done.stderr).contains("max_input") && text(&done.stderr).contains("--seed 1"));
+    let summary: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(summary["passed"], false);
+}
+
+#[test]
+fn options_that_mean_nothing_are_refused() {
+    let (_keep, at) = folder();
+    for (arguments, words) in [
+        (vec!["run", "large.toml", "--out", "out", "--nodes", "5001"], "--nodes 5001: ids are 1 to 5000"),
+        (vec!["run", "large.toml", "--on", "reference"], "bus.model = \"none\""),
+        (vec!["run", "large.toml", "--set", "bus.loss=0.1"], "bus.loss"),
+        (
+            vec![
+                "run",
+                "large.toml",
+                "--set",
+                "bus.model=ideal",
+                "--set",
+                "graph.nodes=20",
+                "--threads",
+                "2",
+            ],
+            "--threads",
+        ),
+        (vec!["sweep", "large.toml", "--seeds", "2", "--out", "sweep"], "`run` and `check` only"),
+    ] {
+        let done = sim_host(&at, &arguments);
+        assert_eq!(done.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&done.stderr).contains(words), "{arguments:?}: {}", text(&done.stderr));
+    }
+}
+
+#[test]
+fn check_says_what_it_knows_and_by_name_what_it_does_not() {
+    let (_keep, at) = folder();
+    let status = |report: &serde_json::Value, name: &str| {
+        let findings = report["findings"].as_array().unwrap();
+        findings.iter().find(|finding| finding["name"] == name).unwrap_or_else(|| panic!("{name}"))["status"]
+            .clone()
+    };
+    let check = |set: &[&str]| {
+        let mut arguments = vec!["check", "large.toml", "--json"];
+        set.iter().for_each(|set| arguments.extend(["--set", set]));
+        let done = sim_host(&at, &arguments);
+        let report: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+        (done.status.code(), report)
+    };
+    let (code, report) = check(&[]);
+    assert_eq!((code, status(&report, "connectivity")), (Some(0), "ok".into()));
+    for name in ["emergent", "narrowest-funnel", "followed"] {
+        assert_eq!(status(&report, name), "not-checked", "{name}");
+    }
+    let (_, ring) = check(&["graph={ kind = \"ring\", nodes = 5000 }"]);
+    assert_eq!(status(&ring, "connectivity"), "not-checked");
+    let (code, fast) = check(&["agent.dynamics.slope=-3000", "time.duration=1s"]);
+    assert_eq!((code, status(&fast, "fields")), (Some(2), "fail".into()));
+}

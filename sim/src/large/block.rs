@@ -1,0 +1,270 @@
+//! A block of nodes: it reads the states of this tick, and writes its own of the next. The steps are those of
+//! `funnelnet-node`, in the same order (node/src/node/tick.rs).
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "what is not a number is outside")]
+
+use super::columns::{Columns, Own};
+use super::findings::{Findings, Halt};
+use super::kinds::{Kind, Shared, Width};
+use crate::extremes::larger;
+use crate::trace_hash::TraceHash;
+use funnelnet_law::field::{Scalar, Stride};
+use funnelnet_law::gain::GainFunction;
+use funnelnet_law::law::node_wise::Memory;
+use funnelnet_law::math;
+use funnelnet_node::Observation;
+
+/// Nodes of a block, whatever the number of threads: no figure depends on that.
+pub(super) const BLOCK: usize = 4096;
+
+/// What others see of a node: its state and the last change of it, state units.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// State.
+    pub x: f32,
+    /// Its change over the last tick.
+    pub dx: f32,
+}
+
+/// What a node keeps for itself.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moving {
+    /// What rounding has left behind in the state.
+    carry: f32,
+    memory: Memory<f32>,
+}
+
+/// A tick, as all blocks see it.
+pub(super) struct Instant<'a> {
+    pub k: u32,
+    /// By place of the funnel.
+    pub widths: &'a [Width],
+}
+
+/// Nodes with indices that follow each other.
+#[derive(Clone, Debug)]
+pub(super) struct Block {
+    first: usize,
+    nodes: Vec<Moving>,
+    /// Indices of nodes that are watched, ascending, and what was seen of them at the last tick.
+    watched: Vec<usize>,
+    pub seen: Vec<Observation<f32>>,
+    pub findings: Findings,
+    pub hash: TraceHash,
+    /// Below this share of its funnel a term cannot be the largest so far; a little less than that.
+    bar: f64,
+    believed_bar: f32,
+}
+
+/// Nodes whose sums are made before anything else of them: states of neighbours are all over the memory, and the processor fetches
+/// many at once where nothing waits for one.
+const TOGETHER: usize = 64;
+
+/// Sums over the edges of a node.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    nu: f32,
+    dnu: f32,
+    largest: f32,
+    /// The same as `nu`, in f64.
+    truth: f64,
+}
+
+/// What a bar is below the largest ratio, for the rounding of the products that are compared with it.
+const BELOW: f64 = 1.0 - 1e-12;
+const BELOW_F32: f32 = 1.0 - 1e-5;
+
+impl Block {
+    pub fn new(first: usize, nodes: usize, watched: &[usize]) -> Self {
+        let watched: Vec<_> =
+            watched.iter().copied().filter(|index| (first..first + nodes).contains(index)).collect();
+        Self {
+            first,
+            nodes: vec![Moving::default(); nodes],
+            seen: vec![Observation::default(); watched.len()],
+            watched,
+            findings: Findings::default(),
+            hash: TraceHash::new(),
+            bar: 0.0,
+            believed_bar: 0.0,
+        }
+    }
+
+    /// The largest inputs that are held over the last tick, state units / s, by index.
+    pub fn inputs(&self) -> impl Iterator<Item = f32> {
+        self.nodes.iter().map(|node| node.memory.last_input().unwrap_or(0.0))
+    }
+
+    /// Runs a tick of all nodes.
+    pub fn tick<G: GainFunction<f32>>(
+        &mut self,
+        (columns, kinds, shared): (&Columns, &[Kind<G>], &Shared),
+        now: &[Seen],
+        next: &mut [Seen],
+        at: &Instant<'_>,
+    ) {
+        let mut hash = self.hash;
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        let mut watched = 0;
+        let stride = Stride { tick: shared.tick, half: 1 };
+        let from = u64::from(at.k) << 1;
+        let last = self.first + self.nodes.len();
+        let own = &columns.own[self.first..last];
+        let mut ahead = [Sums::default(); TOGETHER];
+        for (offset, (own, next)) in own.iter().zip(next).enumerate() {
+            let index = self.first + offset;
+            if offset % TOGETHER == 0 {
+                let some = columns.own[index..last].iter().zip(&now[index..last]);
+                ahead.iter_mut().zip(some).for_each(|(slot, (own, &me))| *slot = sums(columns, own, me, now));
+            }
+            let me = now[index];
+            hash.push(me.x);
+            // No state is a NaN: the run would have ended.
+            if me.x < low {
+                low = me.x;
+            }
+            if me.x > high {
+                high = me.x;
+            }
+            let sums = ahead[offset % TOGETHER];
+            let kind = &kinds[own.kind as usize];
+            let Width { widths, judged } = at.widths[kind.funnel];
+            let node = &mut self.nodes[offset];
+            let before = node.memory.last_input().map_or(0.0, f32::abs);
+            let floor = kind.floor.width(sums.largest, before);
+            let psi = match widths.clears(floor) {
+                true => widths,
+                false => {
+                    self.findings.floored += 1;
+                    widths.floored(floor)
+                }
+            };
+            let size = sums.nu.abs();
+            if !(size < self.believed_bar * psi.now) {
+                believe(&mut self.findings, &mut self.believed_bar, size / psi.now);
+            }
+            let mut u = 0.0;
+            if shared.is_coupled {
+                u = kind.law.step(&mut node.memory, sums.nu, sums.dnu, shared.guard.of(at.k, psi)).u;
+                // Written so that NaN is outside.
+                if !(u.abs() <= shared.input_limit) {
+                    if !u.is_finite() {
+                        halt(&mut self.findings, at.k, index, "its input is no finite number");
+                        continue;
+                    }
+                    u = shared.input_limit.copysign(u);
+                    node.memory.feed_back(u);
+                    self.findings.limited += 1;
+                }
+                if let Some(limits) = kind.limits {
+                    let applied = limits.clamp(u);
+                    if applied != u {
+                        u = applied;
+                        node.memory.feed_back(u);
+                        self.findings.saturated += 1;
+                    }
+                }
+                if u.abs() > self.findings.max_input {
+                    self.findings.max_input = u.abs();
+                }
+            }
+            let judged = match shared.accepts_f32 {
+                true => larger(judged, kind.judged_floor.width(sums.largest.into(), f64::from(u).abs())),
+                false => judged,
+            };
+            if own.edges == 0 {
+                self.findings.uncoupled += 1;
+            } else if !(sums.truth.abs() < self.bar * judged) {
+                judge(&mut self.findings, &mut self.bar, (sums.truth.abs(), judged), (at.k, index));
+            }
+            if self.watched.get(watched) == Some(&index) {
+                let ratio = size / psi.now;
+                self.seen[watched] = Observation { tick: at.k, x: me.x, nu: sums.nu, psi: psi.now, ratio, u };
+                watched += 1;
+            }
+            let mut x = me.x;
+            match kind.expression {
+                None => {
+                    let Own { slope, offset, .. } = *own;
+                    let field = Scalar { slope, offset, phasors: columns.phasors(index) };
+                    stride.midpoint_step(&field, from, &mut x, &mut node.carry, u);
+                }
+                Some(place) => {
+                    stride.midpoint_step(&shared.expressions[place], from, &mut x, &mut node.carry, u);
+                }
+            }
+            // Written so that NaN is outside.
+            if !(x.abs() <= shared.state_limit) {
+                let why = if x.is_finite() {
+                    "its state is beyond its limit"
+                } else {
+                    "its field is no finite number"
+                };
+                halt(&mut self.findings, at.k, index, why);
+            }
+            *next = Seen { x, dx: x - me.x };
+        }
+        self.hash = hash;
+        self.findings.last = (low, high);
+        self.findings.judged += self.nodes.len() as u64;
+    }
+}
+
+#[inline]
+fn sums(columns: &Columns, own: &Own, me: Seen, now: &[Seen]) -> Sums {
+    let mut sums = Sums { nu: 0.0, dnu: 0.0, largest: me.x.abs(), truth: 0.0 };
+    let range = own.first as usize..(own.first + own.edges) as usize;
+    let neighbours = &columns.neighbours[range.clone()];
+    if columns.weights.is_empty() {
+        let weight = columns.weight;
+        neighbours.iter().for_each(|&other| take(&mut sums, weight, me, now[other as usize]));
+    } else {
+        let weights = &columns.weights[range];
+        neighbours
+            .iter()
+            .zip(weights)
+            .for_each(|(&other, &weight)| take(&mut sums, weight, me, now[other as usize]));
+    }
+    sums
+}
+
+/// Adds an edge as a node does, and its true term.
+#[inline(always)]
+fn take(sums: &mut Sums, weight: f64, me: Seen, other: Seen) {
+    let told = weight as f32;
+    sums.nu += told * (other.x - me.x);
+    sums.dnu += told * (other.dx - me.dx);
+    let size = other.x.abs();
+    if size > sums.largest {
+        sums.largest = size;
+    }
+    sums.truth += weight * (f64::from(other.x) - f64::from(me.x));
+}
+
+/// Takes a ratio that a node may call its largest so far.
+#[cold]
+fn believe(findings: &mut Findings, bar: &mut f32, ratio: f32) {
+    // What is not a number is not inside, and stays the largest.
+    if !(ratio < 1.0) {
+        findings.believed_breaches += 1;
+    }
+    findings.believed_ratio = math::larger(findings.believed_ratio, ratio);
+    *bar = (findings.believed_ratio * BELOW_F32).min(BELOW_F32);
+}
+
+/// Takes a true term that may be the largest so far, or outside.
+#[cold]
+fn judge(findings: &mut Findings, bar: &mut f64, (nu, psi): (f64, f64), (k, index): (u32, usize)) {
+    // Zero in a funnel that has closed is inside it by no more than any other value is.
+    let ratio = if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi };
+    if !(ratio < 1.0) {
+        findings.breaches += 1;
+        findings.first_breach.get_or_insert((k.into(), index));
+    }
+    findings.max_ratio = larger(findings.max_ratio, ratio);
+    *bar = (findings.max_ratio * BELOW).min(BELOW);
+}
+
+#[cold]
+fn halt(findings: &mut Findings, k: u32, node: usize, why: &'static str) {
+    findings.halt.get_or_insert(Halt { tick: k.into(), node, why });
+}

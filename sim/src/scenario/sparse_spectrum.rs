@@ -1,0 +1,226 @@
+//! The second eigenvalue of the Laplacian of a large graph, by restarted Lanczos iterations on the sparse matrix.
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "what is not a number is outside")]
+
+use super::Graph;
+use crate::random::mix;
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use faer::matrix_free::LinOp;
+use faer::matrix_free::eigen::{
+    PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
+};
+use faer::{Col, Mat, MatMut, MatRef, Par};
+
+/// Dimensions of the space of the iteration, between restarts and at most; restarts.
+const DIMENSIONS: (usize, usize) = (24, 64);
+const RESTARTS: usize = 24;
+/// Pairs that are looked for: the second one tells how far the next eigenvalue is.
+const PAIRS: usize = 2;
+/// Size of the residual at which an iteration stops.
+const TOLERANCE: f64 = 1e-6;
+
+/// An eigenvalue, and how far from it the true one is at most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The value that was found. It is not below the true one but for rounding: a Rayleigh quotient.
+    pub value: f64,
+    /// Bound of its error: by the residual `r`, or by `r^2` over the distance to the next value that was found.
+    pub error: f64,
+}
+
+impl Estimate {
+    /// The bound over the value.
+    #[must_use]
+    pub fn relative(&self) -> f64 {
+        self.error / self.value
+    }
+}
+
+impl Graph {
+    /// The second eigenvalue of the Laplacian, from vectors that are all orthogonal to the first one. `None` where the
+    /// iteration finds nothing.
+    ///
+    /// The bound holds for an eigenvalue near the value; that it is the second one rests on a start vector that has a part of its
+    /// eigenvector, as a random one has. Where eigenvalues are close together beside the largest (a path, a ring), the
+    /// iteration does not resolve them, and the bound says so. On one thread, so that the bits do not depend on cores.
+    #[must_use]
+    pub fn sparse_lambda2(&self) -> Option<Estimate> {
+        if self.nodes < 4 {
+            return None;
+        }
+        let reflected = Reflected::of(self);
+        let params = PartialEigenParams {
+            min_dim: DIMENSIONS.0,
+            max_dim: DIMENSIONS.1,
+            max_restarts: RESTARTS,
+            ..PartialEigenParams::default()
+        };
+        let mut vectors = Mat::zeros(self.nodes, PAIRS);
+        let mut values = [0.0; PAIRS];
+        let start = Col::from_fn(self.nodes, |i| mix(i as u64) as f64 / u64::MAX as f64 - 0.5);
+        let mut memory =
+            MemBuffer::new(partial_self_adjoint_eigen_scratch(&reflected, PAIRS, Par::Seq, params));
+        partial_self_adjoint_eigen(
+            vectors.as_mut(),
+            &mut values,
+            &reflected,
+            start.as_ref(),
+            TOLERANCE,
+            Par::Seq,
+            MemStack::new(&mut memory),
+            params,
+        );
+        let pairs: Vec<_> = (0..PAIRS).filter_map(|at| reflected.pair(vectors.col_as_slice(at))).collect();
+        let (value, residual) = *pairs.iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let others = pairs.iter().filter(|pair| pair.0 > value);
+        // What is between the next value and the true next one is its residual at most.
+        let gap = others.map(|&(other, residual)| other - residual - value).fold(f64::INFINITY, f64::min);
+        let error = if gap.is_finite() && gap > residual {
+            residual.min(residual * residual / gap)
+        } else {
+            residual
+        };
+        Some(Estimate { value, error })
+    }
+}
+
+/// `top - L` for vectors orthogonal to the constant one, with `top` at or above all eigenvalues of `L`: what is lowest
+/// there is largest here.
+#[derive(Debug)]
+struct Reflected {
+    top: f64,
+    degrees: Vec<f64>,
+    starts: Vec<usize>,
+    neighbours: Vec<(u32, f64)>,
+}
+
+impl Reflected {
+    fn of(graph: &Graph) -> Self {
+        let mut counts = vec![0usize; graph.nodes + 1];
+        for edge in &graph.edges {
+            counts[edge.a + 1] += 1;
+            counts[edge.b + 1] += 1;
+        }
+        for at in 0..graph.nodes {
+            counts[at + 1] += counts[at];
+        }
+        let (starts, mut next) = (counts.clone(), counts);
+        let mut neighbours = vec![(0, 0.0); 2 * graph.edges.len()];
+        for edge in &graph.edges {
+            for (from, to) in [(edge.a, edge.b), (edge.b, edge.a)] {
+                neighbours[next[from]] = (to as u32, edge.weight);
+                next[from] += 1;
+            }
+        }
+        let degrees = graph.degrees();
+        // Gershgorin, sharper: the largest sum of two neighbouring degrees (Anderson and Morley, 1985).
+        let sums = graph.edges.iter().map(|edge| degrees[edge.a] + degrees[edge.b]);
+        let top = crate::extremes::largest(0.0, sums);
+        Self { top, degrees, starts, neighbours }
+    }
+
+    /// `L x`.
+    fn laplacian(&self, x: &[f64], out: &mut [f64]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            let edges = &self.neighbours[self.starts[i]..self.starts[i + 1]];
+            let others: f64 = edges.iter().map(|&(j, weight)| weight * x[j as usize]).sum();
+            *out = self.degrees[i] * x[i] - others;
+        }
+    }
+
+    /// Rayleigh quotient of a vector and the size of its residual, both of `L` itself; none for no vector.
+    fn pair(&self, vector: &[f64]) -> Option<(f64, f64)> {
+        let mut x = vector.to_vec();
+        centre(&mut x);
+        let size = dot(&x, &x).sqrt();
+        if !(size > 0.1) {
+            return None;
+        }
+        x.iter_mut().for_each(|x| *x /= size);
+        let mut image = vec![0.0; x.len()];
+        self.laplacian(&x, &mut image);
+        let value = dot(&x, &image);
+        let residual =
+            image.iter().zip(&x).map(|(image, x)| (image - value * x) * (image - value * x)).sum::<f64>();
+        // What rounding does to sums of so many terms is no eigenvalue either.
+        let rounding = f64::EPSILON * self.top * (x.len() as f64).sqrt();
+        Some((value, residual.sqrt() + rounding))
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn centre(x: &mut [f64]) {
+    let mean = x.iter().sum::<f64>() / x.len() as f64;
+    x.iter_mut().for_each(|x| *x -= mean);
+}
+
+impl LinOp<f64> for Reflected {
+    fn apply_scratch(&self, _: usize, _: Par) -> StackReq {
+        StackReq::EMPTY
+    }
+
+    fn nrows(&self) -> usize {
+        self.degrees.len()
+    }
+
+    fn ncols(&self) -> usize {
+        self.degrees.len()
+    }
+
+    fn apply(&self, mut out: MatMut<'_, f64>, rhs: MatRef<'_, f64>, _: Par, _: &mut MemStack) {
+        for column in 0..rhs.ncols() {
+            let mut x: Vec<f64> = rhs.col(column).iter().copied().collect();
+            centre(&mut x);
+            let mut image = vec![0.0; x.len()];
+            self.laplacian(&x, &mut image);
+            image.iter_mut().zip(&x).for_each(|(image, x)| *image = self.top * x - *image);
+            centre(&mut image);
+            out.as_mut().col_mut(column).iter_mut().zip(&image).for_each(|(slot, image)| *slot = *image);
+        }
+    }
+
+    fn conj_apply(&self, out: MatMut<'_, f64>, rhs: MatRef<'_, f64>, par: Par, stack: &mut MemStack) {
+        self.apply(out, rhs, par, stack);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::graph::Edge;
+    use super::super::topology::Topology;
+    use super::*;
+
+    fn graph(topology: Topology, nodes: usize) -> Graph {
+        let links = topology.links(nodes, 1).unwrap();
+        let edge = |(k, &(a, b)): (usize, &(usize, usize))| Edge { a, b, weight: 1.0 + (k % 3) as f64 };
+        Graph { nodes, edges: links.iter().enumerate().map(edge).collect() }
+    }
+
+    #[test]
+    fn it_is_the_dense_one_to_a_millionth_and_the_bound_holds() {
+        for (topology, nodes) in [
+            (Topology::RandomRegular { degree: 4 }, 700),
+            (Topology::ErdosRenyi { probability: 0.02 }, 600),
+            (Topology::Star, 300),
+            (Topology::Grid { columns: 15 }, 225),
+        ] {
+            let graph = graph(topology, nodes);
+            let (exact, found) = (graph.lambda2(), graph.sparse_lambda2().unwrap());
+            let error = (found.value - exact).abs();
+            assert!(error <= found.error + 1e-12 * graph.lambda_max(), "{topology:?} {found:?} {exact}");
+            assert!(error < 1e-6 * exact, "{topology:?} {found:?} {exact}");
+            assert!(found.relative() < 1e-6, "{topology:?} {found:?}");
+        }
+    }
+
+    /// Where it cannot know, the bound is as large as that.
+    #[test]
+    fn a_long_path_is_not_claimed() {
+        let graph = graph(Topology::Path, 1_900);
+        let (exact, found) = (graph.lambda2(), graph.sparse_lambda2().unwrap());
+        let error = (found.value - exact).abs();
+        assert!(found.relative() > 1e-4 || error < 1e-4 * exact, "{found:?} {exact}");
+    }
+}
