@@ -138,7 +138,7 @@ fn both_ways_say_the_same_whatever_happens_to_the_wire() {
     let mut run = |seed: u64, bit_by_bit: bool| {
         let mut random = Random(seed);
         let mut errors = Random(seed ^ 0x55);
-        let noise = BitErrors::on_the_bus(if seed % 2 == 0 { 0 } else { 200_000 }, move || errors.next());
+        let noise = BitErrors::on_the_bus(if seed.is_multiple_of(2) { 0 } else { 200_000 }, move || errors.next());
         let (mut bus, mut heard, mut now) = (bus(5, bit_by_bit, noise.unwrap()), Vec::new(), 0);
         for _ in 0..400 {
             now += random.below(90 * BIT);

@@ -14,9 +14,10 @@ import time
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[name] = "1"
 
-import numba
-import numpy as np
-import scipy.sparse
+# They read the number of threads when they are imported.
+import numba  # noqa: E402
+import numpy as np  # noqa: E402
+import scipy.sparse  # noqa: E402
 
 T = np.float32(1e-3)
 G = np.float32(0.1)

@@ -64,11 +64,10 @@ impl Findings {
     pub(super) fn add(&mut self, other: &Self) {
         self.max_ratio = larger(self.max_ratio, other.max_ratio);
         self.breaches += other.breaches;
-        let earlier = |a: Option<(u64, usize)>, b: Option<(u64, usize)>| match (a, b) {
+        self.first_breach = match (self.first_breach, other.first_breach) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
         };
-        self.first_breach = earlier(self.first_breach, other.first_breach);
         self.judged += other.judged;
         self.uncoupled += other.uncoupled;
         if other.believed_ratio > self.believed_ratio || other.believed_ratio.is_nan() {
