@@ -38,10 +38,16 @@ def segments(elf):
     """What is flashed, by the address that it is flashed to (ELF32, little endian)."""
     if elf[:6] != b"\x7fELF\x01\x01" or struct.unpack_from("<H", elf, 18) != (ARM,):
         sys.exit("the image is no ELF file of 32 bits for ARM")
+    if len(elf) < 52:
+        sys.exit("the image is cut off: an ELF file has a header of 52 bytes")
     (start,), (size, count) = struct.unpack_from("<I", elf, 28), struct.unpack_from("<2H", elf, 42)
+    if count == 0 or start + count * size > len(elf):
+        sys.exit("the image has no segments, or is cut off before them")
     for header in range(start, start + count * size, size):
         kind, offset, _, address, length = struct.unpack_from("<5I", elf, header)
         if kind == LOADED and length > 0:
+            if offset + length > len(elf):
+                sys.exit(f"the image is cut off: its segment at {address:#x} ends at byte {offset + length} of {len(elf)}")
             yield Segment(address, elf[offset:offset + length])
 
 
@@ -65,6 +71,8 @@ def pages(loaded, board):
 def uf2(elf, board):
     """The file."""
     blocks = list(pages(segments(elf), board))
+    if not blocks:
+        sys.exit("the image has nothing that is flashed")
     pack = struct.Struct(BLOCK).pack
     head = (BEGIN, BEGIN_2, HAS_FAMILY)
     return b"".join(pack(*head, address, PAYLOAD, number, len(blocks), board["uf2"], data, END) for number, (address, data) in enumerate(blocks))

@@ -93,6 +93,39 @@ fn a_frame_that_ends_before_a_short_circuit_is_whole() {
     }
 }
 
+/// In the first two bits after a frame it is an overload condition, and who has sent the frame counts it as its sender.
+#[test]
+fn a_short_circuit_right_after_a_frame_takes_its_sender_off() {
+    for bit_by_bit in [false, true] {
+        let run = |from: u64| {
+            let mut bus = bus(2, bit_by_bit, Quiet);
+            bus.short(from * BIT..(from + 400) * BIT);
+            assert!(bus.send(0, frame(1)));
+            let is_heard = !received(&mut bus, 600 * BIT).is_empty();
+            (is_heard, bus.mode(0))
+        };
+        let heard: Vec<u64> = (90..140).filter(|&from| run(from).0 && run(from).1 == Mode::Off).collect();
+        assert!((1..4).contains(&heard.len()), "{heard:?}");
+        assert_eq!(run(140), (true, Mode::Passive));
+    }
+}
+
+/// Where the wire is dominant at no sample point, nothing happens.
+#[test]
+fn what_is_shorter_than_a_bit_counts_at_the_sample_point() {
+    for bit_by_bit in [false, true] {
+        let run = |from: u64, to: u64| {
+            let mut bus = bus(3, bit_by_bit, Quiet);
+            bus.short(from..to);
+            assert!(bus.send(0, Frame::data(Id::Base(1), &[0xFF; 8]).unwrap()));
+            received(&mut bus, 110 * BIT);
+            bus.counters(0).transmit
+        };
+        assert_eq!([run(61_000, 61_050), run(60_000, 60_001), run(60_100, 60_870)], [0; 3]);
+        assert!(run(60_100, 61_000) > 0 && run(60_870, 60_880) > 0);
+    }
+}
+
 #[test]
 fn who_is_unplugged_hears_nobody_becomes_passive_and_speaks_when_it_is_back() {
     for bit_by_bit in [false, true] {
@@ -138,7 +171,8 @@ fn both_ways_say_the_same_whatever_happens_to_the_wire() {
     let mut run = |seed: u64, bit_by_bit: bool| {
         let mut random = Random(seed);
         let mut errors = Random(seed ^ 0x55);
-        let noise = BitErrors::on_the_bus(if seed.is_multiple_of(2) { 0 } else { 200_000 }, move || errors.next());
+        let noise =
+            BitErrors::on_the_bus(if seed.is_multiple_of(2) { 0 } else { 200_000 }, move || errors.next());
         let (mut bus, mut heard, mut now) = (bus(5, bit_by_bit, noise.unwrap()), Vec::new(), 0);
         for _ in 0..400 {
             now += random.below(90 * BIT);

@@ -53,6 +53,12 @@ class Uf2(unittest.TestCase):
             self.assertEqual((first, second, end), (0x0A324655, 0x9E5D5157, 0x0AB16F30))
             self.assertEqual((flags, size, count, family), (0x2000, 256, 32, FAMILY))
 
+    def test_a_file_that_is_cut_off_is_refused_wherever_it_is_cut(self):
+        whole = elf((FLASH - 256, b"boot" * 64), (FLASH, b"x" * 5000))
+        for length in [*range(6, 160, 7), len(whole) - 1500, len(whole) - 1]:
+            self.assertRegex(self.refusal(uf2.uf2, whole[:length], PICO), "cut off|no ELF")
+        self.assertIn("nothing that is flashed", self.refusal(uf2.uf2, elf(), PICO))
+
     def test_bytes_are_where_the_image_has_them_and_the_rest_of_each_sector_is_erased(self):
         file = blocks(uf2.uf2(elf((FLASH - 256, b"boot"), (FLASH + 2 * SECTOR, b"program")), PICO))
         self.assertEqual([block[3] for block in file], [start + 256 * page for start in (FLASH - 256, FLASH - 256 + 2 * SECTOR) for page in range(16)])

@@ -65,7 +65,8 @@ fn all_are_back_inside_within_half_a_second_and_no_other_funnel_is_left() {
         let verdict = verdict(seed, "10200ms");
         assert!(verdict.holds() && verdict.stops.is_empty(), "{verdict}");
         assert_eq!(verdict.findings.breaches, 0);
-        let back: Vec<f64> = verdict.findings.events.iter().map(|event| event.recovered_s.unwrap()).collect();
+        let back: Vec<f64> =
+            verdict.findings.events.iter().map(|event| event.recovery.after_s().unwrap()).collect();
         assert!(back.len() == 5 && back.iter().all(|&back| back < 0.5), "{back:?}");
         // Losses and partition are borne inside the funnels; the one that comes back is outside until it has learnt where the others are.
         let ratios: Vec<f64> = verdict.findings.events.iter().map(|event| event.during.max_ratio).collect();

@@ -118,6 +118,46 @@ fn who_sends_without_end_starves_those_whose_frames_lose() {
     assert!(verdict.holds() && verdict.findings.during_events.unwrap().max_ratio > 0.0, "{verdict}");
 }
 
+/// A second event, and one inside another, do what they say.
+#[test]
+fn a_node_babbles_as_often_as_it_is_told_to() {
+    let sent = |event: &str| {
+        let played = played(event);
+        played.sent[1500] - played.sent[400]
+    };
+    let calm = sent("");
+    let one = |at: &str, id: u32, lasts: u32| {
+        format!("{{ at = '{at}', kind = 'babble', node = 2, id = {id}, for = '{lasts}ms' }}")
+    };
+    let first = sent(&one("500ms", 0x7FF, 100)) - calm;
+    let both = sent(&format!("{}, {}", one("500ms", 0x7FF, 100), one("1s", 0x7FF, 100))) - calm;
+    let other = sent(&format!("{}, {}", one("500ms", 0x7FF, 100), one("1s", 0x7FE, 100))) - calm;
+    assert!(
+        first > 800 && both.abs_diff(2 * first) < 4 && other.abs_diff(2 * first) < 4,
+        "{first} {both} {other}"
+    );
+    let long = sent(&one("500ms", 0x7FF, 300)) - calm;
+    let inside = sent(&format!("{}, {}", one("500ms", 0x7FF, 300), one("600ms", 0x7FE, 100))) - calm;
+    assert!(inside.abs_diff(long) < 4, "{long} {inside}");
+}
+
+/// An empty frame with the identifier of a SYNC is refused: no clock is set by it, during the event or after it.
+#[test]
+fn who_babbles_as_a_time_master_sets_no_clock() {
+    let states = |id: u32| {
+        let event = format!("{{ at = '500ms', kind = 'babble', node = 2, id = {id}, for = '20ms' }}");
+        let bus = "bus.model = \"can\"\nclock.drift_ppm = 50.0\nsync = { period = \"100ms\", masters = [1] }";
+        let scenario = read(&event, bus).unwrap();
+        let mut engine =
+            engine_on(&scenario, can_bus::<funnelnet_link::Classic>(&scenario).unwrap()).unwrap();
+        engine.start();
+        (0..=scenario.time.ticks).for_each(|_| drop(engine.advance()));
+        engine.observations().iter().map(|seen| seen.x.to_bits()).collect::<Vec<_>>()
+    };
+    // 0x081 is the SYNC of node 1, 0x0FF of nobody, and both win against all states.
+    assert!(states(0x081) == states(0x0FF));
+}
+
 /// Events of one node that overlap end each at its own time.
 #[test]
 fn a_connector_is_back_when_the_last_event_is_over() {

@@ -11,7 +11,10 @@ use crate::wire::Pace;
 use std::ops::Range;
 
 impl<N: Noise> Bus<N> {
-    /// Holds the wire dominant for a time (ns, which has not begun; nothing happens if it is empty). Times may touch or overlap.
+    /// Holds the wire dominant for a time (ns, which has not begun; nothing happens if it is empty). Times may touch or overlap. A bit is dominant where the
+    /// wire is so at its sample point.
+    ///
+    /// One that is told in the last four bits of a frame that goes as a whole, and begins there, begins with the bus idle.
     ///
     /// All who are not sending when it begins take it for a start of frame. Their receive error counters run up, and they are error-passive after
     /// some 130 bits. The transmit error counter of one that is sending runs up, and takes it off the bus after some 250.
@@ -111,7 +114,7 @@ impl<N: Noise> Bus<N> {
         self.bit(at, Pace::Nominal, sink);
     }
 
-    /// Whether the wire is held dominant in the bit that begins at `at` (ns), after which earlier ones are forgotten.
+    /// Whether the wire is held dominant at the sample point `at` (ns), after which earlier ones are forgotten.
     pub(super) fn is_shorted(&mut self, at: u64) -> bool {
         while self.shorts.front().is_some_and(|short| short.end <= at) {
             self.shorts.pop_front();

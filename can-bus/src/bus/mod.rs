@@ -667,7 +667,7 @@ impl<N: Noise> Bus<N> {
 
     /// The sample point of a bit that began at `at`.
     fn bit(&mut self, at: u64, pace: Pace, sink: &mut impl FnMut(Event)) {
-        let shorted = self.is_shorted(at);
+        let shorted = self.is_shorted(self.now);
         let level = self.level(at) && !shorted;
         let busy = shorted || self.nodes.iter().any(|node| node.participant.is_busy());
         // What is shorted is not disturbed.
@@ -695,7 +695,9 @@ impl<N: Noise> Bus<N> {
         if busy {
             self.busy_ns += next - at;
         }
-        if !self.is_shorted(next) && self.nodes.iter().all(|node| node.participant.is_quiet()) {
+        if !self.is_shorted(next + self.timing.nominal().sample_ns())
+            && self.nodes.iter().all(|node| node.participant.is_quiet())
+        {
             self.note_all();
             self.begin_or_idle(next);
         } else {
@@ -712,7 +714,7 @@ impl<N: Noise> Bus<N> {
             }
             level &= node.participant.drives();
         }
-        if level == DOMINANT || self.is_shorted(at) {
+        if level == DOMINANT || self.is_shorted(self.now) {
             for node in self.nodes.iter_mut().filter(|node| node.participant.may_join()) {
                 node.begin(at, self.now);
             }

@@ -123,8 +123,10 @@ pub struct EventSummary {
     pub breaches: u64,
     /// Node-ticks that were judged.
     pub node_ticks: u64,
-    /// Time from its end to the last tick outside, s; `null` where the network was outside when the next event began, or the run ended.
+    /// Time from its end to the last tick outside, s; else `null`.
     pub recovered_s: Option<f64>,
+    /// `inside`: all came back; `outside`: not before the next event began, or the run ended; `not seen`: there was no tick between.
+    pub recovery: &'static str,
 }
 
 /// How the funnels held as nodes believe it: by what they have heard, in the funnels that they have made of

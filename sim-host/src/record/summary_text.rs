@@ -113,9 +113,10 @@ const EVENTS: usize = 12;
 /// What each event did: the first ones, and how many more there are.
 fn events(events: &[EventSummary]) -> Vec<Line> {
     let line = |(at, of): (usize, &EventSummary)| {
-        let back = match of.recovered_s {
-            Some(s) => format!("inside {} s after its end", significant(s, 3)),
-            None => "not inside again before the next one, or the end".to_owned(),
+        let back = match (of.recovered_s, of.recovery) {
+            (Some(s), _) => format!("inside {} s after its end", significant(s, 3)),
+            (None, "outside") => "not inside again before the next one, or the end".to_owned(),
+            (None, _) => "no tick between its end and the next one, or the end".to_owned(),
         };
         let ratio = known(of.max_ratio, 4);
         let what = shortened(&of.event);

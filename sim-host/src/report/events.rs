@@ -42,7 +42,7 @@ pub(super) fn judged(summary: &Value) -> Markup {
                     td.n { (figure(event, "to_s")) }
                     td.n { (figure(event, "max_ratio")) }
                     td.n { (figure(event, "breaches")) }
-                    td.n { @match number(event, "recovered_s") { Some(s) => (short(s)), None => "not inside again" } }
+                    td.n { @match number(event, "recovered_s") { Some(s) => (short(s)), None => (text(event, "recovery").unwrap_or_default()) } }
                 } } }
             }
         }))

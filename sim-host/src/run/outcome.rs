@@ -8,8 +8,8 @@ use crate::engine::NodeEvent;
 use crate::exit::Exit;
 use crate::extremes::larger;
 use crate::judge::{
-    Account, Check, CounterSummary, EventFigures, Evidence, Findings, ReferenceSummary, Stop, WindowFigures,
-    checks,
+    Account, Check, CounterSummary, EventFigures, Evidence, Findings, Recovered, ReferenceSummary, Stop,
+    WindowFigures, checks,
 };
 use crate::record::{
     BelievedSummary, BenchSummary, BusSummary, ClockSummary, DuringEventsSummary, EmergentSummary,
@@ -203,7 +203,12 @@ impl Outcome {
             max_ratio: if figures.during.judged > 0 { figures.during.max_ratio } else { f64::NAN },
             breaches: figures.during.breaches,
             node_ticks: figures.during.judged,
-            recovered_s: figures.recovered_s,
+            recovered_s: figures.recovery.after_s(),
+            recovery: match figures.recovery {
+                Recovered::After(_) => "inside",
+                Recovered::Outside => "outside",
+                Recovered::NotSeen => "not seen",
+            },
         };
         self.happened.iter().zip(&self.findings.events).map(of).collect()
     }

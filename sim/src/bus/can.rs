@@ -90,7 +90,7 @@ impl<F: Format> Station<F> {
     /// One that has just been switched on, and nothing waits in it.
     fn fresh(&mut self) {
         (self.port, self.busy_until) = (CanPort::new(), 0);
-        self.babble.waits(false);
+        self.babble.waits(None);
         self.queue.clear();
     }
 }
@@ -293,15 +293,13 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 match event.what {
                     What::Sent { ref frame, .. } => {
                         traffic.sent += 1;
-                        if let Some(stamps) = stamps.as_mut().filter(|_| is_sync(frame.id())) {
+                        if let Some(stamps) = stamps.as_mut().filter(|_| is_sync(frame)) {
                             // Receivers take a frame a bit before its sender is done with it.
                             let at = event.at.saturating_sub(bit_ns);
                             stamps.push(Stamp { node: event.node, at, own: true });
                         }
-                        if let Some(station) = stations.get_mut(event.node)
-                            && station.babble.sends(frame.id())
-                        {
-                            station.babble.waits(false);
+                        if let Some(station) = stations.get_mut(event.node) {
+                            station.babble.sent(frame.id());
                         }
                         due.push(event.at, event.node, Work::Load);
                     }
@@ -340,7 +338,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 self.bus.cancel(index);
                 self.traffic.replaced += (self.bus.free_buffers(index) - before) as u64;
                 if let Some(station) = self.stations.get_mut(index) {
-                    station.babble.waits(false);
+                    station.babble.waits(None);
                 }
             }
             Request::Restart => self.bus.restart(index),
@@ -393,7 +391,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         let Some(station) = self.stations.get_mut(index) else { return };
         // Before the port takes the buffer that it leaves.
         if let Some(frame) = station.babble.due() {
-            station.babble.waits(self.bus.send(index, frame));
+            station.babble.waits(self.bus.send(index, frame).then_some(frame.id()));
         }
         while let Some(frame) = station.port.next_frame().filter(|_| self.bus.free_buffers(index) > 0) {
             if let Some(frame) = F::on_wire(frame) {
@@ -458,7 +456,7 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 self.traffic.lost += 1;
                 continue;
             }
-            let (is_sync, lost) = (is_sync(frame.id()), queue.lost());
+            let (is_sync, lost) = (is_sync(&frame), queue.lost());
             match &mut self.links {
                 None if queue.is_empty() && !computes => hand(port, &frame, index, &mut self.off, receive),
                 None => queue.put(frame),
@@ -526,9 +524,10 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
     }
 }
 
-/// Whether a frame is a SYNC of a node.
-fn is_sync(id: Id) -> bool {
-    matches!(id, Id::Base(id) if id & !NODE_BITS == SYNC && id & NODE_BITS != 0)
+/// Whether a frame is a SYNC of a node. One without data is refused: nobody takes its stamp.
+fn is_sync(frame: &Frame) -> bool {
+    let is_named = matches!(frame.id(), Id::Base(id) if id & !NODE_BITS == SYNC && id & NODE_BITS != 0);
+    is_named && !frame.bytes().is_empty()
 }
 
 /// The index of the node that a frame is of.

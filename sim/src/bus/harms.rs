@@ -62,8 +62,8 @@ impl Harms {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Babble {
     frames: Vec<(usize, Frame)>,
-    /// One of its frames waits in the controller.
-    waits: bool,
+    /// What of it waits in the controller, perhaps of an event that is over.
+    waits: Option<Id>,
 }
 
 impl Babble {
@@ -77,16 +77,18 @@ impl Babble {
 
     /// What is to be given to the controller; it has it, once `waits` is noted.
     pub(super) fn due(&self) -> Option<Frame> {
-        self.frames.last().filter(|_| !self.waits).map(|&(_, frame)| frame)
+        self.frames.last().filter(|_| self.waits.is_none()).map(|&(_, frame)| frame)
     }
 
-    /// Whether one of its frames waits in the controller from now on.
-    pub(super) fn waits(&mut self, waits: bool) {
-        self.waits = waits;
+    /// The controller has taken a frame of this identifier, or has none any more.
+    pub(super) fn waits(&mut self, id: Option<Id>) {
+        self.waits = id;
     }
 
-    /// Whether it sends that.
-    pub(super) fn sends(&self, id: Id) -> bool {
-        self.frames.last().is_some_and(|(_, frame)| frame.id() == id)
+    /// The controller has sent a frame.
+    pub(super) fn sent(&mut self, id: Id) {
+        if self.waits == Some(id) {
+            self.waits = None;
+        }
     }
 }

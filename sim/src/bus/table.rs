@@ -202,6 +202,7 @@ impl BusTable {
             (self.unsent, "frame without room", "frames without room"),
             (self.fifo_overflows, "FIFO overflow", "FIFO overflows"),
             (self.queue_overflows, "queue overflow", "queue overflows"),
+            (self.error_passive.filter(|&times| times > 0), "time error-passive", "times error-passive"),
             (self.bus_off, "time off the bus", "times off the bus"),
         ];
         parts.extend(counts.into_iter().filter_map(|(count, one, many)| {

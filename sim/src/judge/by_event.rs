@@ -3,7 +3,7 @@
 //! To an event count the ticks from its begin on, up to the first event that begins after its end. Those of events that overlap count to each of them.
 
 use super::Ratios;
-use super::recovery::DuringEvents;
+use super::recovery::{DuringEvents, covered};
 use crate::scenario::{Scenario, TimeSpec};
 
 /// What was found of one event.
@@ -13,8 +13,31 @@ pub struct EventFigures {
     pub end_ns: Option<u64>,
     /// Its ticks.
     pub during: DuringEvents,
-    /// Time from its end to the last of its ticks with a node outside, s; none where that is the last one, or no term was known after its end.
-    pub recovered_s: Option<f64>,
+    /// How it ended.
+    pub recovery: Recovered,
+}
+
+/// How the network came back from an event.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Recovered {
+    /// All were inside this long after its end, s: until the last of its ticks with a node outside.
+    After(f64),
+    /// A node was outside at the last of its ticks, or links stayed cut.
+    Outside,
+    /// It has no tick after its end at which a term was known.
+    #[default]
+    NotSeen,
+}
+
+impl Recovered {
+    /// The time, where there is one, s.
+    #[must_use]
+    pub fn after_s(self) -> Option<f64> {
+        match self {
+            Self::After(s) => Some(s),
+            Self::Outside | Self::NotSeen => None,
+        }
+    }
 }
 
 /// Follows the events of a scenario.
@@ -42,7 +65,11 @@ impl ByEvent {
     /// Of the events of a scenario; none where there are none.
     pub(super) fn of(scenario: &Scenario) -> Option<Self> {
         let disturbances = scenario.course().disturbances(&scenario.events);
-        let spans = disturbances.iter().map(|of| (of.from_ns, of.end_ns)).collect::<Vec<_>>();
+        // As for `expect.recovered_within`, one that ends within another one has not ended for the network.
+        let known: Vec<_> = disturbances.iter().map(|of| of.from_ns..of.end_ns.unwrap_or(u64::MAX)).collect();
+        let spans =
+            known.iter().zip(covered(&known)).map(|(of, end)| (of.start, (end != u64::MAX).then_some(end)));
+        let spans: Vec<_> = spans.collect();
         (!spans.is_empty()).then(|| Self::new(scenario.time, &spans))
     }
 
@@ -83,7 +110,7 @@ impl ByEvent {
         let of = |span: Span| EventFigures {
             end_ns: span.end_ns,
             during: span.during,
-            recovered_s: span.end_ns.and_then(|end| span.recovered(time, end)),
+            recovery: span.recovered(time),
         };
         self.spans.into_iter().map(of).collect()
     }
@@ -101,12 +128,15 @@ impl Span {
         }
     }
 
-    fn recovered(&self, time: TimeSpec, end_ns: u64) -> Option<f64> {
-        let seen = self.seen?;
-        match self.outside {
-            None => Some(0.0),
-            Some(outside) if outside == seen => None,
-            Some(outside) => Some(time.at_ns(outside).saturating_sub(end_ns) as f64 / 1e9),
+    fn recovered(&self, time: TimeSpec) -> Recovered {
+        let Some(end_ns) = self.end_ns else { return Recovered::Outside };
+        match (self.seen, self.outside) {
+            (None, _) => Recovered::NotSeen,
+            (Some(_), None) => Recovered::After(0.0),
+            (Some(seen), Some(outside)) if outside == seen => Recovered::Outside,
+            (Some(_), Some(outside)) => {
+                Recovered::After(time.at_ns(outside).saturating_sub(end_ns) as f64 / 1e9)
+            }
         }
     }
 }
@@ -129,7 +159,7 @@ mod tests {
             by_event.tick(k, Ratios { largest: breaches as f64, judged: 3, breaches, first: None });
         }
         let figures = by_event.finish();
-        figures.iter().map(|figures| (figures.recovered_s, figures.during.breaches)).collect()
+        figures.iter().map(|figures| (figures.recovery.after_s(), figures.during.breaches)).collect()
     }
 
     #[test]

@@ -16,7 +16,7 @@ mod truth;
 mod windows;
 
 pub use account::Accounts;
-pub use by_event::EventFigures;
+pub use by_event::{EventFigures, Recovered};
 pub use checks::{AbsenceSummary, Account, Check, Evidence, Stop, checks};
 pub use counters::CounterSummary;
 pub use recovery::DuringEvents;

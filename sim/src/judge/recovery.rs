@@ -123,7 +123,7 @@ impl Recovery {
 
 /// When each of `spans` has ended for the network: the end of the last one that covers it. They are in the
 /// order of their begins.
-fn covered(spans: &[Range<u64>]) -> Vec<u64> {
+pub(super) fn covered(spans: &[Range<u64>]) -> Vec<u64> {
     let joined = joined(spans.iter().cloned());
     let end = |span: &Range<u64>| {
         let at = joined.partition_point(|whole| whole.end < span.end);

@@ -215,12 +215,19 @@ mod tests {
         }
     }
 
-    /// Where it cannot know, the bound is as large as that.
+    /// Where it cannot know it finds nothing, or the bound says so; where it can, it does.
     #[test]
     fn a_long_path_is_not_claimed() {
-        let graph = graph(Topology::Path, 1_900);
-        let (exact, found) = (graph.lambda2(), graph.sparse_lambda2().unwrap());
-        let error = (found.value - exact).abs();
-        assert!(found.relative() > 1e-4 || error < 1e-4 * exact, "{found:?} {exact}");
+        let claimed = |topology: Topology, nodes: usize| {
+            let graph = graph(topology, nodes);
+            let found = graph.sparse_lambda2().filter(|found| found.relative() < 1e-4)?;
+            Some((found.value - graph.lambda2()).abs() / graph.lambda2())
+        };
+        for topology in [Topology::Path, Topology::Ring] {
+            assert!(claimed(topology, 40).is_some_and(|error| error < 1e-4), "{topology:?}");
+            for nodes in [200, 600, 1_900] {
+                assert!(claimed(topology, nodes).is_none_or(|error| error < 1e-4), "{topology:?} {nodes}");
+            }
+        }
     }
 }

@@ -126,7 +126,7 @@ fn unknown_keys_come_with_the_known_ones() {
     assert_eq!(
         errors("nodes = 3", "nodse = 3"),
         "dir/a.toml:8:1: missing key 'nodes' in [graph] of kind 'path': must be an integer from 1 to 2000 \
-         (and a run takes 127 at most)\n\
+         (and a run takes 127 at most, without bus.model = \"none\")\n\
          dir/a.toml:10:1: unknown key 'nodse' in [graph] of kind 'path'; known: kind, nodes, weight; \
          did you mean 'nodes'?"
     );
