@@ -36,10 +36,12 @@ def board_of(facts, name):
 
 def segments(elf):
     """What is flashed, by the address that it is flashed to (ELF32, little endian)."""
-    if elf[:6] != b"\x7fELF\x01\x01" or struct.unpack_from("<H", elf, 18) != (ARM,):
+    if elf[:6] != b"\x7fELF\x01\x01":
         sys.exit("the image is no ELF file of 32 bits for ARM")
     if len(elf) < 52:
         sys.exit("the image is cut off: an ELF file has a header of 52 bytes")
+    if struct.unpack_from("<H", elf, 18) != (ARM,):
+        sys.exit("the image is no ELF file of 32 bits for ARM")
     (start,), (size, count) = struct.unpack_from("<I", elf, 28), struct.unpack_from("<2H", elf, 42)
     if count == 0 or start + count * size > len(elf):
         sys.exit("the image has no segments, or is cut off before them")

@@ -188,7 +188,7 @@ fn both_ways_say_the_same_whatever_happens_to_the_wire() {
                 2..=4 if node > 2 => bus.switch_on(node),
                 5 | 6 if node > 1 => bus.unplug(node),
                 7..=9 if node > 1 => bus.plug(node),
-                10 => bus.short(now + random.below(200 * BIT)..now + random.below(400 * BIT)),
+                10 => bus.short(now + 20 * BIT + random.below(200 * BIT)..now + random.below(400 * BIT)),
                 11 => bus.restart(node),
                 12 => bus.cancel(node),
                 _ => drop(bus.send(node, frame(random.below(16) as u16 * 8 + node as u16))),

@@ -695,9 +695,7 @@ impl<N: Noise> Bus<N> {
         if busy {
             self.busy_ns += next - at;
         }
-        if !self.is_shorted(next + self.timing.nominal().sample_ns())
-            && self.nodes.iter().all(|node| node.participant.is_quiet())
-        {
+        if !self.is_shorted(next) && self.nodes.iter().all(|node| node.participant.is_quiet()) {
             self.note_all();
             self.begin_or_idle(next);
         } else {
