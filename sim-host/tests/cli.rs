@@ -232,7 +232,8 @@ fn each_class_of_bad_value_is_refused_with_its_range() {
 #[test]
 fn networks_that_cannot_be_are_refused() {
     for nodes in ["0", "2001"] {
-        let range = "must be an integer from 1 to 2000 (and a run takes 127 at most, without bus.model = \"none\")";
+        let range =
+            "must be an integer from 1 to 2000 (and a run takes 127 at most, without bus.model = \"none\")";
         refused_set(&format!("graph.nodes={nodes}"), &format!("graph.nodes = {nodes}: {range}"));
     }
     refused_set(
