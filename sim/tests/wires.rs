@@ -133,12 +133,13 @@ fn a_node_babbles_as_often_as_it_is_told_to() {
     let both = sent(&format!("{}, {}", one("500ms", 0x7FF, 100), one("1s", 0x7FF, 100))) - calm;
     let other = sent(&format!("{}, {}", one("500ms", 0x7FF, 100), one("1s", 0x7FE, 100))) - calm;
     assert!(
-        first > 800 && both.abs_diff(2 * first) < 4 && other.abs_diff(2 * first) < 4,
+        first > 800 && both.abs_diff(2 * first) < 4 && other.abs_diff(2 * first) < 30,
         "{first} {both} {other}"
     );
     let long = sent(&one("500ms", 0x7FF, 300)) - calm;
     let inside = sent(&format!("{}, {}", one("500ms", 0x7FF, 300), one("600ms", 0x7FE, 100))) - calm;
-    assert!(inside.abs_diff(long) < 4, "{long} {inside}");
+    // Identifiers differ by a stuffed bit.
+    assert!(inside.abs_diff(long) < 30, "{long} {inside}");
 }
 
 /// An empty frame with the identifier of a SYNC is refused: no clock is set by it, during the event or after it.
