@@ -3,7 +3,10 @@
 Usage: large_beside.py COMMAND [NODES [TICKS]], where COMMAND is the built example `large_ticks`; needs numpy, scipy and numba.
 
 The same law in float32 on a random 4-regular graph: node-wise, reciprocal gain of scale 1, one exponential funnel, affine fields. Prints
-node-steps per second on one core, and the largest and lowest state as a check that they compute the same network.
+node-steps per second on one core, and the largest and lowest state as a check that they compute the same law.
+
+The graphs are each program's own: `large_ticks` draws one from its seed, and NumPy and Numba share another. So the states are alike, and not
+the same. Other work on the machine shows in the figures.
 """
 
 import os

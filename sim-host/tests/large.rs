@@ -86,6 +86,24 @@ fn files_are_the_same_for_any_number_of_threads() {
     );
 }
 
+/// A run that ends where a node would stop has the row of that tick.
+#[test]
+fn the_last_row_is_that_of_the_end() {
+    let (_keep, at) = folder();
+    let mut arguments = vec!["run", "large.toml", "--out", "out", "--nodes", "77", "--every", "300ms"];
+    let runs_away = ["node.77.dynamics.slope=900", "coupling.u_max=1"];
+    let wide = "coupling.funnel={ kind = \"constant\", width = 1e6 }";
+    runs_away.iter().chain([&wide]).for_each(|set| arguments.extend(["--set", set]));
+    let done = sim_host(&at, &arguments);
+    assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
+    for name in ["trajectory.csv", "quantiles.csv"] {
+        let rows = fs::read_to_string(at.join("out").join(name)).unwrap();
+        let times: Vec<f64> =
+            rows.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+        assert!(times.len() == 2 && times[1] > 0.0 && times[1] < 0.1, "{name}: {times:?}");
+    }
+}
+
 #[test]
 fn an_expectation_that_is_missed_fails_and_says_the_seed() {
     let (_keep, at) = folder();
@@ -103,6 +121,10 @@ fn options_that_mean_nothing_are_refused() {
         (vec!["run", "large.toml", "--out", "out", "--nodes", "5001"], "--nodes 5001: ids are 1 to 5000"),
         (vec!["run", "large.toml", "--on", "reference"], "bus.model = \"none\""),
         (vec!["run", "large.toml", "--set", "bus.loss=0.1"], "bus.loss"),
+        (vec!["run", "large.toml", "--out", "out", "--pcapng"], "--pcapng: there is no CAN bus"),
+        (vec!["run", "large.toml", "--out", "out", "--no-can-log"], "--no-can-log: there is no CAN bus"),
+        (vec!["run", "large.toml", "--verbose"], "--verbose: nodes report nothing"),
+        (vec!["run", "large.toml", "--image", "node.elf"], "--image"),
         (
             vec![
                 "run",

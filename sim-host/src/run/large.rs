@@ -10,7 +10,8 @@ use crate::number_format::significant;
 use crate::plot::quantiles_svg;
 use crate::progress::Progress;
 use crate::record::{
-    AtomicFile, BelievedSummary, Expectation, FunnelSummary, RecordError, Summary, SyncSummary, junit,
+    AtomicFile, BelievedSummary, BusLogs, Expectation, FunnelSummary, RecordError, Summary, SyncSummary,
+    junit,
 };
 use crate::run::Verbosity;
 use crate::scenario::{FloorSpec, LargeScenario};
@@ -42,6 +43,7 @@ pub fn execute_large_in(
     large: &LargeOptions,
 ) -> Result<Summary, RunError> {
     let begin = Instant::now();
+    refuse(options)?;
     if let Some(id) = large.nodes.iter().find(|&&id| id == 0 || id > scenario.nodes()) {
         return Err(RunError::bad_input(format!("--nodes {id}: ids are 1 to {} here", scenario.nodes())));
     }
@@ -54,8 +56,11 @@ pub fn execute_large_in(
     let stride = options.every_ticks.unwrap_or_else(|| scenario.time.ticks.div_ceil(DEFAULT_ROWS)).max(1);
     let progress = Progress::new("none", scenario.time.end_s(), options.verbosity == Verbosity::Quiet);
     let mut interrupted = None;
+    // The last tick that was run, where its row is not written.
+    let mut unwritten = None;
     while let Some(k) = network.step() {
-        if let Some(outputs) = outputs.as_mut().filter(|_| k % stride == 0 || k == scenario.time.ticks) {
+        unwritten = Some(k).filter(|_| k % stride != 0 && k != scenario.time.ticks);
+        if let Some(outputs) = outputs.as_mut().filter(|_| unwritten.is_none()) {
             outputs.take(scenario, &network, k)?;
         }
         progress.at(scenario.time.at_s(k));
@@ -65,6 +70,9 @@ pub fn execute_large_in(
         }
     }
     drop(progress);
+    if let Some((outputs, k)) = outputs.as_mut().zip(unwritten) {
+        outputs.take(scenario, &network, k)?;
+    }
     let findings = network.findings();
     let mut summary = judge(scenario, &findings, interrupted);
     summary.trace_hash = Some(network.hash().to_string());
@@ -78,6 +86,17 @@ pub fn execute_large_in(
     json.map_or(Ok(()), |file| claim::commit(file, &text))?;
     claim.take_junit().map_or(Ok(()), |file| claim::commit(file, &junit(&summary, &options.repeat)))?;
     Ok(summary)
+}
+
+/// Options that would do nothing.
+fn refuse(options: &RunOptions) -> Result<(), RunError> {
+    let name = match (options.bus_logs, options.verbosity) {
+        (BusLogs { capture: true, .. }, _) => "--pcapng: there is no CAN bus in this run",
+        (BusLogs { log: false, .. }, _) => "--no-can-log: there is no CAN bus in this run",
+        (_, Verbosity::Verbose) => "--verbose: nodes report nothing in this run",
+        _ => return Ok(()),
+    };
+    Err(RunError::bad_input(format!("{name} (bus.model = \"none\"); leave it out")))
 }
 
 fn judge(scenario: &LargeScenario, findings: &Findings, interrupted: Option<String>) -> Summary {

@@ -12,11 +12,11 @@ use crate::{emergent, extremes, extremes::smaller};
 /// Part of the longest tick that is advised.
 const SAFE: f64 = 0.8;
 /// Angle or decay within one tick that is fast: the node's midpoint step is then off by some 2 %.
-const FAST: f64 = 0.5;
+pub(super) const FAST: f64 = 0.5;
 /// Angle within one tick beyond which a sine looks like a slower one, rad.
-const ALIASED: f64 = std::f64::consts::PI;
+pub(super) const ALIASED: f64 = std::f64::consts::PI;
 /// Decay within one tick from which the node's midpoint step grows instead.
-const UNSTABLE: f64 = 2.0;
+pub(super) const UNSTABLE: f64 = 2.0;
 
 pub(super) fn findings(subject: &Subject<'_>, forecast: &Forecast) -> Vec<Finding> {
     let mut found = vec![narrowest(subject, forecast), speed(subject), resolution(subject, forecast)];
@@ -177,7 +177,7 @@ pub(super) fn speed(subject: &Subject<'_>) -> Finding {
 
 /// How fast a field decays or turns by itself, 1/s. That of a matrix is its norm: what turns fast makes the
 /// node's step grow as well.
-fn stiffness(field: &Dynamics) -> f64 {
+pub(super) fn stiffness(field: &Dynamics) -> f64 {
     match field.affine() {
         Some(affine) if affine.slope.len() == 1 => -affine.slope(),
         Some(affine) => affine.lipschitz(),

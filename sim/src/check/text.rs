@@ -30,7 +30,7 @@ impl fmt::Display for Report {
         for finding in &self.findings {
             write(f, finding, width)?;
         }
-        if self.per_node.len() <= MOST_ROWS {
+        if (1..=MOST_ROWS).contains(&self.per_node.len()) {
             tables(f, &self.per_node, width)?;
         }
         if let Some(bus) = &self.bus {

@@ -89,9 +89,26 @@ impl Block {
         }
     }
 
-    /// The largest inputs that are held over the last tick, state units / s, by index.
+    /// The inputs that are held over the last tick, state units / s, by index.
     pub fn inputs(&self) -> impl Iterator<Item = f32> {
         self.nodes.iter().map(|node| node.memory.last_input().unwrap_or(0.0))
+    }
+
+    /// The share of its funnel that the true term of each node with a neighbour takes at the last tick, as it is judged.
+    pub fn ratios<G>(
+        &self,
+        (columns, kinds, shared): (&Columns, &[Kind<G>], &Shared),
+        now: &[Seen],
+        widths: &[Width],
+    ) -> Vec<f32> {
+        let ratio = |(index, input): (usize, f32)| {
+            let own = &columns.own[index];
+            let (sums, kind) = (sums(columns, own, now[index], now), &kinds[own.kind as usize]);
+            let drawn = widths.get(kind.funnel)?.judged;
+            let psi = judged_width(shared, kind, drawn, sums.largest, input);
+            (own.edges > 0).then(|| judged_ratio(sums.truth.abs(), psi) as f32)
+        };
+        (self.first..).zip(self.inputs()).filter_map(ratio).collect()
     }
 
     /// Runs a tick of all nodes.
@@ -143,12 +160,21 @@ impl Block {
                 believe(&mut self.findings, &mut self.believed_bar, size / psi.now);
             }
             let mut u = 0.0;
+            let seen = |u| {
+                let ratio = size / psi.now;
+                Observation { tick: at.k, x: me.x, nu: sums.nu, psi: psi.now, ratio, u }
+            };
             if shared.is_coupled {
                 u = kind.law.step(&mut node.memory, sums.nu, sums.dnu, shared.guard.of(at.k, psi)).u;
                 // Written so that NaN is outside.
                 if !(u.abs() <= shared.input_limit) {
                     if !u.is_finite() {
                         halt(&mut self.findings, at.k, index, "its input is no finite number");
+                        if self.watched.get(watched) == Some(&index) {
+                            self.seen[watched] = seen(u);
+                            watched += 1;
+                        }
+                        *next = Seen { x: me.x, dx: 0.0 };
                         continue;
                     }
                     u = shared.input_limit.copysign(u);
@@ -167,18 +193,14 @@ impl Block {
                     self.findings.max_input = u.abs();
                 }
             }
-            let judged = match shared.accepts_f32 {
-                true => larger(judged, kind.judged_floor.width(sums.largest.into(), f64::from(u).abs())),
-                false => judged,
-            };
+            let judged = judged_width(shared, kind, judged, sums.largest, u);
             if own.edges == 0 {
                 self.findings.uncoupled += 1;
             } else if !(sums.truth.abs() < self.bar * judged) {
                 judge(&mut self.findings, &mut self.bar, (sums.truth.abs(), judged), (at.k, index));
             }
             if self.watched.get(watched) == Some(&index) {
-                let ratio = size / psi.now;
-                self.seen[watched] = Observation { tick: at.k, x: me.x, nu: sums.nu, psi: psi.now, ratio, u };
+                self.seen[watched] = seen(u);
                 watched += 1;
             }
             let mut x = me.x;
@@ -251,11 +273,25 @@ fn believe(findings: &mut Findings, bar: &mut f32, ratio: f32) {
     *bar = (findings.believed_ratio * BELOW_F32).min(BELOW_F32);
 }
 
+/// The funnel that a node is judged by: where the floor of f32 is accepted, not narrower than that.
+#[inline(always)]
+fn judged_width<G>(shared: &Shared, kind: &Kind<G>, drawn: f64, largest: f32, u: f32) -> f64 {
+    match shared.accepts_f32 {
+        true => larger(drawn, kind.judged_floor.width(largest.into(), f64::from(u).abs())),
+        false => drawn,
+    }
+}
+
+/// The share of its funnel that a term takes.
+fn judged_ratio(nu: f64, psi: f64) -> f64 {
+    // Zero in a funnel that has closed is inside it by no more than any other value is.
+    if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi }
+}
+
 /// Takes a true term that may be the largest so far, or outside.
 #[cold]
 fn judge(findings: &mut Findings, bar: &mut f64, (nu, psi): (f64, f64), (k, index): (u32, usize)) {
-    // Zero in a funnel that has closed is inside it by no more than any other value is.
-    let ratio = if nu == 0.0 && psi == 0.0 { 1.0 } else { nu / psi };
+    let ratio = judged_ratio(nu, psi);
     if !(ratio < 1.0) {
         findings.breaches += 1;
         findings.first_breach.get_or_insert((k.into(), index));
@@ -267,4 +303,44 @@ fn judge(findings: &mut Findings, bar: &mut f64, (nu, psi): (f64, f64), (k, inde
 #[cold]
 fn halt(findings: &mut Findings, k: u32, node: usize, why: &'static str) {
     findings.halt.get_or_insert(Halt { tick: k.into(), node, why });
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
+
+    use super::super::columns::{Made, make};
+    use super::super::kinds::Kinds;
+    use super::*;
+    use crate::scenario::{AnyScenario, Source};
+
+    /// A node whose input is no number is seen at that tick as well, and so are those after it.
+    #[test]
+    fn nodes_that_are_watched_are_seen_where_the_run_ends() {
+        let text = r#"
+            version = 1
+            time = { tick = "1ms", duration = "1s" }
+            graph = { kind = "path", nodes = 9 }
+            coupling = { kind = "linear", gain = { kind = "linear", slope = 1.0 }, funnel = { kind = "constant", width = 9.0 } }
+            agent.dynamics = { kind = "affine", slope = -1.0 }
+            bus.model = "none"
+        "#;
+        let source = Source { text: text.to_owned(), path: "path.toml".into() };
+        let Ok(AnyScenario::Large(scenario)) = source.any_scenario(&[]) else {
+            panic!("{:?}", source.any_scenario(&[]))
+        };
+        let Made { columns, kinds, funnels, shared } = make(&scenario).unwrap();
+        let Kinds::Any(kinds) = kinds else { panic!("{kinds:?}") };
+        let widths: Vec<_> = funnels.iter().map(|funnel| funnel.at(7, &scenario)).collect();
+        let mut now: Vec<_> = (0..9u8).map(|i| Seen { x: f32::from(i), dx: 0.0 }).collect();
+        let mut next = now.clone();
+        now[3].dx = f32::NAN;
+        now[3].x = f32::NAN;
+        let mut block = Block::new(0, 9, &[3, 8]);
+        block.tick((&columns, &kinds, &shared), &now, &mut next, &Instant { k: 7, widths: &widths });
+        assert_eq!(block.findings.halt.as_ref().map(|halt| (halt.tick, halt.node)), Some((7, 2)));
+        let seen: Vec<_> = block.seen.iter().map(|seen| (seen.tick, seen.u.is_nan())).collect();
+        assert_eq!(seen, [(7, true), (7, false)]);
+        assert_eq!(block.seen[1].x, 8.0);
+    }
 }

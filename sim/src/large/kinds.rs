@@ -2,7 +2,7 @@
 //! scenario writes down and by the degree.
 
 use crate::engine::SimField;
-use crate::scenario::{FloorSpec, Funnel, LargeScenario};
+use crate::scenario::{Funnel, LargeScenario};
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::{SampledFunnel, Widths};
 use funnelnet_law::gain::{Gain, Reciprocal};
@@ -59,17 +59,13 @@ pub(super) struct FunnelPair {
 pub(super) struct Width {
     /// What nodes use, before their floor.
     pub widths: Widths<f32>,
-    /// What they are judged by, the scenario's floor included; the floor of f32 is not.
+    /// What they are judged by, before the floor of f32 where that is accepted.
     pub judged: f64,
 }
 
 impl FunnelPair {
     pub fn at(&self, k: u32, scenario: &LargeScenario) -> Width {
-        let drawn = self.drawn.width(scenario.time.at_s(k.into()));
-        let judged = match scenario.floor {
-            FloorSpec::None | FloorSpec::F32 => drawn,
-            FloorSpec::Width(floor) => crate::extremes::larger(drawn, floor),
-        };
+        let judged = self.drawn.width(scenario.time.at_s(k.into()));
         Width { widths: self.sampled.widths(k), judged }
     }
 }

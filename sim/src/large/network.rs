@@ -136,20 +136,15 @@ impl<'s> Network<'s> {
         self.blocks.iter().flat_map(|block| &block.seen)
     }
 
-    /// Quantiles of the last tick, over all nodes.
+    /// Quantiles of the last tick, over all nodes; those of ratios over all that have a neighbour.
     #[must_use]
     pub fn row(&self) -> Row {
         let inputs = self.blocks.iter().flat_map(Block::inputs);
-        let psi = |index: usize| {
-            let kind = self.columns.own[index].kind as usize;
-            let funnel = match &self.kinds {
-                Kinds::Reciprocal(kinds) => kinds[kind].funnel,
-                Kinds::Any(kinds) => kinds[kind].funnel,
-            };
-            self.widths.get(funnel).map_or(f64::NAN, |width| width.judged)
-        };
-        let terms = self.scenario.graph.terms_of(|index| f64::from(self.now[index].x));
-        let ratios = terms.into_iter().enumerate().map(|(index, nu)| (nu.abs() / psi(index)) as f32);
+        let Self { columns, shared, now, widths, .. } = self;
+        let ratios = self.blocks.iter().flat_map(|block| match &self.kinds {
+            Kinds::Reciprocal(kinds) => block.ratios((columns, kinds, shared), now, widths),
+            Kinds::Any(kinds) => block.ratios((columns, kinds, shared), now, widths),
+        });
         Row::of(
             self.scenario.time.at_s(self.k.saturating_sub(1)),
             self.now.iter().map(|seen| seen.x),

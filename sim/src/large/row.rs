@@ -12,7 +12,7 @@ pub struct Row {
     pub mean: f64,
     /// Of the states, by [`QUANTILES`], state units.
     pub x: [f32; 7],
-    /// Median, 95 % and largest of the true `|nu| / psi`.
+    /// Median, 95 % and largest of the true `|nu| / psi`, as the run is judged by it.
     pub ratio: [f32; 3],
     /// Median and largest of `|u|`, state units / s.
     pub input: [f32; 2],

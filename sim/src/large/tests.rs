@@ -10,6 +10,7 @@ use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::{SampledFunnel, Shape};
 use funnelnet_law::gain::Reciprocal;
 use funnelnet_law::law::node_wise::{Memory, NodeWise, THETA};
+use funnelnet_law::math;
 use std::path::{Path, PathBuf};
 
 fn overrides(list: &[&str]) -> Vec<Override> {
@@ -254,6 +255,7 @@ fn what_needs_a_bus_is_refused_by_its_key() {
         ("coupling.kind=edge-wise", "coupling.kind"),
         ("coupling.kind=max-gain", "coupling.kind"),
         ("coupling.on_breach=stop", "coupling.on_breach"),
+        ("coupling.floor=0.5", "coupling.floor"),
         ("expect.emergent_error=0.1", "expect.emergent_error"),
         ("expect.reference_error=0.1", "expect.reference_error"),
         ("expect.stopped=any", "expect.stopped"),
@@ -266,6 +268,7 @@ fn what_needs_a_bus_is_refused_by_its_key() {
         let error = large_of(&source, &[setting]).unwrap_err();
         assert!(error.contains(key), "{setting}: {error}");
     }
+    assert!(large_of(&source, &["coupling.floor=f32"]).is_ok());
     let error = source.scenario(&[]).unwrap_err().to_string();
     assert!(error.contains("bus.model") && error.contains("`run` and `check`"), "{error}");
 }
@@ -297,4 +300,22 @@ fn a_run_ends_where_a_node_would_stop() {
     let halt = findings.halt.clone().unwrap();
     assert_eq!((halt.node, halt.why), (4320, "its state is beyond its limit"));
     assert!(halt.tick < 100 && findings.limited > 0, "{halt:?}");
+}
+
+/// Quantiles and verdict are of one ratio, where a funnel has closed and the floor of f32 is accepted, too.
+#[test]
+fn the_largest_ratio_of_all_rows_is_that_of_the_verdict() {
+    let source = of_text(r#"kind = "ring", nodes = 50"#, DRAWN);
+    let closing = "coupling.funnel={ kind = \"finite-time\", start = 60, at = \"50ms\", power = 2 }";
+    for list in [&[][..], &["coupling.floor=f32"], &[closing, "coupling.floor=f32"]] {
+        let scenario = large_of(&source, list).unwrap();
+        let mut network = Network::new(&scenario, 1).unwrap();
+        let mut largest = 0.0f32;
+        while network.step().is_some() {
+            largest = math::larger(largest, network.row().ratio[2]);
+        }
+        let found = network.findings();
+        assert!(found.max_ratio.is_finite() && found.max_ratio > 0.0, "{list:?} {found:?}");
+        assert_eq!(largest, found.max_ratio as f32, "{list:?}");
+    }
 }

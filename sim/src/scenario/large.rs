@@ -296,6 +296,12 @@ fn supported(coupling: &Defaults<'_>, root: &Item, log: &Log) {
         let names = COUPLINGS.map(|coupling| coupling.kind()).join(", ");
         report("kind", &format!("must be one of {names} with bus.model = \"none\""));
     }
+    if let FloorSpec::Width(_) = coupling.floor {
+        report(
+            "floor",
+            "must be \"f32\" or left out with bus.model = \"none\": nodes floor their funnels at what f32 resolves, and no width is judged",
+        );
+    }
     if coupling.on_breach != Breach::Ride {
         report("on_breach", "must be ride with bus.model = \"none\": a run ends where a node would stop");
     }

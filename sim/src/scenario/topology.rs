@@ -7,12 +7,15 @@ use rand_pcg::Pcg64;
 use super::graph::{Edge, Graph};
 use funnelnet_law::math;
 
+use crate::number_format::significant;
 use crate::random::{Purpose, below, stream, uniform};
 
 /// The most nodes of which each pair is drawn by itself: graphs of seeds that are in use stay.
 const LARGEST_BY_PAIRS: usize = 2_000;
 /// Draws before a random graph is given up.
 const ATTEMPTS: u64 = 1_000;
+/// Nodes and links of all draws, about: a refusal comes within a minute.
+const WORK: f64 = 1e8;
 
 /// A link between two 0-based indices, the lower first.
 pub(super) type Link = (usize, usize);
@@ -116,14 +119,20 @@ fn connected(nodes: usize, links: &BTreeSet<Link>) -> bool {
     Graph { nodes, edges }.components().len() == 1
 }
 
+/// Draws before a random graph of so many nodes and links is given up.
+fn attempts(nodes: usize, links: f64) -> u64 {
+    ((WORK / (nodes as f64 + links)) as u64).clamp(1, ATTEMPTS)
+}
+
 /// Draws until the graph is connected.
 fn draw(
     nodes: usize,
+    attempts: u64,
     seed: u64,
     mut once: impl FnMut(&mut Pcg64) -> Option<BTreeSet<Link>>,
 ) -> Option<BTreeSet<Link>> {
     let attempt = |n| once(&mut stream(seed, Purpose::Graph, n));
-    (0..ATTEMPTS).filter_map(attempt).find(|links| connected(nodes, links))
+    (0..attempts).filter_map(attempt).find(|links| connected(nodes, links))
 }
 
 fn erdos_renyi(nodes: usize, probability: f64, seed: u64) -> Result<BTreeSet<Link>, String> {
@@ -133,11 +142,11 @@ fn erdos_renyi(nodes: usize, probability: f64, seed: u64) -> Result<BTreeSet<Lin
         }
         Some(pairs(nodes).filter(|_| uniform(generator) < probability).collect())
     };
-    let enough = (math::ln(nodes as f64) / nodes as f64).min(1.0);
-    draw(nodes, seed, once).ok_or_else(|| {
+    let enough = significant((math::ln(nodes as f64) / nodes as f64).min(1.0), 4);
+    let attempts = attempts(nodes, Topology::ErdosRenyi { probability }.expected_links(nodes));
+    draw(nodes, attempts, seed, once).ok_or_else(|| {
         format!(
-            "gave no connected graph in {ATTEMPTS} draws; above ln N / N = {enough:.3} most \
-         draws are connected"
+            "gave no connected graph in {attempts} draws; above ln N / N = {enough} most draws are connected"
         )
     })
 }
@@ -180,8 +189,9 @@ fn random_regular(nodes: usize, degree: usize, seed: u64) -> Result<BTreeSet<Lin
             pairs(nodes).filter(|link| !links.contains(link)).collect()
         })
     };
-    draw(nodes, seed, once)
-        .ok_or_else(|| format!("gave no connected graph in {ATTEMPTS} draws; use degree >= 3"))
+    let attempts = attempts(nodes, (nodes * sparse / 2) as f64);
+    draw(nodes, attempts, seed, once)
+        .ok_or_else(|| format!("gave no connected graph in {attempts} draws; use degree >= 3"))
 }
 
 /// Steger and Wormald (1999): match free stubs at random, skipping loops and repeats; `None` when stuck.
@@ -278,5 +288,18 @@ mod tests {
         assert!(Topology::ErdosRenyi { probability: 0.1 }.links(40, 1).is_ok());
         let error = Topology::ErdosRenyi { probability: 0.001 }.links(40, 1).unwrap_err();
         assert!(error.contains("ln N / N = 0.092"), "{error}");
+    }
+
+    #[test]
+    fn draws_of_large_graphs_are_few_and_the_bound_has_digits() {
+        let hopeless = Topology::ErdosRenyi { probability: 1e-6 };
+        let error = hopeless.links(100_000, 1).unwrap_err();
+        assert!(error.contains("ln N / N = 1.15e-4"), "{error}");
+        let draws: usize = error.split(" draws").next().unwrap().rsplit(' ').next().unwrap().parse().unwrap();
+        assert!(draws < 1_000, "{error}");
+        assert_eq!(
+            (attempts(40, 100.0), attempts(1_000_000, 4e6), attempts(1_000_000, 1e12)),
+            (1_000, 20, 1)
+        );
     }
 }
