@@ -139,7 +139,7 @@ fn unknown_keys_come_with_the_known_ones() {
     assert_eq!(
         errors("kind = \"path\"", "kind = \"pat\""),
         "dir/a.toml:9:8: graph.kind = \"pat\": must be one of ring, path, star, complete, grid, \
-         ring-lattice, \
+         torus, ring-lattice, \
          random-regular, erdos-renyi, edges; did you mean 'path'?"
     );
 }
