@@ -26,8 +26,8 @@ const NODES: usize = 5;
 const TICKS: usize = 2000;
 const FD_TICKS: usize = 1000;
 /// What the guest may take, and what the host grants it, s.
-const GUEST_S: u32 = 240;
-const HOST_S: u32 = 270;
+const GUEST_S: u32 = 600;
+const HOST_S: u32 = 630;
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
