@@ -17,6 +17,9 @@ process_of() {
     done
 }
 
+# Waits for so many frames on vcan0: a guest on a slow computer takes seconds until nodes have begun, or hardly any time.
+under_way() { candump -n "$1" vcan0 >/dev/null; }
+
 # The scenario $1, expecting nothing.
 unjudged() { sed '/^\[expect\]/,/^$/d' "$scenarios/$1"; }
 
@@ -89,7 +92,7 @@ benches=own-fd-mixed.toml bench own-fd-mixed vector.toml $patient --set time.tic
 
 # Whoever is on the bus can stop it, without the program.
 benches=own.toml bench halted five.toml --set time.tick=50ms --set time.duration=10min &
-sleep 2
+under_way 100
 cansend vcan0 000#02000000
 wait $!
 
@@ -98,7 +101,7 @@ bench skipped "$scenarios/lossy-ring.toml" --set graph.nodes=5 --set time.durati
 
 # A node dies.
 bench killed five.toml --set time.duration=10min &
-sleep 1.5
+under_way 100
 kill -KILL "$(process_of 3)"
 date +%s.%N >killed.at
 wait $!
@@ -107,7 +110,7 @@ date +%s.%N >killed.end
 # Another one takes its place while the others go on, two of them on lines, for more ticks than a classic frame tells apart.
 sed '1a on_loss = "go-on"' mixed.toml >go-on.toml
 benches=go-on.toml bench go-on unjudged.toml --set time.duration=3s &
-sleep 1.5
+under_way 100
 kill -KILL "$(process_of 3)"
 wait $!
 
