@@ -62,6 +62,11 @@ fn files_are_the_same_for_any_number_of_threads() {
         let [a, b] = ["out1", "out3"].map(|out| fs::read_to_string(at.join(out).join(name)).unwrap());
         assert_eq!(a, b, "{name}");
     }
+    // Each area has its colour in the legend as well.
+    let picture = fs::read_to_string(at.join("out1/quantiles.svg")).unwrap();
+    for colour in ["#7F9FBF", "#ECEFF2"] {
+        assert_eq!(picture.matches(&format!("fill=\"{colour}\"")).count(), 2, "{colour}");
+    }
     let [a, b] = ["out1", "out3"].map(|out| json(&at.join(out).join("summary.json")));
     assert_eq!(a["trace_hash"], b["trace_hash"]);
     assert_eq!((&a["passed"], &a["on"], &a["nodes"]), (&true.into(), &"none".into(), &5000.into()));

@@ -22,6 +22,8 @@ pub(super) enum Stroke {
     Dotted,
     /// The inside of a funnel between its boundaries.
     Band,
+    /// An area without boundaries, of the colour of the style.
+    Area,
     /// The end of a curve.
     Cross,
     /// A time without curves.
@@ -36,7 +38,7 @@ impl Stroke {
         match self {
             Self::Dashed => Some((7, 4)),
             Self::Dotted => Some((2, 3)),
-            Self::Solid | Self::Band | Self::Cross | Self::Shade | Self::Rug => None,
+            Self::Solid | Self::Band | Self::Area | Self::Cross | Self::Shade | Self::Rug => None,
         }
     }
 }
@@ -123,6 +125,10 @@ impl Entry {
                 area.draw(&Rectangle::new(corners, INSIDE.filled())).map_err(PlotError::new)?;
                 path(at(x + 4, y - 7), at(x + 32, y - 7), line(BOUNDARY, 1))?;
                 path(at(x + 4, y + 7), at(x + 32, y + 7), line(BOUNDARY, 1))
+            }
+            Stroke::Area => {
+                let area_of = Rectangle::new(corners, self.style.color.filled());
+                area.draw(&area_of).map_err(PlotError::new)
             }
             Stroke::Solid | Stroke::Dashed | Stroke::Dotted => {
                 let (mark, space) = self.stroke.pattern().unwrap_or((28, 0));

@@ -72,7 +72,7 @@ pub fn quantiles_svg(title: &str, unit: Option<&str>, rows: &[Row]) -> Result<St
         let entry = |label: &str, style, stroke| Entry { label: label.to_owned(), style, stroke };
         let entries = [
             entry("median", line(colour(1), 2), Stroke::Solid),
-            entry("a half", line(CROWD, 1), Stroke::Band),
+            entry("a half", line(CROWD, 1), Stroke::Area),
             entry("nine tenths", line(BOUNDARY, 1), Stroke::Band),
             entry("all", line(BOUNDARY, 1), Stroke::Dashed),
         ];
