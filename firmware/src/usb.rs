@@ -195,11 +195,13 @@ async fn send<D: Driver<'static>>(mut sender: Sender<'static, D>, control: Contr
 struct Packet {
     bytes: [u8; PACKET],
     count: usize,
+    /// The byte before them was part of a frame.
+    in_frame: bool,
 }
 
 impl Packet {
     const fn new() -> Self {
-        Self { bytes: [0; PACKET], count: 0 }
+        Self { bytes: [0; PACKET], count: 0, in_frame: false }
     }
 
     fn bytes(&self) -> &[u8] {
@@ -220,9 +222,21 @@ impl Packet {
         self.count > 0
     }
 
-    /// Frames that end in it.
+    /// Frames that end in it. A zero behind another one ends none.
     fn ends(&self) -> u32 {
-        self.bytes().iter().filter(|&&byte| byte == 0).count() as u32
+        let mut in_frame = self.in_frame;
+        let mut ends = 0;
+        for &byte in self.bytes() {
+            ends += u32::from(in_frame && byte == 0);
+            in_frame = byte != 0;
+        }
+        ends
+    }
+
+    /// Its bytes are gone.
+    fn clear(&mut self) {
+        self.in_frame = self.bytes().last().map_or(self.in_frame, |&last| last != 0);
+        self.count = 0;
     }
 }
 
@@ -237,7 +251,7 @@ async fn pass<D: Driver<'static>>(
         }
         sender.write_packet(packet.bytes()).await?;
         let full = packet.count == PACKET;
-        packet.count = 0;
+        packet.clear();
         // A host takes a full packet for the first part of more, and keeps it from its program.
         if full && TO_HOST.is_empty() {
             sender.write_packet(&[]).await?;
@@ -258,8 +272,10 @@ async fn opened(control: &ControlChanged<'static>) {
 /// Drops what was said before anybody listened, and counts it. The zero ends a frame that was cut off.
 fn forget(packet: &mut Packet) {
     note_unsaid(packet.ends());
+    packet.clear();
     while packet.refill() {
         note_unsaid(packet.ends());
+        packet.clear();
     }
     put(&[0]);
 }

@@ -120,6 +120,22 @@ test('who opens the port hears nothing that was said before, but for a packet', 
   assert.equal(sent, heard + unsaid);
 });
 
+test('a host that opens the port again and again and reads nothing has missed as many frames as there were', () => {
+  const board = running();
+  board.port.isReading = false;
+  for (let time = 0; time < 6; time += 1) {
+    board.port.close();
+    board.ms(50);
+    board.port.open();
+    board.ms(time);
+  }
+  board.port.resume();
+  board.ms(50);
+  const { heard, sent, unsaid } = account(board);
+  assert.ok(unsaid >= 250, `${unsaid} unsaid`);
+  assert.equal(sent, heard + unsaid);
+});
+
 test('a cable that is pulled in the middle of a frame and put back costs what was on its way', () => {
   const board = running(), { host } = board.port;
   const refused = () => counters(board).refused.reduce((sum, each) => sum + each);
