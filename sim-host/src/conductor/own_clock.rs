@@ -62,6 +62,12 @@ impl Conductor {
         self.own.as_ref().map_or(0, |own| own.recording.missed(node))
     }
 
+    /// Ticks that a node on CAN has run and that have no bus time, by index: their outcome had not been read from
+    /// the bus when their row was closed.
+    pub fn without_bus_time(&self, node: usize) -> u64 {
+        self.own.as_ref().map_or(0, |own| own.recording.without_bus_time(node))
+    }
+
     /// Whether nodes tick by their own clock.
     pub fn has_own_clock(&self) -> bool {
         self.own.is_some()

@@ -38,6 +38,8 @@ struct Track {
     /// Tick of its newest state that has come whole.
     newest: u32,
     missed: u64,
+    /// Rows that were closed before what their tick came to was read from its bus.
+    no_bus_time: u64,
     /// The state in the last row that was closed before its end is not what it was.
     stale: bool,
 }
@@ -81,6 +83,12 @@ impl Recording {
     /// Node-ticks of a node of which a part was lost.
     pub(crate) fn missed(&self, node: usize) -> u64 {
         self.tracks.get(node).map_or(0, |track| track.missed)
+    }
+
+    /// Ticks that a node on CAN has run, and whose outcome had not been read from the bus when the row was
+    /// closed: it was lost, or the line, which another thread reads, was quicker by a tick.
+    pub(crate) fn without_bus_time(&self, node: usize) -> u64 {
+        self.tracks.get(node).map_or(0, |track| track.no_bus_time)
     }
 
     /// Takes a component of a state stamped `tick`, which was read at `at`, and on CAN at `bus`.
@@ -167,6 +175,8 @@ impl Recording {
             let cell = track.cells.pop_front().unwrap_or_default();
             *presence = track.presence(tick, &cell);
             track.missed += u64::from(*presence == Presence::Unrecorded && !track.has_ended(tick));
+            let awaits_bus = track.apart && !track.has_ended(tick);
+            track.no_bus_time += u64::from(awaits_bus && cell.stamps.bus.is_none());
             *stamps = cell.stamps;
             fill(seen, &cell);
         }
@@ -390,6 +400,30 @@ mod tests {
         rows.told(0, 3);
         assert!(rows.close());
         assert_eq!((rows.last(0), rows.recording.missed(0)), ((3, 3.0, 3.0), 0));
+    }
+
+    #[test]
+    fn a_row_that_the_line_closes_before_the_bus_is_read_is_counted_and_lost_nothing() {
+        let mut rows = Rows::of(1);
+        rows.recording.set_apart(0);
+        let heard = |rows: &mut Rows, tick: u32| {
+            rows.recording.state(0, (tick, 0, tick as f32), AT * tick, Some(AT * tick));
+        };
+        heard(&mut rows, 0);
+        rows.told(0, 0);
+        heard(&mut rows, 1);
+        assert!(rows.close());
+        assert_eq!((rows.stamps[0].bus, rows.recording.without_bus_time(0)), (Some(AT), 0));
+        // The telemetry of 2 is read before the state of 2, which is what tick 1 has come to.
+        rows.told(0, 1);
+        rows.told(0, 2);
+        assert!(rows.close());
+        assert_eq!((rows.stamps[0].bus, rows.recording.without_bus_time(0)), (None, 1));
+        heard(&mut rows, 2);
+        heard(&mut rows, 3);
+        assert!(rows.close());
+        assert_eq!((rows.last(0), rows.stamps[0].bus), ((2, 2.0, 2.0), Some(AT * 3)));
+        assert_eq!((rows.recording.without_bus_time(0), rows.recording.missed(0)), (1, 0));
     }
 
     #[test]

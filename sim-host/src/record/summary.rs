@@ -295,6 +295,9 @@ pub struct OwnClockNodeSummary {
     pub node: u8,
     /// Its ticks of which a part was lost.
     pub missed: u64,
+    /// Its ticks whose outcome had not been read from its bus when it told the next tick on its line; zero
+    /// where it is not on CAN.
+    pub no_bus_time: u64,
     /// Its ticks that came a whole period late or more.
     pub overruns: u32,
     /// Values of neighbours that came too late for their tick, and were extrapolated.

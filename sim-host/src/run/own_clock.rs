@@ -48,6 +48,7 @@ pub(super) fn summary(conductor: &Conductor, skew: Skew, counters: &[Counters]) 
     let node = |(index, (link, counters)): (usize, (u8, &Counters))| OwnClockNodeSummary {
         node: link,
         missed: conductor.missed(index),
+        no_bus_time: conductor.without_bus_time(index),
         overruns: counters.overruns,
         extrapolated: counters.extrapolated,
     };

@@ -305,7 +305,8 @@ fn a_node_that_dies_is_named(work: &Path) {
         assert!(said.contains(words), "no '{words}' in: {said}");
     }
     let [at, end] = ["killed.at", "killed.end"].map(|name| text(work, name).trim().parse::<f64>().unwrap());
-    assert!(end - at < 3.0, "it took {} s", end - at);
+    // Half a second of silence, and the time of a guest on a busy computer; not the run's ten minutes.
+    assert!(end - at < 20.0, "it took {} s", end - at);
 }
 
 /// A node that was killed is away for a while, and another one joins. From its first SYNC on no state is

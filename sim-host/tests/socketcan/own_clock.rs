@@ -83,7 +83,12 @@ pub fn five_on_a_bus_are_recorded_from_it(work: &Path) {
     assert!(counted.len() as u64 + missed >= (NODES * (TICKS + 1)) as u64, "{}", counted.len());
     let csv = text(work, "own/bench.csv");
     let on_bus = csv.lines().skip(1).filter(|line| !line.ends_with(',')).count() as u64;
-    assert!(on_bus + 2 * missed >= (NODES * (TICKS + 1)) as u64, "{on_bus} rows with a bus time");
+    // A row has its bus time, or says that it has none; a host that is held up may read a line first.
+    let nodes = bench["own_clock"]["nodes"].as_array().unwrap();
+    let without: u64 = nodes.iter().map(|node| node["no_bus_time"].as_u64().unwrap()).sum();
+    let rows = (NODES * (TICKS + 1)) as u64;
+    assert_eq!(on_bus + without, rows, "{on_bus} rows with a bus time, {without} without");
+    assert!(without <= 2 * missed + rows / 20, "{without} rows without a bus time");
     if missed == 0 {
         let mut hash = TraceHash::new();
         hash.extend(counted);
