@@ -1,9 +1,10 @@
 //! From a scenario to what each node is told: SI and f64 to SI and f32, the form that travels.
 
 use crate::sampled::Bounds;
-use crate::scenario::{
-    Affine, Coupling, Dynamics, Edge, LARGEST_RUN, LargeScenario, NodeSpec, Scenario, TimeSpec,
-};
+#[cfg(feature = "large")]
+use crate::scenario::LargeScenario;
+use crate::scenario::{Affine, Coupling, Dynamics, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
+#[cfg(feature = "large")]
 use funnelnet_law::Breach;
 use funnelnet_law::program::Operation;
 use funnelnet_protocol::NodeConfig;
@@ -126,6 +127,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
 ///
 /// # Errors
 /// As [`node_configs`].
+#[cfg(feature = "large")]
 pub(crate) fn alone_config(scenario: &LargeScenario, node: &NodeSpec) -> Result<NodeConfig, Unfit> {
     let too_much = |what, limit| Unfit::TooMuch { node: node.id, what, limit };
     let tick_ns = u32::try_from(scenario.time.tick_ns)

@@ -37,6 +37,7 @@ const LOST: f64 = 100.0;
 
 /// The largest `|nu| / psi` of a part of the run.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "check"), expect(dead_code, reason = "only `check` says where and when"))]
 pub(crate) struct Worst {
     pub ratio: f64,
     /// Index.
@@ -57,6 +58,7 @@ impl Worst {
 
 /// What the law does.
 #[derive(Clone, Debug)]
+#[cfg_attr(not(feature = "check"), expect(dead_code, reason = "only `check` says how far it was followed"))]
 pub(crate) struct Followed {
     /// Up to when, s.
     pub until: f64,
@@ -114,21 +116,25 @@ fn affordable(scenario: &Scenario, work: usize) -> u64 {
 }
 
 /// Follows the law; `None` where it is not known here.
+#[cfg(feature = "check")]
 pub(crate) fn follow(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
     follow_for(scenario, degrees, Bounds::of(scenario), WORK)
 }
 
 /// The same up to the first breach.
+#[cfg(feature = "check")]
 pub(crate) fn follow_to_breach(scenario: &Scenario, degrees: &[f64]) -> Option<Followed> {
     follow_until(scenario, degrees, Bounds::of(scenario), WORK, Until::Breach)
 }
 
 /// Whether following a whole run takes no more than so many hundredths of what is spent on one.
+#[cfg(feature = "check")]
 pub(crate) fn is_cheap(scenario: &Scenario, hundredths: usize) -> bool {
     affordable(scenario, WORK / 100 * hundredths) == scenario.time.ticks
 }
 
 /// Whether everything comes at once and as it was sent.
+#[cfg(feature = "check")]
 pub(crate) fn hears_perfectly(scenario: &Scenario) -> bool {
     Bus::is_perfect(scenario)
 }

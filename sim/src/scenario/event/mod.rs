@@ -10,6 +10,7 @@ mod spell;
 pub use course::{Absence, Change, Course, Disturbance, Step};
 pub use detail::{ClockChange, Detail, Lie};
 pub(super) use read::read;
+#[cfg(feature = "check")]
 pub(super) use read_frames::{LARGEST_ID, SAID, SLOPE};
 pub(super) use sense::{LAST_JOIN, MOST_EVENTS, OLDEST, Setting, make_sense};
 pub(crate) use spell::on_engine;

@@ -5,7 +5,7 @@
 
 mod ticks;
 
-use sim_host::bus::ideal::{IdealBus, IdealParams};
+use funnelnet_sim::bus::ideal::{IdealBus, IdealParams};
 
 fn main() {
     ticks::run(1_000_000, IdealBus::new(IdealParams::default(), 1, ticks::listeners()));

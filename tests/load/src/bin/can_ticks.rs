@@ -9,7 +9,7 @@ mod ticks;
 
 use funnelnet_can_bus::{BitRate, Quiet, Timing};
 use funnelnet_protocol::message::NodeId;
-use sim_host::bus::can::CanBus;
+use funnelnet_sim::bus::can::CanBus;
 
 fn main() {
     let ids: Vec<NodeId> = (1..=ticks::NODES as u8).filter_map(NodeId::new).collect();

@@ -3,8 +3,8 @@
 
 use funnelnet_node::{Node, Params};
 use funnelnet_protocol::config::{EdgeConfig, Field, NodeConfig, Shape, Sine};
-use sim_host::bus::Medium;
-use sim_host::engine::Engine;
+use funnelnet_sim::bus::Medium;
+use funnelnet_sim::engine::Engine;
 
 /// Nodes.
 pub const NODES: usize = 100;
