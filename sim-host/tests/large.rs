@@ -109,6 +109,38 @@ fn the_last_row_is_that_of_the_end() {
     }
 }
 
+/// A page about all nodes, and about those of the columns as such.
+#[test]
+fn the_report_shows_the_quantiles_of_all_and_the_nodes_that_were_asked_for() {
+    let (_keep, at) = folder();
+    for (out, nodes, columns) in [("with", "--nodes=1,5", true), ("without", "--threads=1", false)] {
+        let done = sim_host(&at, &["run", "large.toml", "--quiet", "--out", out, nodes]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        let done = sim_host(&at, &["report", out]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        let page = fs::read_to_string(at.join(out).join("report.html")).unwrap();
+        for words in ["Quantiles over all nodes", "<svg", "median state", "Such a run leaves out: "] {
+            assert!(page.contains(words), "no '{words}'");
+        }
+        assert_eq!(page.contains("Nodes that were asked for"), columns);
+        // What the columns of a few nodes come to is not what all nodes come to.
+        assert!(!page.contains("of all nodes over time") && !page.contains("No picture"));
+        let last = fs::read_to_string(at.join(out).join("quantiles.csv")).unwrap();
+        let highest: f64 = last.lines().last().unwrap().split(',').nth(8).unwrap().parse().unwrap();
+        let shown = format!("{highest:.3}");
+        assert!(page.contains(&shown[..4]), "no {shown}");
+    }
+    // A picture that is gone is named, and a table that is broken too.
+    fs::remove_file(at.join("with/quantiles.svg")).unwrap();
+    fs::write(at.join("without/quantiles.csv"), "t,x_mean\n").unwrap();
+    assert!(sim_host(&at, &["report", "with"]).status.success());
+    assert!(fs::read_to_string(at.join("with/report.html")).unwrap().contains("No picture: quantiles.svg"));
+    let refused = sim_host(&at, &["report", "without"]);
+    assert!(
+        !refused.status.success() && text(&refused.stderr).contains("quantiles.csv: has no column x_q00")
+    );
+}
+
 #[test]
 fn an_expectation_that_is_missed_fails_and_says_the_seed() {
     let (_keep, at) = folder();

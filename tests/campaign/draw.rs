@@ -50,14 +50,19 @@ impl World {
 }
 
 /// What draws numbers.
-struct Dice(Pcg64);
+pub(super) struct Dice(Pcg64);
 
 impl Dice {
-    fn below(&mut self, n: usize) -> usize {
+    /// Those of a number.
+    pub(super) fn of(number: u64) -> Self {
+        Self(random::stream(number, Purpose::Graph, 0))
+    }
+
+    pub(super) fn below(&mut self, n: usize) -> usize {
         random::below(&mut self.0, n)
     }
 
-    fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
         // Three digits, so that a text says it all.
         ((low + (high - low) * random::uniform(&mut self.0)) * 1e3).round() / 1e3
     }
@@ -66,12 +71,12 @@ impl Dice {
         random::uniform(&mut self.0) < probability
     }
 
-    fn of<'a>(&mut self, list: &[&'a str]) -> &'a str {
+    fn one<'a>(&mut self, list: &[&'a str]) -> &'a str {
         list[self.below(list.len())]
     }
 
     /// The id of a node.
-    fn id(&mut self, nodes: usize) -> usize {
+    pub(super) fn id(&mut self, nodes: usize) -> usize {
         1 + self.below(nodes)
     }
 }
@@ -79,7 +84,7 @@ impl Dice {
 /// The world of a number. What the reader refuses is left out, from the end on.
 #[must_use]
 pub fn draw(number: u64) -> World {
-    let mut dice = Dice(random::stream(number, Purpose::Graph, 0));
+    let mut dice = Dice::of(number);
     let nodes = 3 + dice.below(7);
     let mut world = World { needed: law(&mut dice, nodes, number), optional: Vec::new(), lasts_ms: 2_500 };
     for id in 1..=nodes {
@@ -106,7 +111,7 @@ fn without_what_is_refused(mut world: World) -> World {
 }
 
 fn law(dice: &mut Dice, nodes: usize, number: u64) -> Vec<String> {
-    let graph = dice.of(&["ring", "path", "star", "complete", "random-regular"]);
+    let graph = dice.one(&["ring", "path", "star", "complete", "random-regular"]);
     let graph = match graph {
         "random-regular" if nodes > 3 => {
             format!("{{ kind = \"{graph}\", nodes = {}, degree = 3 }}", nodes + nodes % 2)
@@ -114,7 +119,7 @@ fn law(dice: &mut Dice, nodes: usize, number: u64) -> Vec<String> {
         "random-regular" => format!("{{ kind = \"ring\", nodes = {nodes} }}"),
         _ => format!("{{ kind = \"{graph}\", nodes = {nodes} }}"),
     };
-    let kind = dice.of(&["node-wise", "node-wise", "node-wise", "edge-wise", "max-gain"]);
+    let kind = dice.one(&["node-wise", "node-wise", "node-wise", "edge-wise", "max-gain"]);
     let gain = match dice.below(4) {
         0 => "{ kind = \"logarithmic\", scale = 1.0 }".to_owned(),
         1 => "{ kind = \"algebraic\", scale = 1.0 }".to_owned(),
@@ -167,7 +172,7 @@ fn settings(dice: &mut Dice) -> Vec<String> {
         lines.push("agent.compute = \"100us\"".to_owned());
     }
     if dice.is(0.15) {
-        lines.push(format!("coupling.on_breach = \"{}\"", dice.of(&["ride", "stop"])));
+        lines.push(format!("coupling.on_breach = \"{}\"", dice.one(&["ride", "stop"])));
     }
     if dice.is(0.1) {
         lines.push("safety.lost_neighbours = 2".to_owned());
@@ -177,7 +182,7 @@ fn settings(dice: &mut Dice) -> Vec<String> {
 
 fn bus(dice: &mut Dice, nodes: usize) -> Vec<String> {
     let mut lines = Vec::new();
-    let model = dice.of(&["ideal", "ideal", "can", "can-fd", "uart"]);
+    let model = dice.one(&["ideal", "ideal", "can", "can-fd", "uart"]);
     if model != "ideal" {
         lines.push(format!("bus.model = \"{model}\""));
     }

@@ -1,6 +1,8 @@
 //! Networks, laws, buses and faults by chance, and what must be so of every run (`--example campaign` runs more of them).
 #![allow(clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
+use funnelnet_sim::judge::Recovered;
+use system_tests::campaign::kinds::{GRAPHS, KINDS, happen};
 use system_tests::campaign::{Broken, World, draw, look, smaller, smaller_by};
 
 /// Worlds of a campaign in a test.
@@ -61,4 +63,32 @@ fn what_is_broken_is_made_as_small_as_it_can_be() {
     });
     assert_eq!(found.optional, [lie]);
     assert!(found.lasts_ms < 1_000 && broken.is_like(&Broken::Promise(1.0)), "{}", found.lasts_ms);
+}
+
+/// What the book's page of faults says of every kind; its table is of 1,000 runs on each graph (`--example every_kind -- --runs 1000`).
+#[test]
+fn one_event_of_any_kind_leaves_all_inside_but_where_a_node_has_stopped() {
+    for kind in &KINDS {
+        let (mut borne, mut stopped, mut runs) = (0, 0, 0);
+        for graph in GRAPHS {
+            for number in 0..2 {
+                let run = happen(kind, graph, number).unwrap_or_else(|why| panic!("{}: {why}", kind.name));
+                assert!(run.input.is_finite() && run.input < 500.0, "{}: {}", kind.name, run.input);
+                if run.stopped == 0 {
+                    assert_ne!(run.recovery, Recovered::Outside, "{}, {}:\n{}", kind.name, graph.0, run.text);
+                } else {
+                    assert!(kind.may_stop, "{}, {}:\n{}", kind.name, graph.0, run.text);
+                }
+                (borne, stopped, runs) =
+                    (borne + u32::from(run.is_borne()), stopped + u32::from(run.stopped > 0), runs + 1);
+            }
+        }
+        // An event that does nothing to anybody would pass, too.
+        let harms = match kind.name {
+            "bounce" | "join" | "liar, a constant" | "impostor" => borne < runs / 2,
+            "noise, one bit in 50" => stopped == runs,
+            _ => true,
+        };
+        assert!(harms, "{}: {borne} of {runs} borne, {stopped} stopped", kind.name);
+    }
 }

@@ -14,6 +14,7 @@ mod page;
 mod picture;
 mod pictures;
 mod provenance;
+mod quantiles;
 mod run;
 mod sweep;
 mod verdict;

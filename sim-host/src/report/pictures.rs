@@ -12,11 +12,11 @@ use serde_json::Value;
 const COLUMNS: usize = 12;
 
 /// A picture of a folder.
-struct Picture {
-    file: &'static str,
-    id: &'static str,
-    words: String,
-    table: Markup,
+pub(super) struct Picture {
+    pub(super) file: &'static str,
+    pub(super) id: &'static str,
+    pub(super) words: String,
+    pub(super) table: Markup,
 }
 
 /// States, funnels, inputs, and spread beside its bound.
@@ -57,7 +57,11 @@ pub(super) fn pictures(folder: &Folder, summary: &Value, digest: &Digest) -> Res
     })
 }
 
-fn figure(folder: &Folder, Picture { file, id, words, table }: Picture) -> Result<Markup, String> {
+/// With its words, and the table folded.
+///
+/// # Errors
+/// The file cannot be read, in words.
+pub(super) fn figure(folder: &Folder, Picture { file, id, words, table }: Picture) -> Result<Markup, String> {
     let svg = match folder.text(file)? {
         Some(svg) => picture::inline(&svg, id),
         None => Err("is not in the folder".to_owned()),

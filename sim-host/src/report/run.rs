@@ -5,7 +5,7 @@ use super::figures::{at, known, number, part, short};
 use super::folder::Folder;
 use super::page::{Page, section};
 use super::verdict::{Verdict, judged};
-use super::{bus, events, nodes, pictures, provenance};
+use super::{bus, events, nodes, pictures, provenance, quantiles};
 use crate::printable::printable;
 use crate::run::names;
 use maud::{Markup, html};
@@ -62,7 +62,14 @@ impl Run {
             (verdict.banner(self.judged()))
             (self.glance())
             @if !summary.is_null() { (section("verdict", "Expectations and checks", judged(summary))) }
+            @let of_all = quantiles::quantiles(&self.folder, summary)?;
+            @if let Some(quantiles) = &of_all { (section("pictures", "Quantiles over all nodes", html! { (quantiles) })) }
             @match &self.digest {
+                // Its columns are of nodes that were asked for: their largest values are not those of all.
+                Some(digest) if of_all.is_some() => {
+                    (section("nodes", "Nodes that were asked for", nodes::nodes(digest, summary)))
+                },
+                None if of_all.is_some() => {},
                 Some(digest) => {
                     (section("pictures", "States, funnels, inputs, agreement", pictures::pictures(&self.folder, summary, digest)?))
                     (section("nodes", "Nodes and margins", nodes::nodes(digest, summary)))
