@@ -123,7 +123,7 @@ fn help_names_commands_examples_and_exit_codes() {
 #[test]
 fn help_fits_a_narrow_terminal() {
     const WIDTH: usize = 80;
-    for command in ["", "run", "bench", "node", "sweep", "check", "report", "completions", "man"] {
+    for command in ["", "run", "bench", "node", "sweep", "check", "report", "export", "completions", "man"] {
         let mut program = sim_host();
         program.args([command, "--help"].into_iter().filter(|word| !word.is_empty()));
         let text =

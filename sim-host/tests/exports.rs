@@ -1,0 +1,172 @@
+//! `sim-host export`, read by the libraries of other makers: cantools and networkx, which `./ci.sh setup` installs.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
+
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
+
+const FIVE: &str = "scenarios/five-agents.toml";
+const VECTORS: &str = "scenarios/vector-oscillators.toml";
+/// Not judged: the ends of runs that are short.
+const SHORT: [&str; 6] =
+    ["--set", "time.duration=300ms", "--set", "expect={ funnel_ratio = 1e9 }", "--every", "1ms"];
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Exit code, standard output, standard error.
+fn said(command: &mut Command) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = command.stdin(Stdio::null()).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    (status.code(), text(stdout), text(stderr))
+}
+
+fn sim_host(arguments: &[&str]) -> (Option<i32>, String, String) {
+    said(Command::new(env!("CARGO_BIN_EXE_sim-host")).current_dir(repository()).args(arguments))
+}
+
+/// Python with the readers, or none, said aloud.
+fn python() -> Option<PathBuf> {
+    let python = repository().join("target/readers/bin/python");
+    let has_readers =
+        python.exists() && said(Command::new(&python).args(["-c", "import cantools, networkx"])).0 == Some(0);
+    if !has_readers {
+        eprintln!(
+            "SKIPPED: no cantools and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
+        );
+    }
+    has_readers.then_some(python)
+}
+
+fn read_by(python: &Path, script: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
+    said(Command::new(python).arg(repository().join("tests/readers").join(script)).args(arguments))
+}
+
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.at(name).to_str().unwrap().to_owned()
+    }
+
+    /// Exports, and expects nothing to be said.
+    fn export(&self, what: &str, scenario: &str, to: &str, sets: &[&str]) {
+        let to = self.name(to);
+        let (code, out, err) = sim_host(&[&["export", what, scenario, "--out", &to], sets].concat());
+        assert_eq!((code, out.as_str(), err.as_str()), (Some(0), "", ""));
+    }
+
+    /// A short run on a bus, with a row for each tick, and its DBC file.
+    fn run(&self, scenario: &str, sets: &[&str]) {
+        self.export("dbc", scenario, "five.dbc", sets);
+        let out = self.name("out");
+        let (code, _, err) =
+            sim_host(&[&["run", scenario, "--quiet", "--out", &out], &SHORT[..], sets].concat());
+        assert_eq!(code, Some(0), "{err}");
+    }
+
+    fn decode(&self, python: &Path) -> (Option<i32>, String, String) {
+        let names = ["five.dbc", "out/can.log", "out/trajectory.csv"].map(|name| self.name(name));
+        read_by(python, "dbc.py", &[&names[0], &names[1], &names[2], "1000000"])
+    }
+
+    fn change(&self, name: &str, change: impl FnOnce(String) -> String) {
+        let text = fs::read_to_string(self.at(name)).unwrap();
+        let changed = change(text.clone());
+        assert_ne!(text, changed, "{name}");
+        fs::write(self.at(name), changed).unwrap();
+    }
+}
+
+/// One state of each component and node in each of 300 ticks and at the end, and the announced ones.
+#[test]
+fn cantools_decodes_a_log_to_the_bits_of_the_trajectory() {
+    let Some(python) = python() else { return };
+    for (scenario, bus, states) in [
+        (FIVE, "bus.model=can", 5),
+        (FIVE, "bus.model=can-fd", 5),
+        (VECTORS, "bus.model=can", 10),
+        (VECTORS, "bus.model=can-fd", 10),
+    ] {
+        let place = Place::new();
+        place.run(scenario, &["--set", bus, "--set", "agent.unit=°C"]);
+        let (code, out, err) = place.decode(&python);
+        assert_eq!(code, Some(0), "{scenario} {bus}: {err}");
+        let told: Value = serde_json::from_str(&out).unwrap();
+        assert!(told["compared"].as_u64().unwrap() >= 299 * states, "{scenario} {bus}: {told}");
+        assert_eq!(told["units"], serde_json::json!(["°C"]));
+        assert!(told["kinds"]["EDGE"].as_u64().unwrap() > 0, "{told}");
+        assert!(told["edges"].as_object().unwrap().values().all(|alpha| *alpha == 1.0), "{told}");
+    }
+}
+
+/// What the comparison above is worth: each of these is found.
+#[test]
+fn a_wrong_bit_a_wrong_type_and_a_missing_frame_are_found() {
+    let Some(python) = python() else { return };
+    let place = Place::new();
+    place.run(FIVE, &["--set", "bus.model=can"]);
+    assert_eq!(place.decode(&python).0, Some(0));
+    let broken = |name: &str, change: &dyn Fn(String) -> String, message: &str| {
+        let sound = fs::read(place.at(name)).unwrap();
+        place.change(name, change);
+        let (code, out, err) = place.decode(&python);
+        assert_eq!((code, out.as_str()), (Some(1), ""));
+        assert!(err.contains(message), "{err}");
+        fs::write(place.at(name), sound).unwrap();
+    };
+    // The last state of node 3, its lowest bit.
+    let flip = |log: String| {
+        let at = log.rfind(" 183#").unwrap() + " 183#".len();
+        let byte = u8::from_str_radix(&log[at..at + 2], 16).unwrap() ^ 1;
+        format!("{}{byte:02X}{}", &log[..at], &log[at + 2..])
+    };
+    broken("out/can.log", &flip, "x_3: ");
+    broken("five.dbc", &|dbc| dbc.replace("SIG_VALTYPE_ 387 x_3 : 1;\n", ""), "x_3: ");
+    broken("five.dbc", &|dbc| dbc.replace("BO_ 387 STATE_3:", "BO_ 1387 STATE_3:"), "387");
+    broken("five.dbc", &|dbc| dbc.replace("x_3 : 0|32@1-", "x_3 : 0|32@0-"), "");
+}
+
+#[test]
+fn what_cannot_be_exported_is_refused() {
+    let (code, out, err) = sim_host(&["export", "dbc", FIVE, "--set", "bus.model=uart"]);
+    assert_eq!((code, out.as_str()), (Some(2), ""));
+    assert!(err.contains("bus.model = \"uart\": no frame of it is on CAN"), "{err}");
+    let (code, _, err) = sim_host(&["export", "dbc", "no/such.toml"]);
+    assert_eq!(code, Some(2));
+    assert!(err.starts_with("no/such.toml: cannot be read: "), "{err}");
+    assert_eq!(sim_host(&["export", "xml", FIVE]).0, Some(2));
+}
+
+#[test]
+fn an_export_never_overwrites_its_scenario_and_goes_to_standard_output_by_itself() {
+    let place = Place::new();
+    let text = fs::read(repository().join(FIVE)).unwrap();
+    fs::write(place.at("five.toml"), &text).unwrap();
+    std::os::unix::fs::symlink("five.toml", place.at("link")).unwrap();
+    for out in ["five.toml", "./five.toml", "link"] {
+        let (code, _, err) =
+            sim_host(&["export", "dbc", &place.name("five.toml"), "--out", &place.name(out)]);
+        assert_eq!(code, Some(2));
+        assert!(err.contains("which must not be overwritten"), "{err}");
+        assert_eq!(fs::read(place.at("five.toml")).unwrap(), text);
+    }
+    place.export("dbc", FIVE, "five.dbc", &[]);
+    let written = fs::read_to_string(place.at("five.dbc")).unwrap();
+    for more in [&[][..], &["--out", "-"]] {
+        let (code, out, _) = sim_host(&[&["export", "dbc", FIVE], more].concat());
+        assert_eq!((code, out), (Some(0), written.clone()));
+    }
+    assert!(written.contains("BO_ 389 STATE_5: 5 Node5\n SG_ x_5 : 0|32@1- (1,0) [0|0] \"\" Vector__XXX\n"));
+}
