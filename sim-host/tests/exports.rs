@@ -138,6 +138,103 @@ fn a_wrong_bit_a_wrong_type_and_a_missing_frame_are_found() {
     broken("five.dbc", &|dbc| dbc.replace("x_3 : 0|32@1-", "x_3 : 0|32@0-"), "");
 }
 
+/// Weights that are not short, so that a lost digit is seen.
+const WEIGHTS: &str = "graph={kind=\"edges\",nodes=5,weight=0.1,edges=[[1,2,0.30000000000000004],[3,2,1e-3],[3,4],[5,4,2],[1,5,123456.789]]}";
+
+#[test]
+fn networkx_reads_the_edges_and_weights_and_writes_what_a_scenario_reads() {
+    let Some(python) = python() else { return };
+    let place = Place::new();
+    place.export("graphml", FIVE, "a.graphml", &["--set", WEIGHTS]);
+    let (code, out, err) =
+        read_by(&python, "graphml.py", &[&place.name("a.graphml"), &place.name("of-networkx.graphml")]);
+    assert_eq!(code, Some(0), "{err}");
+    let told: Value = serde_json::from_str(&out).unwrap();
+    let edges = serde_json::json!([
+        [1, 2, 0.300_000_000_000_000_04],
+        [1, 5, 123_456.789],
+        [2, 3, 1e-3],
+        [3, 4, 0.1],
+        [4, 5, 2.0]
+    ]);
+    assert_eq!(told, serde_json::json!({ "directed": false, "nodes": [1, 2, 3, 4, 5], "edges": edges }));
+    for file in ["a.graphml", "of-networkx.graphml"] {
+        let graph = format!("graph={{kind=\"file\",file=\"{}\"}}", place.name(file));
+        place.export("graphml", FIVE, "again.graphml", &["--set", &graph]);
+        assert_eq!(
+            fs::read(place.at("again.graphml")).unwrap(),
+            fs::read(place.at("a.graphml")).unwrap(),
+            "{file}"
+        );
+    }
+}
+
+/// The folder of the run has the graph, so that it is repeated when the file is gone.
+#[test]
+fn a_run_with_a_graph_in_a_file_has_the_bits_of_the_listed_one_and_is_repeated_from_its_folder() {
+    let place = Place::new();
+    let hash = |scenario: &str, sets: &[&str], out: &str| {
+        let out = place.name(out);
+        let arguments = [&["run", scenario, "--quiet", "--out", &out], &SHORT[..], sets].concat();
+        let (code, _, err) = sim_host(&arguments);
+        assert_eq!(code, Some(0), "{err}");
+        let summary = fs::read_to_string(Path::new(&out).join("summary.json")).unwrap();
+        serde_json::from_str::<Value>(&summary).unwrap()["trace_hash"].clone()
+    };
+    let listed = "graph={kind=\"edges\",nodes=5,weight=0.7,edges=[[1,2,0.5],[2,3],[3,4],[4,5],[5,1,1.25]]}";
+    fs::write(place.at("g.csv"), "from,to,weight\n5,1,1.25\n1,2,0.5\n2,3,\n4,3,\n4,5,0.7\n").unwrap();
+    let graph = format!("graph={{kind=\"file\",weight=0.7,file=\"{}\"}}", place.name("g.csv"));
+    let expected = hash(FIVE, &["--set", listed], "listed");
+    assert_eq!(hash(FIVE, &["--set", &graph], "out"), expected);
+    assert_ne!(hash(FIVE, &[], "ring"), expected);
+    fs::remove_file(place.at("g.csv")).unwrap();
+    assert_eq!(hash(&place.name("out/scenario.toml"), &[], "again"), expected);
+    assert!(place.at("again/scenario-graph.csv").exists());
+    // A run without one leaves none.
+    hash(FIVE, &[], "out");
+    assert!(!place.at("out/scenario-graph.csv").exists());
+}
+
+#[test]
+fn a_graph_that_is_wrong_is_refused_with_file_line_and_value() {
+    let place = Place::new();
+    let refused = |name: &str, text: &str, more: &str, message: &str| {
+        fs::write(place.at(name), text).unwrap();
+        let graph = format!("graph={{kind=\"file\",file=\"{}\"{more}}}", place.name(name));
+        let (code, out, err) = sim_host(&["check", FIVE, "--set", &graph]);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+        let err = err.replace(&place.name(name), "F");
+        assert!(err.contains("graph") && err.contains(message), "{err}");
+    };
+    let head = "from,to,weight\n";
+    refused("a.csv", &format!("{head}1,2,1\n2,x,1\n"), "", "F, line 3: 'x' must be an id");
+    refused("a.csv", &format!("{head}1,2,0\n"), "", "F, line 2: weight '0' must be > 0 (edge weight)");
+    refused(
+        "a.csv",
+        &format!("{head}1,2,1\n4,5,1\n"),
+        "",
+        "must be connected (Assumption 1), but it falls into 3 parts",
+    );
+    refused(
+        "a.csv",
+        &format!("{head}1,2,1\n2,3,1\n"),
+        ",nodes=2",
+        "F, line 3: '3' must be an id from 1 to 2",
+    );
+    refused("a.csv", &format!("{head}1,2001,1\n"), "", "must have 2000 nodes at most");
+    refused(
+        "a.graphml",
+        "<graphml>\n<graph edgedefault=\"directed\">\n<edge source=\"1\" target=\"2\"/></graph></graphml>",
+        "",
+        "F, line 3: the edge from 1 to 2 is directed",
+    );
+    refused("a.xml", "<graphml>\n<graph></graphml>", "", "F, line 2: not valid XML");
+    let (_, _, err) = sim_host(&["check", FIVE, "--set", "graph={kind=\"file\",file=\"none.csv\"}"]);
+    assert!(err.contains("none.csv: cannot be read"), "{err}");
+    let (_, _, err) = sim_host(&["check", FIVE, "--set", "graph={kind=\"file\"}"]);
+    assert!(err.contains("missing key 'file' in [graph] of kind 'file'"), "{err}");
+}
+
 #[test]
 fn what_cannot_be_exported_is_refused() {
     let (code, out, err) = sim_host(&["export", "dbc", FIVE, "--set", "bus.model=uart"]);

@@ -126,9 +126,13 @@ const EXPORT_HELP: &str = "\
 dbc: what each identifier on CAN means, for cantools, SavvyCAN and others; signals are called as the columns of trajectory.csv. \
 The frames are those of CAN FD with bus.model = \"can-fd\", else classic ones.
 
+graphml: the graph with its weights, for networkx, igraph, Gephi and others; a scenario reads it back with graph.kind = \"file\".
+
 Examples:
   sim-host export dbc scenarios/five-agents.toml --out five.dbc
-  cantools decode --single-line five.dbc < out/can/can.log";
+  cantools decode --single-line five.dbc < out/can/can.log
+  sim-host export graphml scenarios/five-agents.toml --out ring.graphml
+  sim-host run scenarios/five-agents.toml --set 'graph={kind=\"file\",file=\"../ring.graphml\"}'";
 
 const SCHEMA_HELP: &str = "\
 Examples:
@@ -165,6 +169,8 @@ pub(super) enum SchemaOf {
 pub(super) enum Exported {
     /// The frames on CAN, as a DBC file
     Dbc,
+    /// The graph, as a GraphML file
+    Graphml,
 }
 
 #[derive(Debug, Subcommand)]
@@ -193,7 +199,7 @@ pub(super) enum Command {
     /// Write a page to hand over, of a run, of two runs side by side, or of a sweep
     #[command(after_help = REPORT_HELP)]
     Report(ReportArgs),
-    /// Write a scenario's frames as a file of other tools
+    /// Write a scenario's frames (DBC) or its graph (GraphML) for other tools
     #[command(after_help = EXPORT_HELP)]
     Export(ExportArgs),
     /// Print a JSON Schema of the scenario file, by which editors complete and check its keys

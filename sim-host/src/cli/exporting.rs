@@ -2,9 +2,10 @@
 
 use super::arguments::{ExportArgs, Exported};
 use super::{Exit, Failure};
-use crate::export::dbc;
+use crate::export::{dbc, graphml};
 use crate::record::{is_standard_output, write_atomic};
 use crate::run::is_one_file;
+use crate::scenario::AnyScenario;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -21,6 +22,11 @@ pub(super) fn export_command(args: &ExportArgs) -> Result<Exit, Failure> {
             let loaded = args.source.settings.load(scenario)?;
             dbc(&loaded).map_err(|why| Failure::bad_input(format!("{}: {why}", scenario.display())))?
         }
+        Exported::Graphml => match args.source.load_any()? {
+            AnyScenario::Wired(scenario) => graphml(&scenario.graph),
+            AnyScenario::Large(scenario) => graphml(&scenario.graph),
+        }
+        .into_bytes(),
     };
     write(args.out.as_deref(), &bytes)
 }

@@ -145,7 +145,7 @@ impl Range {
     }
 
     /// The number, or what is wrong with it.
-    fn accept(&self, value: f64) -> Result<f64, String> {
+    pub(super) fn accept(&self, value: f64) -> Result<f64, String> {
         let below = if self.low_open { value <= self.low } else { value < self.low };
         if !value.is_finite() {
             let finite = if self.low.is_finite() { "must be finite and" } else { "must be" };
