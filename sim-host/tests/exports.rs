@@ -1,7 +1,8 @@
 //! `sim-host export`, read by the libraries of other makers: cantools and networkx, which `./ci.sh setup` installs.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use serde_json::Value;
+use funnelnet_protocol::{Command as Order, FaultCode, Message, NodeId, Severity, Target, TickStamp, can};
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -105,13 +106,58 @@ fn cantools_decodes_a_log_to_the_bits_of_the_trajectory() {
         assert_eq!(code, Some(0), "{scenario} {bus}: {err}");
         let told: Value = serde_json::from_str(&out).unwrap();
         assert!(told["compared"].as_u64().unwrap() >= 299 * states, "{scenario} {bus}: {told}");
-        assert_eq!(told["units"], serde_json::json!(["°C"]));
+        assert_eq!(told["units"], json!(["°C"]));
         assert!(told["kinds"]["EDGE"].as_u64().unwrap() > 0, "{told}");
         assert!(told["edges"].as_object().unwrap().values().all(|alpha| *alpha == 1.0), "{told}");
     }
 }
 
-/// What the comparison above is worth: each of these is found.
+/// Frames that a run of its own does not have, as the encoder of the wire writes them.
+#[test]
+fn cantools_reads_commands_sync_faults_and_edges_as_they_are_encoded() {
+    let Some(python) = python() else { return };
+    let place = Place::new();
+    let clocks = ["--set", "bus.model=can", "--set", "clock.drift_ppm=10", "--set", "sync.masters=[2]"];
+    place.export("dbc", FIVE, "five.dbc", &clocks);
+    let node = |id| NodeId::new(id).unwrap();
+    let (tick, code) = (TickStamp::full(0xABCDEF), FaultCode::HOLDOVER);
+    let ctrl = |target, command| Message::Ctrl { target, command, arg: 7, at_tick: 0xABCD };
+    let sync = |source| Message::Sync { source, previous_tick: tick, phase_us: 1234 };
+    let messages = [
+        (
+            ctrl(Target::All, Order::Start),
+            json!({ "name": "CTRL_all", "from": "Host", "cmd": "start", "arg": 7, "at_tick": 0xABCD }),
+        ),
+        (
+            ctrl(Target::Node(node(4)), Order::Commit),
+            json!({ "name": "CTRL_4", "from": "Host", "cmd": "commit", "arg": 7, "at_tick": 0xABCD }),
+        ),
+        (sync(None), json!({ "name": "SYNC_host", "from": "Host", "tick": 0xABCDEF, "phase": 1234 })),
+        (sync(Some(node(2))), json!({ "name": "SYNC_2", "from": "Node2", "tick": 0xABCDEF, "phase": 1234 })),
+        (
+            Message::Fault { source: node(3), code, severity: Severity::Stopped, arg: 515, tick },
+            json!({ "name": "FAULT_3", "from": "Node3", "code": code.to_string(), "severity": "stopped", "arg": 515, "tick": 0xEF }),
+        ),
+        (
+            Message::Edge { source: node(5), neighbour: node(1), weight: 0.75 },
+            json!({ "name": "EDGE_5", "from": "Node5", "other": 1, "alpha": 0.75 }),
+        ),
+    ];
+    let frames = messages.iter().map(|(message, _)| {
+        let frame = can::encode(message);
+        let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
+        format!("{:03X}#{data}", frame.id())
+    });
+    let arguments: Vec<String> = std::iter::once(place.name("five.dbc")).chain(frames).collect();
+    let (code, out, err) =
+        read_by(&python, "frames.py", &arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(code, Some(0), "{err}");
+    let read: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let expected: Vec<_> = messages.into_iter().map(|(_, expected)| expected).collect();
+    assert_eq!(read, expected);
+}
+
+/// What the comparison with the trajectory is worth: each of these is found.
 #[test]
 fn a_wrong_bit_a_wrong_type_and_a_missing_frame_are_found() {
     let Some(python) = python() else { return };
@@ -150,14 +196,14 @@ fn networkx_reads_the_edges_and_weights_and_writes_what_a_scenario_reads() {
         read_by(&python, "graphml.py", &[&place.name("a.graphml"), &place.name("of-networkx.graphml")]);
     assert_eq!(code, Some(0), "{err}");
     let told: Value = serde_json::from_str(&out).unwrap();
-    let edges = serde_json::json!([
+    let edges = json!([
         [1, 2, 0.300_000_000_000_000_04],
         [1, 5, 123_456.789],
         [2, 3, 1e-3],
         [3, 4, 0.1],
         [4, 5, 2.0]
     ]);
-    assert_eq!(told, serde_json::json!({ "directed": false, "nodes": [1, 2, 3, 4, 5], "edges": edges }));
+    assert_eq!(told, json!({ "directed": false, "nodes": [1, 2, 3, 4, 5], "edges": edges }));
     for file in ["a.graphml", "of-networkx.graphml"] {
         let graph = format!("graph={{kind=\"file\",file=\"{}\"}}", place.name(file));
         place.export("graphml", FIVE, "again.graphml", &["--set", &graph]);
