@@ -185,7 +185,7 @@ fn a_wrong_bit_a_wrong_type_and_a_missing_frame_are_found() {
 }
 
 /// Weights that are not short, so that a lost digit is seen.
-const WEIGHTS: &str = "graph={kind=\"edges\",nodes=5,weight=0.1,edges=[[1,2,0.30000000000000004],[3,2,1e-3],[3,4],[5,4,2],[1,5,123456.789]]}";
+const WEIGHTS: &str = "graph={kind=\"edges\",nodes=5,weight=0.1,edges=[[1,2,0.30000000000000004],[3,2,1e-3],[3,4],[5,4,2],[1,5,1.2345678901234567]]}";
 
 #[test]
 fn networkx_reads_the_edges_and_weights_and_writes_what_a_scenario_reads() {
@@ -198,7 +198,7 @@ fn networkx_reads_the_edges_and_weights_and_writes_what_a_scenario_reads() {
     let told: Value = serde_json::from_str(&out).unwrap();
     let edges = json!([
         [1, 2, 0.300_000_000_000_000_04],
-        [1, 5, 123_456.789],
+        [1, 5, 1.234_567_890_123_456_7],
         [2, 3, 1e-3],
         [3, 4, 0.1],
         [4, 5, 2.0]

@@ -130,9 +130,7 @@ graphml: the graph with its weights, for networkx, igraph, Gephi and others; a s
 
 Examples:
   sim-host export dbc scenarios/five-agents.toml --out five.dbc
-  cantools decode --single-line five.dbc < out/can/can.log
-  sim-host export graphml scenarios/five-agents.toml --out ring.graphml
-  sim-host run scenarios/five-agents.toml --set 'graph={kind=\"file\",file=\"../ring.graphml\"}'";
+  sim-host export graphml scenarios/five-agents.toml --out ring.graphml";
 
 const SCHEMA_HELP: &str = "\
 Examples:
