@@ -263,9 +263,9 @@ fn a_graph_that_is_wrong_is_refused_with_file_line_and_value() {
     );
     refused(
         "a.csv",
-        &format!("{head}1,2,1\n2,3,1\n"),
-        ",nodes=2",
-        "F, line 3: '3' must be an id from 1 to 2",
+        &format!("{head}1,2,1\n2,3,1\n3,4,1\n4,5,1\n5,6,1\n"),
+        ",nodes=5",
+        "F, line 6: '6' must be an id from 1 to 5",
     );
     refused("a.csv", &format!("{head}1,2001,1\n"), "", "must have 2000 nodes at most");
     refused(
