@@ -310,7 +310,7 @@ fn manual_pages_are_printed_for_the_program_and_its_commands() {
     }
     refused(
         &["man", "fly"],
-        "man fly: there is no such command; there are run, bench, node, sweep, check, diff, replay, report, schema, completions, man, help",
+        "man fly: there is no such command; there are run, bench, node, sweep, check, diff, replay, report, export, schema, completions, man, help",
     );
 }
 
