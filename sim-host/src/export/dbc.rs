@@ -369,7 +369,11 @@ mod tests {
     #[test]
     fn networks_without_frames_on_can_are_refused() {
         assert_eq!(of(&["bus.model=uart"]), Err(NoFrames::Serial));
-        let many = ["graph={kind='star',nodes=128}", "coupling.funnel.start=400"];
+        let many = [
+            "graph={kind='star',nodes=128}",
+            "coupling.funnel.start=4000",
+            "agent.dynamics={kind='affine',slope=-1}",
+        ];
         assert_eq!(of(&many), Err(NoFrames::TooMany(128)));
     }
 
