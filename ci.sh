@@ -15,6 +15,8 @@ readonly IMAGES=$ROOT/firmware/target/$TARGET/release
 BOARDS="" IMAGES_OF_NODES=""
 # Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.
 readonly EMULATED=$ROOT/target/emulated
+# Where the readers of tests/readers are installed; sim-host/tests/exports.rs looks there.
+readonly READERS=$ROOT/target/readers
 # Instructions per node-tick in loopback.
 readonly HOST_LIMIT=1650
 # The same on CAN, in tenths of those in loopback. It is to be 25; 27.7 were counted.
@@ -159,6 +161,7 @@ cmd_setup() { #: find or install what the other commands need
     setup_toolchain
     setup_socketcan
     setup_emulated
+    setup_readers
     # Not fatal: clippy says where it is skipped.
     target_has_clippy || [[ $(toolchain) != debian ]] || (apt_install rust-web-clippy) || true
     read_boards
@@ -199,6 +202,24 @@ install_emulated() {
     } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "the emulators of boards cannot be installed (the whole output: $log)"; }
 }
 
+# Python packages that read what `export` writes, from PyPI, in the versions of a lock file.
+has_readers() { [[ -x $READERS/bin/python ]] && "$READERS/bin/python" -c 'import cantools, networkx' 2>/dev/null; }
+
+setup_readers() {
+    has_readers || (install_readers) || say "no readers of other makers, so none of them reads what export writes"
+}
+
+install_readers() {
+    local log=$READERS.log
+    python3 -c 'import ensurepip' 2>/dev/null || apt_install python3-venv
+    say "installing cantools and networkx from PyPI"
+    mkdir -p "$(dirname "$READERS")"
+    {
+        python3 -m venv "$READERS" \
+            && timeout 300 "$READERS/bin/pip" install --no-deps --only-binary :all: --require-hashes -r tests/readers/requirements.txt
+    } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "cantools and networkx cannot be installed (the whole output: $log)"; }
+}
+
 cmd_fmt() { #: check the format of every Rust file
     cargo fmt --all --check || fail "not formatted: cargo fmt --all"
     (cd firmware && cargo fmt --check) || fail "not formatted: (cd firmware && cargo fmt)"
@@ -227,6 +248,8 @@ cmd_python() { #: lint the Python tools, and try the checks of images on small i
 }
 
 cmd_unit() { #: unit, property and golden tests on the host
+    # The tests themselves say so where nobody looks: what a passing test prints is not shown.
+    has_readers || say "SKIPPED exports as other makers read them: no cantools and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
     cargo test --locked --workspace
     cargo test --locked --package funnelnet-can-bus --features pcapng --lib
 }

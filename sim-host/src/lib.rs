@@ -16,6 +16,7 @@ pub mod compare;
 pub mod conductor;
 pub mod emulator;
 pub mod exit;
+pub mod export;
 pub mod flash_file;
 pub mod host_node;
 pub mod hub;

@@ -123,7 +123,7 @@ fn help_names_commands_examples_and_exit_codes() {
 #[test]
 fn help_fits_a_narrow_terminal() {
     const WIDTH: usize = 80;
-    for command in ["", "run", "bench", "node", "sweep", "check", "report", "completions", "man"] {
+    for command in ["", "run", "bench", "node", "sweep", "check", "report", "export", "completions", "man"] {
         let mut program = sim_host();
         program.args([command, "--help"].into_iter().filter(|word| !word.is_empty()));
         let text =
@@ -310,7 +310,7 @@ fn manual_pages_are_printed_for_the_program_and_its_commands() {
     }
     refused(
         &["man", "fly"],
-        "man fly: there is no such command; there are run, bench, node, sweep, check, diff, replay, report, schema, completions, man, help",
+        "man fly: there is no such command; there are run, bench, node, sweep, check, diff, replay, report, export, schema, completions, man, help",
     );
 }
 

@@ -122,6 +122,16 @@ Examples:
   sim-host report out/yesterday out/today --html both.html
   sim-host report out/five --html - | gzip > five.html.gz";
 
+const EXPORT_HELP: &str = "\
+dbc: what each identifier on CAN means, for cantools, SavvyCAN and others; signals are called as the columns of trajectory.csv. \
+The frames are those of CAN FD with bus.model = \"can-fd\", else classic ones.
+
+graphml: the graph with its weights, for networkx, igraph, Gephi and others; a scenario reads it back with graph.kind = \"file\".
+
+Examples:
+  sim-host export dbc scenarios/five-agents.toml --out five.dbc
+  sim-host export graphml scenarios/five-agents.toml --out ring.graphml";
+
 const SCHEMA_HELP: &str = "\
 Examples:
   sim-host schema > scenario.schema.json
@@ -152,6 +162,15 @@ pub(super) enum SchemaOf {
     Scenario,
 }
 
+/// What can be exported.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub(super) enum Exported {
+    /// The frames on CAN, as a DBC file
+    Dbc,
+    /// The graph, as a GraphML file
+    Graphml,
+}
+
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Run a scenario and check its expectations
@@ -178,6 +197,9 @@ pub(super) enum Command {
     /// Write a page to hand over, of a run, of two runs side by side, or of a sweep
     #[command(after_help = REPORT_HELP)]
     Report(ReportArgs),
+    /// Write a scenario's frames (DBC) or its graph (GraphML) for other tools
+    #[command(after_help = EXPORT_HELP)]
+    Export(ExportArgs),
     /// Print a JSON Schema of the scenario file, by which editors complete and check its keys
     #[command(after_help = SCHEMA_HELP)]
     Schema {
@@ -421,6 +443,18 @@ pub(super) struct ReportArgs {
     /// File for the page instead of report.html in the folder; - is standard output
     #[arg(long, value_name = "FILE")]
     pub(super) html: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct ExportArgs {
+    /// What to write
+    #[arg(value_enum, value_name = "WHAT")]
+    pub(super) what: Exported,
+    #[command(flatten)]
+    pub(super) source: Source,
+    /// File to write; without it, and as -, standard output
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: Option<PathBuf>,
 }
 
 /// Clap names the option and the value itself, so only what is allowed is left to say.

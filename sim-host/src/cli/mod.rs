@@ -1,6 +1,7 @@
 //! The command line: arguments in, exit code out.
 
 mod arguments;
+mod exporting;
 mod sweeping;
 mod words;
 
@@ -111,6 +112,7 @@ fn dispatch(arguments: &[OsString]) -> Exit {
         Command::Diff(args) => diff_command(&args),
         Command::Replay(args) => replay_command(&args),
         Command::Report(args) => report_command(&args),
+        Command::Export(args) => exporting::export_command(&args),
         Command::Schema { file: SchemaOf::Scenario } => schema_command(),
         Command::Completions { shell } => completions(shell),
         Command::Man { command } => manual_page(command.as_deref()),

@@ -21,7 +21,7 @@ pub const LOCK: &str = ".sim-host.lock";
 pub const SWEEP: &str = "sweep.json";
 
 /// Files of every command but `sweep`.
-const FILES: [&str; 15] = [
+const FILES: [&str; 16] = [
     SUMMARY,
     TRAJECTORY,
     QUANTILES,
@@ -32,6 +32,7 @@ const FILES: [&str; 15] = [
     "agreement.svg",
     "inputs.svg",
     SCENARIO,
+    "scenario-graph.csv",
     "bench.csv",
     "can.log",
     "can.pcapng",

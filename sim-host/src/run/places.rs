@@ -113,6 +113,12 @@ pub fn overwritten(folder: &Path, names: &[&str], inputs: &[PathBuf]) -> Option<
     })
 }
 
+/// Whether two names are of one file, by path, through links, or as another name of it.
+#[must_use]
+pub fn is_one_file(one: &Path, other: &Path) -> bool {
+    Named::new(String::new(), one).is(&Named::new(String::new(), other))
+}
+
 fn shown(path: &Path) -> String {
     printable(&path.display().to_string()).into_owned()
 }

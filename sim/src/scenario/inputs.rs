@@ -2,6 +2,7 @@
 //! no node knows them.
 
 use super::diagnostic::Problem;
+use super::graph_file::{self, FileGraph};
 use super::reader::{Log, Section};
 use super::tree::{Item, Table, Value};
 use funnelnet_law::program::MAX_INPUTS;
@@ -10,6 +11,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::sync::Arc;
 
 /// Time (s) and value.
@@ -89,6 +91,7 @@ type Column = Result<Vec<(f64, f64)>, String>;
 pub(super) struct Files {
     folder: PathBuf,
     columns: RefCell<BTreeMap<[String; 3], Column>>,
+    graph: RefCell<Option<Rc<FileGraph>>>,
 }
 
 impl Files {
@@ -103,8 +106,22 @@ impl Files {
         columns.entry(key.clone()).or_insert_with(read).clone()
     }
 
-    /// Each column that was read, as a file of its own.
+    /// The graph in a file, of which there is one.
+    pub fn graph(&self, name: &str) -> Result<Rc<FileGraph>, String> {
+        let graph = Rc::new(graph_file::read(&self.folder.join(name))?);
+        *self.graph.borrow_mut() = Some(Rc::clone(&graph));
+        Ok(graph)
+    }
+
+    /// Each column that was read, and the graph, as a file of its own.
     pub fn copies(&self) -> Vec<InputFile> {
+        let graph = self.graph.borrow();
+        let graph =
+            graph.iter().map(|graph| InputFile { name: graph_file::COPY.to_owned(), text: graph.copy() });
+        self.columns_as_files().into_iter().chain(graph).collect()
+    }
+
+    fn columns_as_files(&self) -> Vec<InputFile> {
         let columns = self.columns.borrow();
         let read = columns.values().filter_map(|column| column.as_ref().ok());
         read.enumerate()
@@ -121,6 +138,13 @@ impl Files {
 
     /// Makes the sections of a scenario name those files.
     pub fn name_copies(&self, root: &mut Table) {
+        if let (Some(graph), true) = (root.get_mut("graph"), self.graph.borrow().is_some()) {
+            let place = graph.place.clone();
+            if let Value::Table(table) = &mut graph.value {
+                let value = Value::Text(graph_file::COPY.to_owned());
+                table.insert("file".to_owned(), Item { value, ..Item::empty_table(&place, "file") });
+            }
+        }
         for (key, item) in root.iter_mut() {
             match &mut item.value {
                 Value::Table(inputs) if key == "inputs" => {

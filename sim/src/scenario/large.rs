@@ -166,7 +166,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<LargeScena
     let seed = file.integer("seed", Some(DEFAULT_SEED), (0, u64::MAX), "");
     let time = need_section(&mut file, "time").map(read_time);
     let network = need_section(&mut file, "graph").and_then(|section| {
-        network::read(section, network::MAX_NODES, "and a run with a bus takes 127 at most")
+        network::read(section, (network::MAX_NODES, "and a run with a bus takes 127 at most"), files)
     });
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
     let population = match (&network, &coupling) {

@@ -18,6 +18,7 @@ mod expect;
 mod expression;
 mod faults;
 mod graph;
+mod graph_file;
 mod initial;
 mod inputs;
 mod large;
@@ -170,7 +171,7 @@ pub fn is_standard_input(path: &Path) -> bool {
 }
 
 fn read_standard_input() -> Result<String, Diagnostics> {
-    read_all(std::io::stdin().lock(), STANDARD_INPUT)
+    read_all(std::io::stdin().lock(), STANDARD_INPUT, LARGEST_FILE)
 }
 
 /// The text of a file.
@@ -178,9 +179,14 @@ fn read_standard_input() -> Result<String, Diagnostics> {
 /// # Errors
 /// It cannot be read, or is no UTF-8.
 pub fn read_text(path: &Path) -> Result<String, Diagnostics> {
+    read_text_up_to(path, LARGEST_FILE)
+}
+
+/// The same of a file of at most so many bytes.
+fn read_text_up_to(path: &Path, most: u64) -> Result<String, Diagnostics> {
     let name = path.display().to_string();
     match std::fs::File::open(path) {
-        Ok(file) => read_all(file, &name),
+        Ok(file) => read_all(file, &name, most),
         Err(error) => Err(unreadable(&error, &name)),
     }
 }
@@ -190,12 +196,13 @@ fn unreadable(error: &std::io::Error, name: &str) -> Diagnostics {
 }
 
 /// The text of what may be anything: a device or a pipe can go on for ever.
-fn read_all(source: impl Read, name: &str) -> Result<String, Diagnostics> {
+fn read_all(source: impl Read, name: &str, most: u64) -> Result<String, Diagnostics> {
     let refuse = |why: String| Diagnostics::from(Place::whole(name).diagnostic(Problem::Whole, "", why));
     let mut bytes = Vec::new();
-    source.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(|error| unreadable(&error, name))?;
-    if bytes.len() as u64 > LARGEST_FILE {
-        return Err(refuse(format!("is no scenario: it has more than {} MiB", LARGEST_FILE >> 20)));
+    source.take(most + 1).read_to_end(&mut bytes).map_err(|error| unreadable(&error, name))?;
+    if bytes.len() as u64 > most {
+        let what = if most == LARGEST_FILE { "scenario" } else { "graph" };
+        return Err(refuse(format!("is no {what}: it has more than {} MiB", most >> 20)));
     }
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -215,11 +222,8 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
     let seed = file.integer("seed", Some(DEFAULT_SEED), (0, u64::MAX), "");
     let time = need_section(&mut file, "time").map(read_time);
     let network = need_section(&mut file, "graph").and_then(|section| {
-        network::read(
-            section,
-            network::MOST_WIRED,
-            "and a run takes 127 at most, without bus.model = \"none\"",
-        )
+        let why = "and a run takes 127 at most, without bus.model = \"none\"";
+        network::read(section, (network::MOST_WIRED, why), files)
     });
     let coupling = need_section(&mut file, "coupling").and_then(coupling::read);
     let Agents { mut nodes, places, unit, damping } = match (&network, &coupling) {

@@ -1,9 +1,12 @@
 //! `[graph]`: a named shape or a list of edges, checked to be one connected network.
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use super::diagnostic::Problem;
 use super::graph::{Edge, Graph};
+use super::graph_file::FileGraph;
+use super::inputs::Files;
 use super::reader::{Choice, Log, Range, Section, integer, number, ready};
 use super::topology::Topology;
 use super::tree::{Item, Place, Value};
@@ -34,9 +37,10 @@ enum Kind {
     RandomRegular,
     ErdosRenyi,
     Edges,
+    File,
 }
 
-const KINDS: [Choice<Kind>; 10] = [
+const KINDS: [Choice<Kind>; 11] = [
     ready("ring", Kind::Ring),
     ready("path", Kind::Path),
     ready("star", Kind::Star),
@@ -47,6 +51,7 @@ const KINDS: [Choice<Kind>; 10] = [
     ready("random-regular", Kind::RandomRegular),
     ready("erdos-renyi", Kind::ErdosRenyi),
     ready("edges", Kind::Edges),
+    ready("file", Kind::File),
 ];
 
 /// The shape as read; the graph itself is built once the whole file is known to be sound.
@@ -57,16 +62,33 @@ pub(super) struct Network<'a> {
     /// What a failed draw or an impossible parameter points at.
     parameter: Option<&'a Item>,
     edges: &'a [Item],
+    file: Option<Rc<FileGraph>>,
     place: Place,
 }
 
-/// Reads `[graph]` of at most `largest` nodes, of which `why` says more; `None`, reported, where the kind is not known.
-pub(super) fn read<'a>(mut section: Section<'a>, largest: u64, why: &str) -> Option<Network<'a>> {
-    let kind = section.choice("kind", &KINDS, None)?;
-    let nodes = section.integer("nodes", None, (1, largest), why);
+/// Reads `[graph]` of at most `largest` nodes, of which `why` says more; `None`, reported, where the kind is not known, or its file cannot
+/// be read.
+pub(super) fn read<'a>(
+    mut section: Section<'a>,
+    (largest, why): (u64, &str),
+    files: &Files,
+) -> Option<Network<'a>> {
+    // A file says by itself what it is.
+    let by_itself = section.has("file").then_some(Kind::File);
+    let kind = section.choice("kind", &KINDS, by_itself)?;
+    let file = if kind == Kind::File { Some(file(&mut section, files)?) } else { None };
+    let most = file.as_ref().map(|file| file.nodes);
+    let nodes = section.integer("nodes", most, (1, largest), why);
     let weight = section.number("weight", Some(1.0), EDGE_WEIGHT);
-    let mut network =
-        Network { nodes, weight, shape: None, parameter: None, edges: &[], place: section.place().clone() };
+    let mut network = Network {
+        nodes,
+        weight,
+        shape: None,
+        parameter: None,
+        edges: &[],
+        file,
+        place: section.place().clone(),
+    };
     network.shape = match kind {
         Kind::Ring => Some(Topology::Ring),
         Kind::Path => Some(Topology::Path),
@@ -85,11 +107,27 @@ pub(super) fn read<'a>(mut section: Section<'a>, largest: u64, why: &str) -> Opt
             network.edges = section.array("edges");
             None
         }
+        Kind::File => None,
     };
-    let keys = ["degree", "probability", "columns", "edges"];
+    let keys = ["degree", "probability", "columns", "edges", "file"];
     network.parameter = keys.into_iter().find_map(|key| section.known(key));
+    // A default is taken as it is.
+    if nodes > largest && section.known("nodes").is_none() {
+        let allowed = format!("must have {largest} nodes at most ({why}), and has {nodes}");
+        complain(&network, allowed, section.log());
+        return None;
+    }
     section.finish();
     Some(network)
+}
+
+fn file(section: &mut Section<'_>, files: &Files) -> Option<Rc<FileGraph>> {
+    let item = section.need("file", "must be a string, as \"grid.csv\" or \"grid.graphml\"")?;
+    let Some(name) = item.text() else {
+        section.log().report(item.diagnostic(Problem::Value, "must be a string"));
+        return None;
+    };
+    files.graph(name).map_err(|why| section.log().report(item.diagnostic(Problem::Value, why))).ok()
 }
 
 fn degree(section: &mut Section<'_>) -> usize {
@@ -106,7 +144,13 @@ fn columns(section: &mut Section<'_>, nodes: u64) -> usize {
 pub(super) fn build(network: &Network<'_>, seed: u64, log: &Log) -> Graph {
     let nodes = network.nodes as usize;
     let edges = match network.shape {
-        None => listed(network, log),
+        None => match &network.file {
+            Some(file) => file.edges(network.nodes, network.weight).unwrap_or_else(|why| {
+                complain(network, why, log);
+                Vec::new()
+            }),
+            None => listed(network, log),
+        },
         Some(shape) if shape.expected_links(nodes) > MOST_EDGES => {
             let found = shape.expected_links(nodes);
             let allowed = format!(

@@ -145,7 +145,7 @@ impl Range {
     }
 
     /// The number, or what is wrong with it.
-    fn accept(&self, value: f64) -> Result<f64, String> {
+    pub(super) fn accept(&self, value: f64) -> Result<f64, String> {
         let below = if self.low_open { value <= self.low } else { value < self.low };
         if !value.is_finite() {
             let finite = if self.low.is_finite() { "must be finite and" } else { "must be" };
@@ -227,6 +227,11 @@ impl<'a> Section<'a> {
     /// The entry `key`, if a getter has asked for it.
     pub fn known(&self, key: &str) -> Option<&'a Item> {
         self.table.get(key).filter(|_| self.known.contains(&key))
+    }
+
+    /// Whether the file has an entry `key`, whatever it is.
+    pub fn has(&self, key: &str) -> bool {
+        self.table.get(key).is_some()
     }
 
     /// The entry `key`, reported where it is missing.

@@ -140,7 +140,7 @@ fn unknown_keys_come_with_the_known_ones() {
         errors("kind = \"path\"", "kind = \"pat\""),
         "dir/a.toml:9:8: graph.kind = \"pat\": must be one of ring, path, star, complete, grid, \
          torus, ring-lattice, \
-         random-regular, erdos-renyi, edges; did you mean 'path'?"
+         random-regular, erdos-renyi, edges, file; did you mean 'path'?"
     );
 }
 
