@@ -18,8 +18,6 @@ class Board:
 
     # Of its CAN frames: classic ones, or "fd".
     format = "can"
-    # Counts of its clock of time, Hz, where they are too coarse to be neglected.
-    clock_hz = None
 
     def __init__(self, core, uart, baud, storage):
         self.core, self.uart = core, uart

@@ -315,6 +315,11 @@ class Core:
         """The core stands still, as while its flash is erased; time goes on."""
         self.stalled += ns
 
+    @property
+    def time(self):
+        """With what the present slice has stood still until now, ns."""
+        return self.ns + self.stalled
+
     def cycles(self, count):
         return count * 1e9 / self.hz
 
