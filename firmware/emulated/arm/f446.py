@@ -13,6 +13,8 @@ INFORMATION = 0x1FFF0000, 0x10000
 UID = 0x1FFF7A10
 HZ, TIMER_HZ, BAUD = 160_000_000, 80_000_000, 115_200
 ERASE_NS = 250e6
+# What the timer of embassy's clock counts before it begins anew.
+TURN_NS = 65_536e3
 BOOT_MS = 10
 # What a look at a clock that is missing, or at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
 POLL_NS = 10e3
