@@ -232,13 +232,16 @@ def noise(draw):
 class Counted:
     """A node whose lines count errors, and fall silent or not."""
 
-    def test_a_frame_on_a_line_that_does_not_fall_silent_is_answered(self):
-        board = self.BOARD.booted()
-        # Less than half of the driver's buffer, which would wake its reader anyway.
-        board.tell(Words.of()["hello"] + "01" * 900)
-        board.run(300 * board.line.byte_ns)
-        self.assertTrue(board.line.queue, "the line is silent: the test shows nothing")
-        self.assertEqual([kind(frame) for frame in board.frames()], [IDENTITY])
+    def test_a_frame_on_a_line_that_does_not_fall_silent_is_answered_at_once(self):
+        board, hello = self.BOARD.booted(), Words.of()["hello"]
+        rounds, answer, noise = 8, 100, 150
+        # At several moments of what else wakes it; less than half of the driver's buffer, which would wake its reader.
+        board.tell((hello + "01" * noise + "00") * rounds)
+        begin, length = board.core.ns, len(hello) // 2 + noise + 1
+        for index in range(rounds):
+            board.run(begin + (index * length + len(hello) // 2 + answer) * board.line.byte_ns - board.core.ns)
+            self.assertTrue(board.line.queue, "the line is silent: the test shows nothing")
+            self.assertEqual([kind(frame) for frame in board.frames()], [IDENTITY] * (index + 1))
 
     def errors_are_counted(self, board, uart, before):
         """Noise, a wrong stop bit, both at one byte and an overrun of several bytes come on a line, and each counts as one, beside those that
