@@ -16,8 +16,8 @@ ERASE_NS = 250e6
 # What the timer of embassy's clock counts before it begins anew.
 TURN_NS = 65_536e3
 BOOT_MS = 10
-# What a look at a clock that is missing, or at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
-POLL_NS = 10e3
+# What a look at a clock that is missing, and one at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
+POLL_NS, ERASE_POLL_NS = 10e3, 50e3
 
 
 class Rcc(Peripheral):
@@ -81,7 +81,7 @@ class Flash(Peripheral):
     def read(self, offset):
         is_busy = offset == self.SR and self.core.time < self.busy_until
         if is_busy:
-            self.core.stall(POLL_NS)
+            self.core.stall(min(ERASE_POLL_NS, self.busy_until - self.core.time))
         return self.get(offset) | (self.BUSY if is_busy else 0)
 
     def write(self, offset, value):
