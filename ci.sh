@@ -354,7 +354,7 @@ cmd_boards-run() { #: run images of real boards on emulators that others wrote: 
     local image
     for image in $(emulated_images); do image_build "$image"; done
     uf2_file rp2040_pico_usb
-    cargo build --locked --quiet --package sim-host --bins --example board_words
+    cargo build --locked --quiet --package sim-host --bins --example board_words --example defmt_log
     boards_run_pico & local pico=$!
     boards_run_arm || { kill "$pico" 2>/dev/null; wait "$pico"; fail "images of the boards with a Cortex-M4F"; }
     wait "$pico" || fail "images of the Raspberry Pi Pico"

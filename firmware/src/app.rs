@@ -1,10 +1,9 @@
-//! The app of every board: `funnelnet_app` on a chip, with embassy's clock and defmt's log.
+//! The app of every board: `funnelnet_app` on a chip, with the board's clock and defmt's log.
 
-use embassy_time::{Duration, Instant, Timer};
 use funnelnet_app::link::Health;
 use funnelnet_app::storage::Storage;
 use funnelnet_app::watchdog::{Absent, Watchdog};
-use funnelnet_app::{App, Clock, Link, Log, Platform};
+use funnelnet_app::{App, Link, Log, Platform};
 use funnelnet_link::Change;
 use funnelnet_node::{Event, Model, Session};
 use funnelnet_plant::{Failure, Plant};
@@ -13,6 +12,10 @@ use funnelnet_protocol::config::ConfigError;
 use funnelnet_protocol::service::{Identity, ResetCause};
 use static_cell::StaticCell;
 
+#[cfg(not(feature = "_nrf52840"))]
+use crate::clock::Embassy as BoardClock;
+#[cfg(feature = "_nrf52840")]
+use crate::nrf::clock::Micros as BoardClock;
 use crate::reset::Start;
 
 pub use funnelnet_app::SessionOf;
@@ -53,7 +56,7 @@ pub async fn run<P: Plant>(
     let identity =
         Identity { wire_version: WIRE_VERSION, firmware: VERSION, uid, reset, starts, ..Identity::default() };
     let session = make(session, identity, plant.model());
-    let platform = Platform { watchdog, clock: Embassy, log: Defmt { start } };
+    let platform = Platform { watchdog, clock: BoardClock, log: Defmt { start } };
     let mut app = App::new(session, link, storage, plant, platform);
     app.run().await
 }
@@ -67,25 +70,6 @@ fn make<M: Model>(
     model: M,
 ) -> &'static mut Session<M> {
     place.init_with(|| Session::with_model(identity, model))
-}
-
-/// The clock of embassy-time.
-#[derive(Clone, Copy)]
-struct Embassy;
-
-impl Clock for Embassy {
-    fn now(self) -> u64 {
-        Instant::now().as_micros() * 1000
-    }
-
-    /// Not as long where that is more than four seconds away. So the division is one of 32 bits, which is an
-    /// instruction.
-    fn wait_until(self, at: u64) -> impl Future<Output = ()> {
-        let now = Instant::now();
-        let wait_ns = at.saturating_sub(now.as_micros() * 1000);
-        let wait_us = u32::try_from(wait_ns).unwrap_or(u32::MAX).div_ceil(1000);
-        Timer::at(now + Duration::from_micros(wait_us.into()))
-    }
 }
 
 /// The log of defmt.

@@ -13,6 +13,8 @@
 
 pub mod app;
 pub mod board;
+#[cfg(not(feature = "_nrf52840"))]
+pub mod clock;
 pub mod executor;
 pub mod heater;
 #[cfg(feature = "_mps2")]

@@ -36,6 +36,17 @@ pub fn line() -> uart::Config {
     config
 }
 
+/// Pulls up a pin that hears a line: one that leads nowhere is silent then. embassy's driver leaves it floating, and what it picks up counts as errors.
+pub fn pull_up(pin: usize) {
+    pac::PADS_BANK0.gpio(pin).modify(|pad| {
+        pad.set_pde(false);
+        pad.set_pue(true);
+    });
+}
+
+/// The pin that hears the host, GP1.
+pub const HOST_RX: usize = 1;
+
 /// The flash's number, since the chip has none; 0 where it cannot be read.
 fn uid(flash: &mut PicoFlash) -> u64 {
     let mut number = [0; 8];

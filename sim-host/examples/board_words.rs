@@ -21,6 +21,9 @@ use sim_host::scenario::{Override, Scenario};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
 
+/// The tick at which a node that runs changes to what it has staged.
+const COMMIT_AT: u16 = 20;
+
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let mut out = std::io::stdout().lock();
@@ -55,6 +58,8 @@ fn words(path: &str, overrides: &[String]) -> Value {
         "start": message(&ctrl(Command::Start)),
         "stop": message(&ctrl(Command::Stop)),
         "commit": message(&ctrl(Command::Commit)),
+        "commit_at": message(&Message::Ctrl { target: Target::All, command: Command::Commit, arg: 0, at_tick: COMMIT_AT }),
+        "commit_at_tick": COMMIT_AT,
         "nodes": configs.iter().map(node).collect::<Vec<_>>(),
         "ticks": ticks.collect::<Vec<_>>(),
     })
@@ -77,7 +82,7 @@ fn options() -> RunOptions {
     }
 }
 
-/// A node's configuration; the same with another state to begin with, which has another checksum; with
+/// A node's configuration; the same with another state to begin with, which has another checksum, by SYNC and by its own clock; with
 /// neighbours whose numbers are larger by one; with its own clock; with telemetry at each tick.
 fn node(config: &NodeConfig) -> Value {
     let by_timer = NodeConfig { tick_source: TickSource::Timer, ..config.clone() };
@@ -86,12 +91,15 @@ fn node(config: &NodeConfig) -> Value {
     moved.neighbours.iter_mut().for_each(|edge| edge.id += 1);
     let mut other = config.clone();
     other.initial_state.iter_mut().for_each(|x| *x += 1.0);
+    let other_by_timer = NodeConfig { tick_source: TickSource::Timer, ..other.clone() };
     json!({
         "id": config.id,
         "configure": service(&Request::Configure(config.clone())),
         "checksum": config.checksum(),
         "stage_other": service(&Request::Stage(other.clone())),
         "other_checksum": other.checksum(),
+        "stage_other_by_timer": service(&Request::Stage(other_by_timer.clone())),
+        "other_by_timer_checksum": other_by_timer.checksum(),
         "stage_moved": service(&Request::Stage(moved)),
         "configure_by_timer": service(&Request::Configure(by_timer)),
         "configure_telling": service(&Request::Configure(telling)),

@@ -2,7 +2,7 @@
 
 from fdcan import Frame
 from stm32 import LineIn
-from words import IMAGES, read
+from words import IDENTITY, IMAGES, read
 
 STEP_NS = 100e3
 MS = 1e6
@@ -18,8 +18,6 @@ class Board:
 
     # Of its CAN frames: classic ones, or "fd".
     format = "can"
-    # Counts of its clock of time, Hz, where they are too coarse to be neglected.
-    clock_hz = None
 
     def __init__(self, core, uart, baud, storage):
         self.core, self.uart = core, uart
@@ -93,7 +91,7 @@ class Board:
         return None
 
     def identity(self, words):
-        answer = self.ask(words["hello"], 0x41)
+        answer = self.ask(words["hello"], IDENTITY)
         return answer and answer["identity"]
 
     # --- storage

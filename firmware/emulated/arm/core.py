@@ -96,10 +96,25 @@ class Core:
             elf = ELFFile(file)
             self.symbols = {each.name: each["st_value"] for each in elf.get_section_by_name(".symtab").iter_symbols()}
             self.uc.mem_write(self.flash, b"\xff" * self.flash_size)
-            for segment in elf.iter_segments():
-                if segment["p_type"] == "PT_LOAD" and segment["p_filesz"]:
-                    self.uc.mem_write(segment["p_paddr"], segment.data())
-                    self.hear_events(segment["p_paddr"], segment.data())
+            self.segments = [(each["p_paddr"], each.data()) for each in elf.iter_segments()
+                             if each["p_type"] == "PT_LOAD" and each["p_filesz"]]
+        for start, data in self.segments:
+            self.uc.mem_write(start, data)
+            self.hear_events(start, data)
+
+    def flash_anew(self, is_flat):
+        """Writes the image over what is in flash: by its segments, or as a file without addresses, whose gaps are zeros."""
+        parts = [(self.flash, self.flat())] if is_flat else self.segments
+        for start, data in parts:
+            self.uc.mem_write(start, data)
+
+    def flat(self):
+        """The image as a `.bin`."""
+        end = max(start + len(data) for start, data in self.segments)
+        file = bytearray(end - self.flash)
+        for start, data in self.segments:
+            file[start - self.flash:start - self.flash + len(data)] = data
+        return bytes(file)
 
     def hear_events(self, start, data):
         """An SEV sets the event register, which unicorn has not; words that only look like one are never executed."""
@@ -314,6 +329,11 @@ class Core:
     def stall(self, ns):
         """The core stands still, as while its flash is erased; time goes on."""
         self.stalled += ns
+
+    @property
+    def time(self):
+        """With what the present slice has stood still until now, ns."""
+        return self.ns + self.stalled
 
     def cycles(self, count):
         return count * 1e9 / self.hz

@@ -1,16 +1,12 @@
 """How even the ticks of a node's own clock are while its bus is busy: what a node on CAN and one on a line share. Mixed into a
 `unittest.TestCase` that says how its board is started, loaded and asked."""
 
-import math
-
 import settings
 from words import CONFIGURED, REPORT, Words
 
 TICK_US, LARGEST_JITTER = 1000, 0.05
 # Instructions at a time where jitter is measured: 1.6 us at 160 MHz, 3.9 us at 64 MHz.
 FINE_SLICE = 250
-# Beginnings of a row of counts that are told apart: at 32,768 Hz a period of 1 ms is 4096 / 125 counts.
-PHASES = 125
 
 
 class Even:
@@ -35,17 +31,14 @@ class Even:
         times = self.with_traffic(board, ticks, tick_us)
         self.assertGreaterEqual(len(times), ticks - 2)
         counters = self.counters(board)
-        of_clock, of_rest = parts(times, tick_us, board.clock_hz)
-        shares = f" (its clock's counts {of_clock:.1f} us, the rest {of_rest:.1f} us)" if of_clock else ""
         print(f"{board.image}, {configure}: {len(times)} ticks of {tick_us} us by its own clock with traffic, jitter {width(times, tick_us):.1f} us"
-              f"{shares}, {counters['overruns']} late by a period, {counters['link']['unsaid']} unsaid")
+              f", {counters['overruns']} late by a period, {counters['link']['unsaid']} unsaid")
         self.assertEqual((counters["overruns"], counters["link"]["frames"], self.lost(board)), (0, 0, 0))
         return times, counters
 
     def jitter(self, configure):
         times, counters = self.row(configure, TICK_US)
-        # What a clock with coarse counts adds is its own: one count at most.
-        self.assertLess(parts(times, TICK_US, self.BOARD.clock_hz)[1], LARGEST_JITTER * TICK_US)
+        self.assertLess(width(times, TICK_US), LARGEST_JITTER * TICK_US)
         return counters
 
     def test_ticks_of_its_own_clock_are_even_with_traffic(self):
@@ -55,7 +48,7 @@ class Even:
         board = self.timed("configure_by_timer")
         stall = lambda index: board.core.stall(1.5e6) if index == 10 else None
         times = self.with_traffic(board, 20, at=stall)
-        self.assertGreater(parts(times, TICK_US, board.clock_hz)[1], LARGEST_JITTER * TICK_US)
+        self.assertGreater(width(times, TICK_US), LARGEST_JITTER * TICK_US)
 
 
 def tick_of(tick_us):
@@ -65,20 +58,5 @@ def tick_of(tick_us):
 
 def width(times, tick_us):
     """How far times are from an even row: earliest to latest, us."""
-    return spread(times, lambda index: index * tick_us)
-
-
-def spread(times, row):
-    late = [at - row(index) for index, at in enumerate(times)]
+    late = [at - index * tick_us for index, at in enumerate(times)]
     return max(late) - min(late)
-
-
-def parts(times, tick_us, clock_hz):
-    """Of the width, us: how far the counts of a coarse clock are from an even row, and the times from these counts, whose first one is not
-    known: the nearest row is taken. None and all of it for a clock that is fine."""
-    if clock_hz is None:
-        return 0.0, width(times, tick_us)
-    count_us = 1e6 / clock_hz
-    rows = [lambda index, phase=phase: math.floor((phase + 0.5) / PHASES + index * tick_us / count_us) * count_us for phase in range(PHASES)]
-    row = min(rows, key=lambda row: spread(times, row))
-    return width([row(index) for index in range(len(times))], tick_us), spread(times, row)

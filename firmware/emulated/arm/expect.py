@@ -9,7 +9,7 @@ from even import LARGEST_JITTER, TICK_US, Even, tick_of, width
 from fdcan import Frame
 import settings
 from usart import FRAMING, NOISE
-from words import CONFIGURED, REPORT, STAGED, STATE, STORED, Words, read, words
+from words import CONFIGURED, IDENTITY, REPORT, STAGED, STATE, STORED, Words, read, words
 
 STRANGERS = "scenarios/five-agents.toml"
 DEPTHS = (0, 0.5, 1)
@@ -20,6 +20,9 @@ FLOOD_NS = 1e9
 
 class Commissioned:
     """A node that stores, whatever its bus."""
+
+    # Whether its storage is behind its program.
+    IS_STORAGE_LAST = True
 
     def configured(self, board, index=0):
         answer = board.ask(Words.of()["nodes"][index]["configure"], CONFIGURED)
@@ -45,6 +48,17 @@ class Commissioned:
         # The other world: one that was configured and not stored is blank.
         board = self.configured(self.BOARD.booted())
         self.assertEqual(self.BOARD.booted(storage=board.storage()).identity(Words.of())["id"], 0)
+
+    def test_flashing_it_anew_leaves_its_configuration_unless_a_file_without_addresses_spans_it(self):
+        storage, wanted = self.stored().storage(), Words.of()["nodes"][0]["checksum"]
+        for is_flat in (False, True):
+            with self.subTest(is_flat=is_flat):
+                board = self.BOARD(storage=storage)
+                board.core.flash_anew(is_flat)
+                board.ms(self.BOARD.boot_ms)
+                identity = board.identity(Words.of())
+                keeps = self.IS_STORAGE_LAST or not is_flat
+                self.assertEqual((identity["id"], identity["checksum"] == wanted), (1, True) if keeps else (0, False))
 
     def test_a_program_that_hangs_is_reset_by_its_watchdog(self):
         board = self.BOARD.booted()
@@ -216,7 +230,18 @@ def noise(draw):
 
 
 class Counted:
-    """A node that counts errors of its lines."""
+    """A node whose lines count errors, and fall silent or not."""
+
+    def test_a_frame_on_a_line_that_does_not_fall_silent_is_answered_at_once(self):
+        board, hello = self.BOARD.booted(), Words.of()["hello"]
+        rounds, answer, noise = 8, 100, 150
+        # At several moments of what else wakes it; less than half of the driver's buffer, which would wake its reader.
+        board.tell((hello + "01" * noise + "00") * rounds)
+        begin, length = board.core.ns, len(hello) // 2 + noise + 1
+        for index in range(rounds):
+            board.run(begin + (index * length + len(hello) // 2 + answer) * board.line.byte_ns - board.core.ns)
+            self.assertTrue(board.line.queue, "the line is silent: the test shows nothing")
+            self.assertEqual([kind(frame) for frame in board.frames()], [IDENTITY] * (index + 1))
 
     def errors_are_counted(self, board, uart, before):
         """Noise, a wrong stop bit, both at one byte and an overrun of several bytes come on a line, and each counts as one, beside those that

@@ -13,9 +13,11 @@ INFORMATION = 0x1FFF0000, 0x10000
 UID = 0x1FFF7A10
 HZ, TIMER_HZ, BAUD = 160_000_000, 80_000_000, 115_200
 ERASE_NS = 250e6
+# What the timer of embassy's clock counts before it begins anew.
+TURN_NS = 65_536e3
 BOOT_MS = 10
-# What a look at a clock that is missing takes: longer than on the chip, so that a wait does not take all day.
-POLL_NS = 10e3
+# What a look at a clock that is missing, and one at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
+POLL_NS, ERASE_POLL_NS = 10e3, 50e3
 
 
 class Rcc(Peripheral):
@@ -58,10 +60,12 @@ class Pwr(Peripheral):
 
 
 class Flash(Peripheral):
-    """The flash interface: bytes, sectors, one bank; the core stands still while it erases. Its power can be cut at any operation."""
+    """The flash interface: bytes, sectors, one bank; the core stands still while it erases, which a look at BUSY stands for. Its power can be
+    cut at any operation. Its data cache may hold what was there before an erase until it is emptied; that is a fault, not a value."""
 
-    KEYR, SR, CR = 0x04, 0x0C, 0x10
-    PROGRAM, ERASE, START, LOCK = 1, 2, 1 << 16, 1 << 31
+    ACR, KEYR, SR, CR = 0x00, 0x04, 0x0C, 0x10
+    PROGRAM, ERASE, START, LOCK, BUSY = 1, 2, 1 << 16, 1 << 31, 1 << 16
+    PREFETCH, INSTRUCTIONS, DATA, EMPTY_DATA = 1 << 8, 1 << 9, 1 << 10, 1 << 12
     KEY = 0xCDEF89AB
 
     def __init__(self, core, base):
@@ -72,9 +76,18 @@ class Flash(Peripheral):
     def reset(self):
         super().reset()
         self.held[self.CR] = self.LOCK
+        self.busy_until, self.is_stale = 0.0, False
+
+    def read(self, offset):
+        is_busy = offset == self.SR and self.core.time < self.busy_until
+        if is_busy:
+            self.core.stall(min(ERASE_POLL_NS, self.busy_until - self.core.time))
+        return self.get(offset) | (self.BUSY if is_busy else 0)
 
     def write(self, offset, value):
-        if offset == self.KEYR:
+        if offset == self.ACR:
+            self.access(value)
+        elif offset == self.KEYR:
             if value == self.KEY:
                 self.held[self.CR] &= ~self.LOCK
         elif offset == self.SR:
@@ -85,6 +98,15 @@ class Flash(Peripheral):
         else:
             self.held[offset] = value
 
+    def access(self, value):
+        if value & self.EMPTY_DATA:
+            if self.get(self.ACR) & self.DATA:
+                self.faults.append("the data cache is emptied while it is on")
+            self.is_stale = False
+        if value & self.DATA and self.is_stale:
+            self.faults.append("the data cache is on and not emptied after an erase")
+        self.held[self.ACR] = value
+
     def control(self, value):
         self.held[self.CR] = value & ~self.START
         if value & self.START and value & self.ERASE:
@@ -94,9 +116,12 @@ class Flash(Peripheral):
         if sector > 3:
             self.faults.append(f"sector {sector} has 64 KiB or more")
             return
+        if self.get(self.ACR) & self.DATA:
+            self.faults.append(f"sector {sector} is erased behind the data cache")
+        self.is_stale = True
         part = self.perform(SECTOR)
         self.core.uc.mem_write(FLASH + sector * SECTOR, b"\xff" * part)
-        self.core.stall(ERASE_NS)
+        self.busy_until = self.core.time + ERASE_NS
 
     def on_write(self, uc, access, address, size, value, data):
         if not self.get(self.CR) & self.PROGRAM:
@@ -125,6 +150,17 @@ class Flash(Peripheral):
             self.core.uc.mem_write(address + part, b"\xff" * (size - part))
 
 
+class Dwt(Peripheral):
+    """The core's counter of cycles, which goes on while the core stands still."""
+
+    CTRL, CYCCNT = 0x00, 0x04
+
+    def read(self, offset):
+        if offset == self.CYCCNT:
+            return int(self.core.time * HZ / 1e9) if self.get(self.CTRL) & 1 else 0
+        return self.get(offset)
+
+
 class F446(Board):
     """A node on a Nucleo-F446RE."""
 
@@ -139,5 +175,6 @@ class F446(Board):
         self.flash = core.add(Flash(core, 0x40023C00))
         self.timer = core.add(Timer(core, 0x40000000, TIMER_HZ))
         self.watchdog = core.add(Iwdg(core, 0x40003000))
+        core.add(Dwt(core, 0xE0001000))
         self.can = core.add(BxCan(core, 0x40006400))
         super().__init__(core, core.add(Usart2(core, 0x40004400, 38, BAUD)), BAUD, storage)

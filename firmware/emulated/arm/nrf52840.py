@@ -4,7 +4,7 @@ import struct
 
 from board import Board
 from core import Core
-from nrf_peripherals import Clock, Counter, Nvmc, Ppi, Rtc, Uarte, Wdt
+from nrf_peripherals import Clock, Counter, Microseconds, Nvmc, Ppi, Rtc, Uarte, Wdt
 
 FLASH, FLASH_SIZE = 0x00000000, 1 << 20
 STORAGE = 0x000FC000, 16 << 10
@@ -25,7 +25,7 @@ class NrfCore(Core):
 class Nrf52840(Board):
     """A node on an nRF52840-DK."""
 
-    image, boot_ms, storage_at, clock_hz = "nrf52840_dk", BOOT_MS, STORAGE, Rtc.HZ
+    image, boot_ms, storage_at = "nrf52840_dk", BOOT_MS, STORAGE
 
     def __init__(self, image=None, serial=1, storage=None, broken=()):
         core = NrfCore(self.path(image), HZ, FLASH, FLASH_SIZE, 256 << 10, INFORMATION)
@@ -35,6 +35,7 @@ class Nrf52840(Board):
         core.ppi = core.add(Ppi(core, 0x4001F000))
         self.rcc = core.add(Clock(core, 0x40000000))
         self.counter = core.add(Counter(core, 0x40008000))
+        core.add(Microseconds(core, 0x4000A000))
         self.rtc = core.add(Rtc(core, 0x40011000))
         self.watchdog = core.add(Wdt(core, 0x40010000))
         self.flash = core.add(Nvmc(core, 0x4001E000))

@@ -127,6 +127,32 @@ class Counter(NrfPeripheral):
             self.fire(self.COMPARE + 4 * i)
 
 
+class Microseconds(NrfPeripheral):
+    """A TIMER that counts time, in steps of 2^PRESCALER periods of 16 MHz, and shows its count where it is captured."""
+
+    HZ = 16_000_000
+    START, STOP, CLEAR, CAPTURE, BITMODE, PRESCALER, CC = 0x000, 0x004, 0x00C, 0x040, 0x508, 0x510, 0x540
+    BITS = 16, 8, 24, 32
+
+    def reset(self):
+        super().reset()
+        self.held[self.PRESCALER] = 4
+        self.begin = None
+
+    @property
+    def count(self):
+        if self.begin is None:
+            return 0
+        counts = int((self.core.ns - self.begin) * self.HZ / 1e9) >> self.get(self.PRESCALER)
+        return counts % (1 << self.BITS[self.get(self.BITMODE)])
+
+    def task(self, offset):
+        if offset == self.CLEAR and self.begin is not None or offset == self.START and self.begin is None:
+            self.begin = self.core.ns
+        elif self.CAPTURE <= offset < self.CAPTURE + 24:
+            self.held[self.CC + offset - self.CAPTURE] = self.count
+
+
 class Uarte(NrfPeripheral):
     """A UART with EasyDMA: pointers are latched at the start, six bytes wait while no reception runs, and more are an overrun."""
 

@@ -32,13 +32,19 @@ class Timer(Peripheral):
         if offset == self.SR:  # cleared by zeros
             self.held[offset] = self.get(offset) & value
         elif offset == self.EGR:
-            self.begin, self.prescaler = self.core.ns, self.get(self.PSC) + 1
-            # Update-request source: an update by software raises no flag.
-            if value & 1 and not self.get(self.CR1) & 4:
-                self.held[self.SR] = self.get(self.SR) | 1
+            self.generate(value)
         else:
             self.held[offset] = value
         self.raise_line()
+
+    def generate(self, events):
+        """Events by software: an update, and what a compare channel does."""
+        flags = events & 0x1E
+        if events & 1:
+            self.begin, self.prescaler = self.core.ns, self.get(self.PSC) + 1
+            # Update-request source: an update by software raises no flag.
+            flags |= 0 if self.get(self.CR1) & 4 else 1
+        self.held[self.SR] = self.get(self.SR) | flags
 
     def raise_line(self):
         self.core.irq(self.IRQ, bool(self.get(self.SR) & self.get(self.DIER) & 0x1F))

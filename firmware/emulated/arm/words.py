@@ -10,9 +10,9 @@ SCENARIO = "firmware/emulated/pair.toml"
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 IMAGES = ROOT / "firmware/target/thumbv7em-none-eabihf/release"
 HOST = pathlib.Path(os.environ.get("FUNNEL_HOST", ROOT / "target/debug"))
-PROGRAM = HOST / "examples/board_words"
+PROGRAM, LOG_READER = HOST / "examples/board_words", HOST / "examples/defmt_log"
 # Kinds of replies that tests wait for (protocol/README.md).
-CONFIGURED, REPORT, STORED, STAGED = 0x43, 0x46, 0x48, 0x4C
+IDENTITY, CONFIGURED, REPORT, STORED, STAGED = 0x41, 0x43, 0x46, 0x48, 0x4C
 # The kind of a state on a serial line.
 STATE = 0x13
 
@@ -39,3 +39,9 @@ def read(frames):
     text = "".join(f"{frame.hex()}\n" for frame in frames)
     done = subprocess.run([PROGRAM, "--read"], input=text, check=True, capture_output=True, text=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def log_of(board):
+    """The log that it has written since it was last read: text, with the times of its clock in front."""
+    done = subprocess.run([LOG_READER, board.path(None)], input=board.core.log(), check=True, capture_output=True)
+    return done.stdout.decode()

@@ -16,8 +16,8 @@ use embassy_rp::{bind_interrupts, peripherals};
 use firmware::app::{self, Chip, SessionOf};
 use firmware::executor::Executor;
 use firmware::heater::{self, Block};
+use firmware::panic;
 use firmware::rp::{self, Timer};
-use firmware::{panic, reset};
 use funnelnet_app::link::serial::Serial;
 use funnelnet_app::storage::Absent;
 use funnelnet_node::Fixed;
@@ -28,8 +28,6 @@ bind_interrupts!(struct Interrupts {
     UART0_IRQ => uart::BufferedInterruptHandler<peripherals::UART0>;
 });
 
-/// Bit/s.
-const BIT_RATE: u32 = 1_000_000;
 /// The heater's pin, GP20.
 const HEATER: usize = 20;
 /// The heater's 1 kHz: 125 MHz / 5 / 25,000.
@@ -76,13 +74,13 @@ fn main() -> ! {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
     let chip = embassy_rp::init(Default::default());
-    let start = reset::begin(rp::cause());
     panic::on_defect(heater_off);
-    let of_node = Chip { uid: 0, start, watchdog: Timer::new(chip.WATCHDOG) };
-    let mut config = uart::Config::default();
-    config.baudrate = BIT_RATE;
+    // Its storage is not used.
+    let (of_node, _) = rp::begin(chip.FLASH, chip.WATCHDOG);
     let (transmit, receive) = (TRANSMIT.take(), RECEIVE.take());
-    let uart = BufferedUart::new(chip.UART0, chip.PIN_0, chip.PIN_1, Interrupts, transmit, receive, config);
+    let uart =
+        BufferedUart::new(chip.UART0, chip.PIN_0, chip.PIN_1, Interrupts, transmit, receive, rp::line());
+    rp::pull_up(rp::HOST_RX);
     let adc = Adc::new_blocking(chip.ADC, adc::Config::default());
     let converter = Converter { adc, channel: Channel::new_pin(chip.PIN_26, Pull::None) };
     let mut config = pwm::Config::default();

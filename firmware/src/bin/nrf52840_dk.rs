@@ -15,7 +15,7 @@ type Node = Parts<OnLine<OrRestart<BufferedUarte<'static>>>, nrf::Storage, Wdt>;
 
 fn start() -> Node {
     let board = embassy_nrf::init(nrf::clocks());
-    let chip = nrf::begin(board.WDT);
+    let chip = nrf::begin(board.WDT, board.TIMER2);
     let (transmit, receive) = host_buffers();
     let uart = BufferedUarte::new(
         board.UARTE0,

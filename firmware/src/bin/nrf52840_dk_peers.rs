@@ -35,7 +35,7 @@ fn start() -> Node {
     static FORWARDER: ConstStaticCell<Forwarder<1>> = ConstStaticCell::new(Forwarder::new());
     static BUFFERS: ConstStaticCell<PeerBuffers> = ConstStaticCell::new(PeerBuffers::NEW);
     let board = embassy_nrf::init(nrf::clocks());
-    let chip = nrf::begin(board.WDT);
+    let chip = nrf::begin(board.WDT, board.TIMER2);
     let (transmit, receive) = host_buffers();
     let host = BufferedUarte::new(
         board.UARTE0,

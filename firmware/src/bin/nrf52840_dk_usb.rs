@@ -23,7 +23,7 @@ async fn serve(usb: Usb) {
 
 fn start() -> (Node, Usb) {
     let board = embassy_nrf::init(nrf::clocks());
-    let chip = nrf::begin(board.WDT);
+    let chip = nrf::begin(board.WDT, board.TIMER2);
     let driver = usb::Driver::new(board.USBD, Interrupts, HardwareVbusDetect::new(Interrupts));
     // May panic: at the start, in embassy-usb, where a descriptor is longer than its memory.
     let usb = Device::new(driver, chip.uid);

@@ -22,7 +22,7 @@ bind_interrupts!(struct Interrupts {
 
 fn start() -> f4::Node {
     safety::watch_the_start();
-    let board = embassy_stm32::init(f4::clocks());
+    let board = f4::begin();
     let chip = safety::begin(board.IWDG);
     let (transmit, receive) = host_buffers();
     let config = service_plane();

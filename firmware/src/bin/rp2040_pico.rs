@@ -19,6 +19,7 @@ fn start() -> Node {
     let (transmit, receive) = host_buffers();
     let uart =
         BufferedUart::new(board.UART0, board.PIN_0, board.PIN_1, Interrupts, transmit, receive, rp::line());
+    rp::pull_up(rp::HOST_RX);
     Node { lines: OnLine(uart), storage, chip }
 }
 

@@ -3,7 +3,6 @@
 #![no_std]
 #![no_main]
 
-use embassy_rp::pac::PADS_BANK0;
 use embassy_rp::uart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_rp::{bind_interrupts, peripherals};
 use firmware::board::{Parts, ToPeers, host_buffers};
@@ -33,11 +32,8 @@ fn start() -> Node {
     let (transmit, receive) = BUFFERS.take().halves();
     let peer =
         BufferedUart::new(board.UART1, board.PIN_4, board.PIN_5, Interrupts, transmit, receive, rp::line());
-    // A line that leads nowhere is silent.
-    PADS_BANK0.gpio(PEER_RX).modify(|pad| {
-        pad.set_pde(false);
-        pad.set_pue(true);
-    });
+    rp::pull_up(rp::HOST_RX);
+    rp::pull_up(PEER_RX);
     let (host, peers) = (host.split(), [peer.split()]);
     Node { lines: ToPeers { host, peers, forwarder: FORWARDER.take(), errors: None }, storage, chip }
 }

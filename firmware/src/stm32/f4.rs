@@ -8,12 +8,13 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::BufferedUart;
-use embassy_stm32::{Config, Peri, peripherals};
+use embassy_stm32::{Config, Peri, Peripherals, peripherals};
 use funnelnet_store::split::Split;
 
 use super::bxcan::{BxCan, timing};
 use super::safety::Iwdg;
-use super::sectors::Sectors;
+use super::sectors::{Sectors, use_caches};
+use super::stalls;
 use crate::board::{OnCan, Parts};
 use crate::storage::flash::{Blocking, OnFlash};
 
@@ -26,7 +27,7 @@ pub type Storage = OnFlash<Split<Blocking<Sectors>, 2>>;
 pub type Node = Parts<OnCan<BxCan, BufferedUart<'static>>, Storage, Iwdg>;
 
 /// 160 MHz, and 40 MHz for CAN, from the 8 MHz that the board's ST-LINK gives: the RC oscillator is too inaccurate for CAN.
-pub fn clocks() -> Config {
+fn clocks() -> Config {
     let mut config = Config::default();
     config.rcc.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
     config.rcc.pll_src = PllSource::HSE;
@@ -41,6 +42,14 @@ pub fn clocks() -> Config {
     (config.rcc.ahb_pre, config.rcc.apb1_pre, config.rcc.apb2_pre) =
         (AHBPrescaler::DIV1, APBPrescaler::DIV4, APBPrescaler::DIV2);
     config
+}
+
+/// The chip with [`clocks`], its flash read through caches, and what keeps its time right over an erase. Called once.
+pub fn begin() -> Peripherals {
+    let chip = embassy_stm32::init(clocks());
+    use_caches();
+    stalls::begin();
+    chip
 }
 
 /// CAN 1 at 1 Mbit/s, with [`clocks`].

@@ -37,10 +37,15 @@ pub fn service_plane() -> usart::Config {
     line(115_200)
 }
 
+/// Bytes at which a reader is woken on a line that does not fall silent: a frame waits for so many of the next ones at most. By itself embassy's driver wakes at a
+/// pause, or once its buffer is half full (issue 2719); with 1 it would wake for each byte.
+const EAGER: usize = 8;
+
 /// A serial line, bit/s.
 pub fn line(bit_rate: u32) -> usart::Config {
     let mut config = usart::Config::default();
     config.baudrate = bit_rate;
+    config.eager_reads = Some(EAGER);
     config
 }
 

@@ -15,6 +15,8 @@ mod received;
 pub mod safety;
 #[cfg(feature = "_f4")]
 pub mod sectors;
+#[cfg(feature = "_f4")]
+pub mod stalls;
 
 use core::num::NonZeroU8;
 

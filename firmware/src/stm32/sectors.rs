@@ -3,13 +3,15 @@
 //! since every write leaves PSIZE at 8 bits.
 //!
 //! Longest erase of a sector (data sheet): 500 ms by words, 800 ms by bytes. Single bank: the core stands
-//! still meanwhile. embassy leaves the data cache off, so that nothing stale is read afterwards.
+//! still meanwhile. The data cache does not notice an erase: it is off meanwhile, and emptied.
 
 use embassy_stm32::flash::{self, Bank1Region1, Blocking, Flash};
 use embassy_stm32::pac::FLASH;
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::{Peri, peripherals};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+
+use super::stalls;
 
 /// RM0390, FLASH_KEYR.
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
@@ -30,6 +32,25 @@ fn erase_by_words() {
         KEYS.iter().for_each(|key| FLASH.keyr().write_value(*key));
     }
     FLASH.cr().modify(|cr| cr.set_psize(Psize::PSIZE32));
+}
+
+/// Reads flash through its caches, and ahead: with 5 wait states at 160 MHz the core would wait for most of its instructions. embassy leaves them off.
+pub fn use_caches() {
+    FLASH.acr().modify(|acr| {
+        acr.set_prften(true);
+        acr.set_icen(true);
+        acr.set_dcen(true);
+    });
+}
+
+/// Erases with the data cache off, and empties it. The cache of instructions has none of what is erased: no program is there. RM0390, "Flash memory erase".
+fn without_data_cache<R>(erase: impl FnOnce() -> R) -> R {
+    FLASH.acr().modify(|acr| acr.set_dcen(false));
+    let done = erase();
+    FLASH.acr().modify(|acr| acr.set_dcrst(true));
+    FLASH.acr().modify(|acr| acr.set_dcrst(false));
+    FLASH.acr().modify(|acr| acr.set_dcen(true));
+    done
 }
 
 impl ErrorType for Sectors {
@@ -54,7 +75,7 @@ impl NorFlash for Sectors {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), flash::Error> {
         erase_by_words();
-        self.0.erase(from, to)
+        without_data_cache(|| stalls::over(|| self.0.erase(from, to)))
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), flash::Error> {

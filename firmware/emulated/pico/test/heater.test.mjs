@@ -25,6 +25,11 @@ function heating() {
   return board;
 }
 
+test('it says the number of its flash', () => {
+  const numbers = [[1, 2, 3, 4, 5, 6, 7, 8], [0, 0, 0, 0, 0, 0, 0, 9]];
+  assert.deepEqual(numbers.map((uid) => Board.booted('heater', { uid }).identity(WORDS).uid), [Number(0x0102030405060708n), 9]);
+});
+
 test('a stop makes the output safe', () => {
   const board = heating();
   board.tell(WORDS.stop.serial);

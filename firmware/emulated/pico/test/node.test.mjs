@@ -3,11 +3,14 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Board } from '../board.mjs';
 import { PowerCut } from '../nor.mjs';
+import { kind } from '../line.mjs';
 import { KIND, words } from '../words.mjs';
 
 const IMAGE = 'rp2040_pico';
 const WORDS = words('firmware/emulated/pair.toml', 'time.duration=5ms');
 const [NODE] = WORDS.nodes;
+const TICKS_AT_COMMIT = 60, LONGEST_COMMIT_MS = 9, STATE = 0x13;
+const COMMIT = words('firmware/emulated/pair.toml', `time.duration=${TICKS_AT_COMMIT + 5}ms`);
 
 // What was cut off of a frame ends here. The driver drops the first byte after an overrun, with which the UART tells of it.
 const END = '0000';
@@ -70,6 +73,33 @@ function commissionedUntil(storage, cutAt, ends) {
   ends.set(end, (ends.get(end) ?? 0) + 1);
   return true;
 }
+
+// Milliseconds between the states of a node by its own clock that changes, at a tick, to what it has staged; what it is then.
+function committed({ isTold }) {
+  const board = Board.booted(IMAGE), { ticks, commit_at, commit_at_tick } = COMMIT;
+  board.ask(COMMIT.nodes[0].configure_by_timer, KIND.configured);
+  board.ask(COMMIT.nodes[0].stage_other_by_timer, KIND.staged);
+  board.tell(WORDS.start.serial);
+  const begin = board.pico.now;
+  for (let tick = 0; tick < TICKS_AT_COMMIT; tick++) {
+    board.pico.runUntil(begin + tick * 1e6);
+    board.tell(ticks[tick + 1].states[1][0].serial);
+    if (isTold && tick === commit_at_tick - 10) board.tell(commit_at.serial);
+  }
+  const times = board.said.filter(({ at, frame }) => at > begin && kind(frame) === STATE).map(({ at }) => at / 1e6);
+  const gaps = times.slice(1).map((at, i) => at - times[i]), { counters } = board.ask(WORDS.report, KIND.report).report;
+  return { longest: Math.max(...gaps.slice(1)), count: times.length, late: counters.overruns, checksum: board.identity(WORDS).checksum };
+}
+
+test('a commit on a node that runs stands still for some ticks of 1 ms, and the node goes on', () => {
+  const { longest, count, late, checksum } = committed({ isTold: true });
+  console.log(`# ${IMAGE}: a commit at a tick of 1 ms: ${longest.toFixed(2)} ms between two states, ${TICKS_AT_COMMIT - count} of ${TICKS_AT_COMMIT} ticks without one, ${late} counted as late`);
+  assert.equal(checksum, COMMIT.nodes[0].other_by_timer_checksum);
+  assert.ok(longest > 2 && longest < LONGEST_COMMIT_MS, `${longest} ms`);
+  const other = committed({ isTold: false });
+  assert.ok(other.longest < 1.1, `${other.longest} ms without a commit`);
+  assert.notEqual(other.checksum, checksum);
+});
 
 test('a program that hangs is reset by its watchdog after two seconds, and says so', () => {
   const board = Board.booted(IMAGE);

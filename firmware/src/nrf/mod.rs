@@ -1,9 +1,11 @@
 //! Number, clocks, reset cause, watchdog and serial lines of an nRF52840.
 
+pub mod clock;
+
 use embassy_nrf::buffered_uarte::Error;
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::nvmc::Nvmc;
-use embassy_nrf::peripherals::{NVMC, WDT};
+use embassy_nrf::peripherals::{NVMC, TIMER2, WDT};
 use embassy_nrf::wdt::{self, WatchdogHandle};
 use embassy_nrf::{Peri, pac, uarte};
 use embedded_io_async::{ErrorType, Read, Write};
@@ -21,8 +23,9 @@ const COUNTS_PER_S: u32 = 32_768;
 /// The storage of the chip.
 pub type Storage = OnFlash<Blocking<Nvmc<'static>>>;
 
-/// What the chip gives its node: number, start, and watchdog. Called once.
-pub fn begin(watchdog: Peri<'static, WDT>) -> Chip<Wdt> {
+/// What the chip gives its node: number, start, and watchdog; and its clock begins. Called once.
+pub fn begin(watchdog: Peri<'static, WDT>, timer: Peri<'static, TIMER2>) -> Chip<Wdt> {
+    clock::begin(timer);
     let start = reset::begin(cause());
     Chip { uid: uid(), start, watchdog: Wdt::Idle(watchdog) }
 }
