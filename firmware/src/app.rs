@@ -71,7 +71,7 @@ fn make<M: Model>(
 
 /// The clock of embassy-time.
 #[derive(Clone, Copy)]
-struct Embassy;
+pub struct Embassy;
 
 impl Clock for Embassy {
     fn now(self) -> u64 {

@@ -13,6 +13,8 @@
 
 pub mod app;
 pub mod board;
+#[cfg(feature = "_hardware")]
+pub mod board_check;
 pub mod executor;
 pub mod heater;
 #[cfg(feature = "_mps2")]
