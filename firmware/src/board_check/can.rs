@@ -3,7 +3,7 @@
 use embassy_time::{Duration, Instant, with_deadline};
 use funnelnet_app::link::can::{Controller, Exchange};
 use funnelnet_link::Classic;
-use funnelnet_protocol::can::CanFrame;
+use funnelnet_protocol::can::{CanFrame, MAX_DATA};
 
 /// How many.
 pub const FRAMES: u32 = 100;
@@ -43,7 +43,7 @@ impl<C: Controller<Format = Classic>> Looped<C> {
     async fn comes_back(&mut self, number: u32) -> bool {
         let id = (number * 0x4D5 & 0x7FF) as u16;
         let data = u64::from(number).wrapping_mul(0x9E37_79B9_7F4A_7C15).to_le_bytes();
-        let length = number as usize % 9;
+        let length = number as usize % (MAX_DATA + 1);
         let Some(frame) = data.get(..length).and_then(|bytes| CanFrame::new(id, bytes)) else { return false };
         if !self.0.offer(&frame) {
             return false;
