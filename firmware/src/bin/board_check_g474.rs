@@ -44,6 +44,7 @@ const FACTS: Facts = Facts {
 type Flash = Blocking<flash::Flash<'static, flash::Blocking>>;
 type G474 = Bench<BufferedUart<'static>, BufferedUart<'static>, Looped<FdCan>, Flash, Output<'static>, Iwdg>;
 
+#[inline(always)] // Into `main`, which may panic before its task runs.
 fn start() -> G474 {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);

@@ -36,6 +36,7 @@ const FACTS: Facts = Facts {
 
 type Pico = Bench<BufferedUart, BufferedUart, NoCan, Blocking<PicoFlash>, Output<'static>, Timer>;
 
+#[inline(always)] // Into `main`, which may panic before its task runs.
 fn start() -> Pico {
     static TRANSMIT: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
     static RECEIVE: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);

@@ -1,14 +1,17 @@
 //! A CAN controller that hears itself, by its own loop-back inside the chip.
 
-use embassy_time::{Duration, Instant, with_deadline};
+use embassy_futures::select::{Either, select};
+use funnelnet_app::Clock;
 use funnelnet_app::link::can::{Controller, Exchange};
 use funnelnet_link::Classic;
 use funnelnet_protocol::can::{CanFrame, MAX_DATA};
 
+use crate::app::Embassy;
+
 /// How many.
 pub const FRAMES: u32 = 100;
-/// A frame takes 0.13 ms at 1 Mbit/s.
-const LONGEST: Duration = Duration::from_millis(10);
+/// Nanoseconds for one: a frame takes 0.13 ms at 1 Mbit/s.
+const LONGEST: u64 = 10_000_000;
 
 /// What a board has of CAN.
 #[allow(async_fn_in_trait)] // One executor, one task: nobody needs the futures to be `Send`.
@@ -48,9 +51,9 @@ impl<C: Controller<Format = Classic>> Looped<C> {
         if !self.0.offer(&frame) {
             return false;
         }
-        let end = Instant::now() + LONGEST;
+        let end = Embassy.now() + LONGEST;
         // What is late from before is not this one.
-        while let Ok(exchange) = with_deadline(end, self.0.exchange(None)).await {
+        while let Either::First(exchange) = select(self.0.exchange(None), Embassy.wait_until(end)).await {
             if let Exchange::Received(Some(came)) = exchange {
                 if came.id == id
                     && usize::from(came.length) == length

@@ -10,16 +10,16 @@ mod page;
 pub mod report;
 mod ticks;
 
-use embassy_time::{Duration, Instant, Timer};
 use embedded_hal::digital::OutputPin;
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
+use funnelnet_app::Clock;
 use funnelnet_app::storage::Storage;
 use funnelnet_app::watchdog::Watchdog;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::ResetCause;
 
-use crate::app::Chip;
+use crate::app::{Chip, Embassy};
 use crate::reset;
 use crate::storage::flash::{InFlash, OnFlash};
 use can::{Can, FRAMES};
@@ -27,8 +27,10 @@ use echo::BYTES;
 use report::{Counts, Report, Text, Verdict};
 use ticks::TICKS;
 
-/// How often a watchdog is fed that nothing else feeds.
-const FEEDING: Duration = Duration::from_millis(200);
+/// Nanoseconds from one feeding to the next of a watchdog that nothing else feeds.
+const FEEDING: u64 = 200_000_000;
+/// Nanoseconds from one note of the time to the next while nobody feeds it.
+const NOTING: u64 = 1_000_000;
 
 /// What a board is and should do, by its data sheets.
 pub struct Facts {
@@ -121,7 +123,9 @@ macro_rules! board_check {
                 static_cell::StaticCell::new();
             static ROOM: static_cell::ConstStaticCell<Option<funnelnet_protocol::NodeConfig>> =
                 static_cell::ConstStaticCell::new(None);
-            $crate::board_check::run(bench, &STORAGE, ROOM.take()).await
+            // May panic: where there are two of this task, and there is one.
+            let room = ROOM.take();
+            $crate::board_check::run(bench, &STORAGE, room).await
         }
 
         #[cortex_m_rt::entry]
@@ -170,7 +174,7 @@ pub async fn run<H: Write, E: Read + Write, C: Can, F: NorFlash + 'static, P: Ou
     checks.report.end().await;
     loop {
         checks.watchdog.feed();
-        Timer::after(FEEDING).await;
+        Embassy.wait_until(Embassy.now() + FEEDING).await;
     }
 }
 
@@ -194,7 +198,7 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
     async fn identity(&mut self, uid: u64, has_clock: bool) {
         let is_number = uid != 0 && uid != u64::MAX;
         let limit = Text::of("neither all zeros nor all ones");
-        self.report.row("unique number", Verdict::of(is_number), &Text::of("0x").hex(uid), &limit).await;
+        self.report.row("unique number", Verdict::of(is_number), &Text::of("0x").hex(uid, 16), &limit).await;
         let found = Text::of(if has_clock { self.facts.clock } else { self.facts.other_clock });
         self.report.row("clock", Verdict::of(has_clock), &found, &Text::of(self.facts.clock)).await;
     }
@@ -249,7 +253,7 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
         let after = stored(storage, room).await;
         let measured = match after {
             Some((id, checksum)) => {
-                Text::of("node ").number(id.into()).text(", checksum ").hex(checksum.into())
+                Text::of("node ").number(id.into()).text(", checksum 0x").hex(checksum.into(), 8)
             }
             None => Text::of("none"),
         };
@@ -281,15 +285,15 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
     /// Stops feeding. It comes back only where nothing bites.
     async fn bite(&mut self) {
         self.begin(Step::Watchdog);
-        let begin = Instant::now();
+        let begin = Embassy.now();
         let most = self.facts.watchdog_us.1;
         loop {
-            let elapsed = u32::try_from(begin.elapsed().as_micros()).unwrap_or(u32::MAX);
+            let elapsed = since(begin);
             if elapsed > most.saturating_mul(2) {
                 break;
             }
             self.keep(Step::Watchdog, elapsed);
-            Timer::after(Duration::from_micros(500)).await;
+            Embassy.wait_until(Embassy.now() + NOTING).await;
         }
         self.watchdog.feed();
         let measured = Text::of("no reset within ").number(most.saturating_mul(2)).text(" us");
@@ -328,6 +332,11 @@ fn judged(took_us: u32, most_us: u32, errors: u32, of_what: &str) -> (Verdict, T
         0 => (Verdict::of(took_us <= most_us), measured),
         _ => (Verdict::Fail, measured.text(", ").number(errors).text(of_what)),
     }
+}
+
+/// Microseconds since `begin` (ns).
+fn since(begin: u64) -> u32 {
+    u32::try_from(Embassy.now().saturating_sub(begin) / 1000).unwrap_or(u32::MAX)
 }
 
 /// Id and checksum of the stored configuration.

@@ -2,8 +2,11 @@
 
 use core::ops::Range;
 
-use embassy_time::Instant;
 use embedded_storage_async::nor_flash::NorFlash;
+use funnelnet_app::Clock;
+
+use super::since;
+use crate::app::Embassy;
 
 /// Bytes that are written or read at once: whole words of any flash here.
 const AT_ONCE: usize = 256;
@@ -28,13 +31,13 @@ pub struct Outcome {
 /// Of the driver.
 pub async fn run<S: NorFlash>(flash: &mut S, page: Range<u32>) -> Result<Outcome, S::Error> {
     flash.erase(page.start, page.end).await?;
-    let begin = Instant::now();
+    let begin = Embassy.now();
     for at in page.clone().step_by(AT_ONCE) {
         flash.write(at, &written(at)).await?;
     }
     let program_us = since(begin);
     let wrong = differing(flash, page.clone(), written).await?;
-    let begin = Instant::now();
+    let begin = Embassy.now();
     flash.erase(page.start, page.end).await?;
     let erase_us = since(begin);
     let left = differing(flash, page, |_| [BLANK; AT_ONCE]).await?;
@@ -59,8 +62,4 @@ async fn differing<S: NorFlash>(
         count += expected(at).iter().zip(&bytes).filter(|(wanted, found)| wanted != found).count() as u32;
     }
     Ok(count)
-}
-
-fn since(begin: Instant) -> u32 {
-    u32::try_from(begin.elapsed().as_micros()).unwrap_or(u32::MAX)
 }

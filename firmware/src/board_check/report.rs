@@ -75,11 +75,11 @@ impl Text {
         self
     }
 
-    /// All digits of a hexadecimal number.
+    /// The last `digits` of a hexadecimal number.
     #[must_use]
-    pub fn hex(mut self, number: u64) -> Self {
-        for nibble in (0..16_u32).rev() {
-            let digit = (number >> (4 * nibble) & 15) as u8;
+    pub fn hex(mut self, number: u64, digits: u8) -> Self {
+        for nibble in (0..digits).rev() {
+            let digit = (number.wrapping_shr(4 * u32::from(nibble)) & 15) as u8;
             self.push(if digit < 10 { b'0' + digit } else { b'a' + digit - 10 });
         }
         self

@@ -6,8 +6,8 @@ use funnelnet_app::watchdog::Watchdog;
 
 use crate::app::Embassy;
 
-/// How many; two seconds of them.
-pub const TICKS: u32 = 2000;
+/// How many; a second of them.
+pub const TICKS: u32 = 1000;
 /// Nanoseconds from one to the next.
 const PERIOD: u64 = 1_000_000;
 
