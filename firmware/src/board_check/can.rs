@@ -44,7 +44,7 @@ impl<C: Controller<Format = Classic>> Can for Looped<C> {
 
 impl<C: Controller<Format = Classic>> Looped<C> {
     async fn comes_back(&mut self, number: u32) -> bool {
-        let id = (number * 0x4D5 & 0x7FF) as u16;
+        let id = ((number * 0x4D5) & 0x7FF) as u16;
         let data = u64::from(number).wrapping_mul(0x9E37_79B9_7F4A_7C15).to_le_bytes();
         let length = number as usize % (MAX_DATA + 1);
         let Some(frame) = data.get(..length).and_then(|bytes| CanFrame::new(id, bytes)) else { return false };
@@ -54,13 +54,12 @@ impl<C: Controller<Format = Classic>> Looped<C> {
         let end = Embassy.now() + LONGEST;
         // What is late from before is not this one.
         while let Either::First(exchange) = select(self.0.exchange(None), Embassy.wait_until(end)).await {
-            if let Exchange::Received(Some(came)) = exchange {
-                if came.id == id
-                    && usize::from(came.length) == length
-                    && came.data.get(..length) == data.get(..length)
-                {
-                    return true;
-                }
+            if let Exchange::Received(Some(came)) = exchange
+                && came.id == id
+                && usize::from(came.length) == length
+                && came.data.get(..length) == data.get(..length)
+            {
+                return true;
             }
         }
         false
