@@ -13,7 +13,8 @@
 
 pub mod app;
 pub mod board;
-#[cfg(not(feature = "_nrf52840"))]
+#[cfg(feature = "_hardware")]
+pub mod board_check;
 pub mod clock;
 pub mod executor;
 pub mod heater;

@@ -2,6 +2,8 @@
 //!
 //! A defect leaves its cause and place in the record and resets; the next start reads it once. After power-on the record is noise,
 //! which its check tells.
+//!
+//! An image that goes on behind a reset keeps some words of its own beside it ([`keep`]).
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -15,6 +17,13 @@ const MAGIC: u32 = 0x46_4E_4C_31;
 #[allow(unsafe_code)] // Any content is a valid one.
 #[unsafe(link_section = ".uninit.record")]
 static RECORD: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
+
+/// Words that an image can keep.
+pub const KEPT: usize = 5;
+
+#[allow(unsafe_code)] // Any content is a valid one.
+#[unsafe(link_section = ".uninit.kept")]
+static KEPT_WORDS: [AtomicU32; 1 + KEPT] = [const { AtomicU32::new(0) }; 1 + KEPT];
 
 /// What a node knows of its own start.
 #[derive(Clone, Copy, Debug, Default, defmt::Format)]
@@ -67,6 +76,28 @@ fn restart_all() {
     pac::WATCHDOG.ctrl().write(|control| control.set_trigger(true));
 }
 
+/// Keeps these words over a reset, but not over a power cycle.
+pub fn keep(words: [u32; KEPT]) {
+    let [first, rest @ ..] = &KEPT_WORDS;
+    first.store(check(words), Ordering::Relaxed);
+    rest.iter().zip(words).for_each(|(word, value)| word.store(value, Ordering::Relaxed));
+    cortex_m::asm::dsb();
+}
+
+/// What was kept; `None` where nothing was, or where it was being written as the reset came.
+pub fn kept() -> Option<[u32; KEPT]> {
+    let [first, rest @ ..] = &KEPT_WORDS;
+    let words = rest.each_ref().map(|word| word.load(Ordering::Relaxed));
+    (first.load(Ordering::Relaxed) == check(words)).then_some(words)
+}
+
+/// Nothing is kept any more.
+pub fn forget() {
+    let [first, ..] = &KEPT_WORDS;
+    first.store(!first.load(Ordering::Relaxed), Ordering::Relaxed);
+    cortex_m::asm::dsb();
+}
+
 /// The record; `None` where it is noise.
 fn read() -> Option<Start> {
     let [found, starts, code, place] = RECORD.each_ref().map(|word| word.load(Ordering::Relaxed));
@@ -94,6 +125,6 @@ fn write(record: Start) {
 }
 
 /// Each word has its own part in it, so that no two can be exchanged (FNV-1a by words).
-fn check(words: [u32; WORDS - 1]) -> u32 {
+fn check<const N: usize>(words: [u32; N]) -> u32 {
     words.iter().fold(MAGIC, |sum, word| (sum ^ word).wrapping_mul(0x0100_0193))
 }

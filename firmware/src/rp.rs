@@ -1,5 +1,7 @@
 //! Reset cause, watchdog and flash of a Raspberry Pi Pico.
 
+use embassy_rp::clocks::ClockConfig;
+use embassy_rp::config::Config;
 use embassy_rp::flash::{self, FLASH_BASE, Flash};
 use embassy_rp::peripherals::{FLASH, WATCHDOG};
 use embassy_rp::{Peri, pac, uart, watchdog};
@@ -27,6 +29,27 @@ pub fn begin(flash: Peri<'static, FLASH>, watchdog: Peri<'static, WATCHDOG>) -> 
     let mut flash = PicoFlash::new_blocking(flash);
     let chip = Chip { uid: uid(&mut flash), start, watchdog: Timer::new(watchdog) };
     (chip, OnFlash::new(Blocking(flash), FLASH_BASE as u32))
+}
+
+/// Readings of a register to wait for the crystal at most: 20 ms or more with the clock of a start; it takes 1 ms.
+const LONGEST_WAIT: u32 = 50_000;
+/// Of the crystal at its start, 256 periods of it each: 1 ms at 12 MHz.
+const START_UP: u16 = 47;
+
+/// Whether the crystal starts. Before `embassy_rp::init`, which waits for it without limit.
+pub fn has_crystal() -> bool {
+    use pac::xosc::vals::{CtrlFreqRange, Enable};
+    pac::XOSC.startup().write(|reg| reg.set_delay(START_UP));
+    pac::XOSC.ctrl().write(|reg| {
+        reg.set_freq_range(CtrlFreqRange::_1_15MHZ);
+        reg.set_enable(Enable::ENABLE);
+    });
+    (0..LONGEST_WAIT).any(|_| pac::XOSC.status().read().stable())
+}
+
+/// The clock of a Pico; of one without a crystal the ring oscillator, for a look at the rest of it, not for a node.
+pub fn clocks(has_crystal: bool) -> Config {
+    if has_crystal { Config::default() } else { Config::new(ClockConfig::rosc()) }
 }
 
 /// A serial line of 1 Mbit/s.

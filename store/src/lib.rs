@@ -175,15 +175,7 @@ impl<S: NorFlash> Store<S> {
     /// `Flash`, `Corrupt` where the flash does not keep what is written; with a key, too, what
     /// [`Store::load`] fails with. Nothing is staged then.
     pub async fn stage(&mut self, change: Change<'_>) -> Result<(), Error<S::Error>> {
-        // A commit that has failed may be there all the same. Then it is what counts, and its half must not
-        // be erased.
-        match self.look().await {
-            // Erased is what it is going to be. The other half could hold what counts more than anything that
-            // is written now.
-            Some((half, _)) if half == self.target() => {}
-            Some((_, error)) => return Err(error),
-            None => {}
-        }
+        self.spare().await?;
         let replaces = !matches!(change, Change::Config(_));
         let (config, key) = match change {
             Change::Config(config) => match self.key().await {
@@ -231,6 +223,22 @@ impl<S: NorFlash> Store<S> {
         }
         self.current = Some((half, commit));
         if replaces { self.erase(half.other()).await } else { Ok(()) }
+    }
+
+    /// The half that the next change erases and writes: whatever is in it, nothing of it is current. What was staged and
+    /// not committed is there.
+    ///
+    /// # Errors
+    /// Of a half that cannot be read and may hold what is current.
+    pub async fn spare(&mut self) -> Result<Range<u32>, Error<S::Error>> {
+        // A commit that has failed may be there all the same. Then it is what counts, and its half must not
+        // be erased.
+        match self.look().await {
+            // Erased is what it is going to be. The other half could hold what counts more than anything that
+            // is written now.
+            Some((half, error)) if half != self.target() => Err(error),
+            _ => Ok(self.range(self.target())),
+        }
     }
 
     /// The flash, for drivers that need attention. What is changed through it is the caller's risk.

@@ -250,6 +250,30 @@ fn a_half_that_cannot_be_read_is_one_without_a_record() {
 }
 
 #[test]
+fn what_is_current_survives_whatever_is_done_to_the_spare_half() {
+    let mut store = open(Flaky::new());
+    for number in 1..=4 {
+        now(store.perform(Task::Store(&small(number)))).unwrap();
+        let spare = now(store.spare()).unwrap();
+        let mut flash = store.release();
+        // Not the flash's own writes, which would need an erase: any content.
+        flash.flash.bytes[spare.start as usize..spare.end as usize].fill(0x5A);
+        store = open(flash);
+        assert_eq!(id(&mut store), number);
+    }
+}
+
+#[test]
+fn no_half_is_spare_where_the_other_one_may_hold_what_is_current_and_cannot_be_read() {
+    let middle = 2 * 2048;
+    // A blank store would write into its first half; what cannot be read in there is no loss.
+    for (unread, expected) in [(middle..2 * middle, Err(Error::Flash(BROKEN))), (0..middle, Ok(0..middle))] {
+        let mut store = open(Flaky { unread: Some(unread), ..Flaky::new() });
+        assert_eq!(now(store.spare()), expected);
+    }
+}
+
+#[test]
 fn nothing_is_erased_for_a_new_configuration_while_none_can_be_read() {
     let mut store = open(Flaky::new());
     now(store.perform(Task::Store(&small(1)))).unwrap();

@@ -26,7 +26,11 @@ class Fdcan(Peripheral):
     """The controller. `sent` is what it has put on the bus; `receive` gives it a frame."""
 
     CREL, ENDN, CCCR, ECR, PSR, IR, IE, ILE, RXGFC, RXF0S, RXF0A = 0x00, 0x04, 0x18, 0x40, 0x44, 0x50, 0x54, 0x5C, 0x80, 0x90, 0x94
-    TXFQS, TXBAR = 0xC4, 0xCC
+    TXFQS, TXBAR, TEST = 0xC4, 0xCC, 0x10
+    # TEST.LBCK; CCCR.TEST without which it is not asked; CCCR.MON, with which nothing is on the bus.
+    LOOPED, TESTS, MONITORS = 1 << 4, 1 << 7, 1 << 5
+    # Whether a controller that is looped back hears itself.
+    loops_back = True
 
     def __init__(self, core, base, ram_base):
         super().__init__(core, base)
@@ -81,9 +85,17 @@ class Fdcan(Peripheral):
             if buffers >> index & 1 and not self.is_off:
                 words = [self.ram.get(TRANSMIT + ELEMENT * index + 4 * word) for word in range(18)]
                 length = LENGTHS[words[1] >> 16 & 15]
-                self.sent_at.append(self.core.ns)
-                self.sent.append(Frame(words[0] >> 18 & 0x7FF, struct.pack("<16I", *words[2:])[:length], is_fd=bool(words[1] >> 21 & 1)))
+                self.go(Frame(words[0] >> 18 & 0x7FF, struct.pack("<16I", *words[2:])[:length], is_fd=bool(words[1] >> 21 & 1)))
         self.flag(TRANSMITTED)
+
+    def go(self, frame):
+        """A frame onto the bus, and to itself (RM0440, test modes)."""
+        control = self.get(self.CCCR)
+        if not control & self.MONITORS:
+            self.sent_at.append(self.core.ns)
+            self.sent.append(frame)
+        if control & self.TESTS and self.get(self.TEST) & self.LOOPED and self.loops_back:
+            self.receive(frame)
 
     # --- receiving
 

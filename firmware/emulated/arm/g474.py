@@ -160,6 +160,24 @@ class Flash(Peripheral):
         self.core.nmis += 1
 
 
+class Gpio(Peripheral):
+    """Outputs of a port; `changes` counts those of pin PIN."""
+
+    ODR, BSRR, PIN = 0x14, 0x18, 5
+
+    def __init__(self, core, base):
+        super().__init__(core, base)
+        self.changes = 0
+
+    def write(self, offset, value):
+        if offset != self.BSRR:
+            self.held[offset] = value
+            return
+        before = self.get(self.ODR)
+        self.held[self.ODR] = before & ~(value >> 16) | value & 0xFFFF
+        self.changes += (self.held[self.ODR] ^ before) >> self.PIN & 1
+
+
 class G474(Board):
     """A node on a Nucleo-G474RE."""
 
@@ -192,3 +210,27 @@ class G474Peers(G474):
         super().__init__(image, serial, storage, broken)
         for base, irq in ((0x40013800, 37), (0x40004800, 39), (0x40004C00, 52), (0x40005000, 53)):
             self.add_line(self.core.add(Lpuart(self.core, base, irq, self.baud)), self.baud)
+
+
+class G474Check(G474):
+    """The image that checks its board: a wire, which may not be there or change bytes, from the TX of USART 1 to its RX."""
+
+    image, echo_baud = "board_check_g474", 1_000_000
+
+    def __init__(self, storage=None, wire=lambda byte: byte):
+        super().__init__(storage=storage)
+        self.pins = self.core.add(Gpio(self.core, 0x48000000))
+        self.echo, self.wire = self.core.add(Lpuart(self.core, 0x40013800, 37, self.echo_baud)), wire
+        self.echo.on_byte = self.comes_back
+
+    def comes_back(self, byte):
+        """A byte has left, and arrives by the wire."""
+        if self.wire:
+            self.echo.feed(self.wire(byte))
+            if not self.echo.going:
+                self.echo.pause()
+
+    @property
+    def text(self):
+        """What it has said."""
+        return bytes(self.uart.said).decode("ascii", "replace")

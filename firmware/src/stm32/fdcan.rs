@@ -79,6 +79,20 @@ impl FdCan {
     /// Starts the controller. Without timings of CAN FD it sends classic frames, and takes those of CAN FD
     /// for errors.
     pub fn start(
+        configurator: CanConfigurator<'static>,
+        nominal: NominalBitTiming,
+        fd: Option<FdTiming>,
+    ) -> Self {
+        Self::start_as(OperatingMode::NormalOperationMode, configurator, nominal, fd)
+    }
+
+    /// As [`FdCan::start`], but it hears itself alone, and nothing of it is on the bus.
+    pub fn start_looped(configurator: CanConfigurator<'static>, nominal: NominalBitTiming) -> Self {
+        Self::start_as(OperatingMode::InternalLoopbackMode, configurator, nominal, None)
+    }
+
+    fn start_as(
+        mode: OperatingMode,
         mut configurator: CanConfigurator<'static>,
         nominal: NominalBitTiming,
         fd: Option<FdTiming>,
@@ -93,7 +107,7 @@ impl FdCan {
             config.frame_transmit = FrameTransmissionConfig::AllowFdCanAndBRS;
         }
         configurator.set_config(config);
-        let can = configurator.start(OperatingMode::NormalOperationMode);
+        let can = configurator.start(mode);
         if let Some(timing) = fd {
             compensate_delay(timing.delay_offset);
         }

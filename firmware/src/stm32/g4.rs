@@ -9,7 +9,7 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::BufferedUart;
-use embassy_stm32::{Config, Peri, peripherals};
+use embassy_stm32::{Config, Peri, pac, peripherals};
 
 use super::fdcan::{FdCan, FdTiming, fd_timing, timing};
 use super::safety::Iwdg;
@@ -44,6 +44,27 @@ pub fn clocks() -> Config {
         (AHBPrescaler::DIV1, APBPrescaler::DIV1, APBPrescaler::DIV1);
     config.rcc.mux.fdcansel = mux::Fdcansel::PLL1_Q;
     config
+}
+
+/// Readings of a register to wait for the crystal at most: 10 ms or more, five times what its data sheet says. The watchdog bites after 0.5 s.
+const LONGEST_WAIT: u32 = 20_000;
+
+/// Whether the crystal starts; it stays on. Before `embassy_stm32::init`, which waits for it without limit.
+pub fn has_crystal() -> bool {
+    pac::RCC.cr().modify(|reg| reg.set_hseon(true));
+    (0..LONGEST_WAIT).any(|_| pac::RCC.cr().read().hserdy())
+}
+
+/// 16 MHz from the RC oscillator, for a board whose crystal is missing: for a look at the rest of it, not for a node.
+pub fn clocks_without_crystal() -> Config {
+    let mut config = Config::default();
+    config.rcc.mux.fdcansel = mux::Fdcansel::PCLK1;
+    config
+}
+
+/// FDCAN 1, which hears itself alone.
+pub fn looped_can(configurator: CanConfigurator<'static>) -> FdCan {
+    FdCan::start_looped(configurator, NOMINAL)
 }
 
 /// FDCAN 1 at 1 Mbit/s, with [`clocks`].

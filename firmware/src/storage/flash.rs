@@ -62,6 +62,16 @@ impl<S: NorFlash> InFlash<S> {
         Self { store: Store::new(flash, region), is_open: false }
     }
 
+    /// The driver, and a page that nothing stored is in, to be tried; `None` where the storage is not open or cannot tell.
+    pub async fn spare_page(&mut self) -> Option<(&mut S, Range<u32>)> {
+        if !self.is_open {
+            return None;
+        }
+        let half = self.store.spare().await.inspect_err(failed).ok()?;
+        let begin = half.end.checked_sub(S::ERASE_SIZE as u32)?;
+        Some((self.store.flash(), begin..half.end))
+    }
+
     /// Looks for a configuration. Where that fails, the storage is as one that refuses everything.
     pub async fn open(&mut self) {
         self.is_open = self.store.find().await.inspect_err(failed).is_ok();

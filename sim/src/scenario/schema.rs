@@ -252,7 +252,8 @@ fn graph_file() -> Value {
     let file = "CSV with columns from, to and weight, or GraphML (.graphml, .xml); relative to the scenario";
     let weight = "weight of each edge that has none in the file";
     object(vec![
-        key("kind", json!({ "type": "string", "const": "file" }), "the kind: file; may be left out").or(json!("file")),
+        key("kind", json!({ "type": "string", "const": "file" }), "the kind: file; may be left out")
+            .or(json!("file")),
         key("file", text(), file).like(json!("grid.csv")).required(),
         key("nodes", integer((1, MAX_NODES)), "number of nodes; default: the largest id in the file")
             .like(json!(5)),
