@@ -1,7 +1,7 @@
 //! The table of the book's page of faults: one event of each kind at random places and times, `every_kind [--runs N] [--kind NAME]`;
 //! so many runs on each of three graphs, on all cores. A run that a node has not come back from is written to `every-kind-NUMBER.toml`
 //! with `--keep`.
-#![allow(clippy::expect_used, reason = "a tool for those who work on this repository")]
+#![allow(clippy::expect_used, clippy::panic, reason = "a tool for those who work on this repository")]
 
 use funnelnet_sim::judge::Recovered;
 use std::num::NonZero;
@@ -18,7 +18,7 @@ fn main() {
     let runs = value("--runs").map_or(20, |text| text.parse().expect("--runs: a whole number"));
     let keep = arguments.iter().any(|argument| argument == "--keep");
     println!(
-        "| one event | never outside | back inside after its end: median, 99 %, longest | outside at the end of the run | a node has stopped | largest input |"
+        "| one event | never outside | back inside after its end: median, 99 %, longest | outside at the end, and nobody has stopped | a node has stopped | largest input |"
     );
     println!("|---|---:|---:|---:|---:|---:|");
     for kind in KINDS.iter().filter(|kind| value("--kind").is_none_or(|name| name == kind.name)) {
@@ -54,18 +54,21 @@ fn row(name: &str, runs: &[(u64, Run)], keep: bool) -> String {
         let count = runs.iter().filter(|(_, run)| of(run)).count();
         match count {
             0 => "0".to_owned(),
+            few if few * 1_000 < runs.len() => format!("{few} runs"),
             _ => format!("{:.1} %", 100.0 * count as f64 / runs.len() as f64),
         }
     };
+    // A node that has stopped holds its state, and nobody can come back to it.
+    let all_run = |run: &Run| run.stopped == 0;
     let mut back: Vec<f64> = runs
         .iter()
-        .filter(|(_, run)| !run.is_borne())
+        .filter(|(_, run)| !run.is_borne() && all_run(run))
         .filter_map(|(_, run)| run.recovery.after_s())
         .collect();
     back.sort_by(f64::total_cmp);
     let at = |share: f64| back.get((share * back.len().saturating_sub(1) as f64).round() as usize);
     let ms = |share: f64| at(share).map_or("-".to_owned(), |s| format!("{:.0} ms", s * 1e3));
-    let outside = |run: &Run| run.recovery == Recovered::Outside;
+    let outside = |run: &Run| run.recovery == Recovered::Outside && all_run(run);
     if keep {
         for (number, run) in runs.iter().filter(|(_, run)| outside(run)) {
             std::fs::write(format!("every-kind-{number}.toml"), &run.text).expect("a file");
