@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Within which everything here has to happen.
-pub const SOON: Duration = Duration::from_secs(60);
+pub const SOON: Duration = Duration::from_secs(180);
 /// Within which a run has to end once a node is gone.
 pub const AT_ONCE: Duration = Duration::from_secs(3);
 
