@@ -64,7 +64,13 @@ impl Place {
         let mut command = Command::new("env");
         command.args(["--default-signal=HUP,INT,TERM", env!("CARGO_BIN_EXE_sim-host")]);
         command.current_dir(self.0.path()).env(MARK, self.0.path()).args(arguments);
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+        let errors = fs::File::create(self.at("errors")).unwrap();
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors).spawn().unwrap()
+    }
+
+    /// What the program that was started last has said of errors.
+    fn errors(&self) -> String {
+        fs::read_to_string(self.at("errors")).unwrap()
     }
 
     /// Files that have no name of their own yet, and locks.
@@ -131,13 +137,13 @@ fn survives(seed: u64, arguments: &[&str], latest_ms: u64, again: &[&str], check
         // A signal that comes before the program has its own way with it ends it at once.
         let by_itself =
             matches!((signal, status.code()), ("TERM", Some(130)) | ("HUP", Some(129)) | (_, Some(0)));
-        assert!(by_itself || status.signal().is_some(), "{what}");
+        assert!(by_itself || status.signal().is_some(), "{what}: {}", place.errors());
         if signal != "KILL" && by_itself {
             assert_eq!(place.leftovers(), Vec::<PathBuf>::new(), "{what}");
         }
         // Nothing that was left is in the way, and it goes.
         let after = wait(&mut place.start(again));
-        assert!(after.success(), "{what}, and then: {after}");
+        assert!(after.success(), "{what}, and then: {after}: {}", place.errors());
         assert_eq!(place.leftovers(), Vec::<PathBuf>::new(), "{what}, and after another run");
         check(&place);
         ends.push(what);
@@ -187,7 +193,7 @@ fn commissionings() {
         println!("{what}");
         let by_itself =
             matches!((signal, status.code()), ("TERM", Some(130)) | ("HUP", Some(129)) | (_, Some(0)));
-        assert!(by_itself || status.signal().is_some(), "{what}");
+        assert!(by_itself || status.signal().is_some(), "{what}: {}", place.errors());
         let begin = Instant::now();
         while !place.processes().is_empty() {
             assert!(begin.elapsed() < SOON, "{what}: {:?} live on", place.processes());
