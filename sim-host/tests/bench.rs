@@ -538,7 +538,7 @@ fn five() -> String {
 fn five_emulated_nodes_behind_pseudo_terminals_run_the_bits_of_loopback() {
     let nodes: Vec<_> = (0..5).map(|_| Emulated::start()).collect();
     let entries: Vec<_> = nodes.iter().map(|node| entry(&node.path)).collect();
-    let bench = Bench::new(&five(), &entries);
+    let bench = Bench::new(&five(), &entries).patient();
     let ended = bench.run(&[]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let summary = bench.summary();
@@ -555,7 +555,7 @@ fn wired(wires: &[&str], head: &str, settings: &[&str]) -> serde_json::Value {
     let mut entries = vec!["emulator = true".to_owned(); 5];
     entries.last_mut().unwrap().push('\n');
     entries.last_mut().unwrap().extend(wires.iter().map(|ids| format!("[[wire]]\nbetween = {ids}\n")));
-    let bench = Bench::new(&five(), &entries).with(head);
+    let bench = Bench::new(&five(), &entries).patient().with(head);
     let sets = settings.iter().flat_map(|setting| ["--set", setting]);
     let ended = bench.run(&["--image", IMAGE].into_iter().chain(sets).collect::<Vec<_>>());
     assert_eq!(ended.code, Some(0), "{}", ended.err);
@@ -647,7 +647,7 @@ fn emulators_of_its_own_and_terminals_can_be_mixed() {
     let nodes: Vec<_> = (0..2).map(|_| Emulated::start()).collect();
     let own = "emulator = true".to_owned();
     let entries = [entry(&nodes[0].path), own.clone(), entry(&nodes[1].path)];
-    let bench = Bench::new(SCENARIO, &entries);
+    let bench = Bench::new(SCENARIO, &entries).patient();
     let ended = bench.run(&["--image", IMAGE]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
