@@ -313,3 +313,37 @@ fn an_export_never_overwrites_its_scenario_and_goes_to_standard_output_by_itself
     }
     assert!(written.contains("BO_ 389 STATE_5: 5 Node5\n SG_ x_5 : 0|32@1- (1,0) [0|0] \"\" Vector__XXX\n"));
 }
+
+/// What a scenario reads is no place for an output: of a run, of a sweep, or of an export.
+#[test]
+fn no_output_takes_the_place_of_a_file_that_the_scenario_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::create_dir(at.join("o")).unwrap();
+    let scenario = |graph: &str| {
+        format!(
+            "version = 1\ntime = {{ tick = \"1ms\", duration = \"5ms\" }}\n[graph]\nfile = \"{graph}\"\n[coupling]\nkind = \"node-wise\"\n\
+             gain = {{ kind = \"reciprocal\" }}\nfunnel = {{ kind = \"constant\", width = 9.0 }}\n[agent]\n\
+             dynamics = {{ kind = \"affine\", slope = -1.0 }}\n"
+        )
+    };
+    let edges = "from,to\n1,2\n2,3\n";
+    for (graph, command) in [
+        ("o/scenario-graph.csv", &["run", "s.toml", "--out", "o"][..]),
+        ("o/trajectory.csv", &["run", "s.toml", "--out", "o"]),
+        ("g.csv", &["run", "s.toml", "--json", "g.csv"]),
+        ("g.csv", &["run", "s.toml", "--junit", "./o/../g.csv"]),
+        ("o/scenario-graph.csv", &["sweep", "s.toml", "--seeds", "2", "--out", "o"]),
+        ("g.csv", &["export", "graphml", "s.toml", "--out", "g.csv"]),
+    ] {
+        fs::write(at.join(graph), edges).unwrap();
+        fs::write(at.join("s.toml"), scenario(graph)).unwrap();
+        let done =
+            Command::new(env!("CARGO_BIN_EXE_sim-host")).current_dir(at).args(command).output().unwrap();
+        let said = String::from_utf8(done.stderr).unwrap();
+        assert_eq!(done.status.code(), Some(2), "{command:?}: {said}");
+        assert!(said.contains(graph), "{command:?}: {said}");
+        assert_eq!(fs::read_to_string(at.join(graph)).unwrap(), edges, "{command:?}");
+        fs::remove_file(at.join(graph)).unwrap();
+    }
+}

@@ -17,6 +17,11 @@ fn main() {
     };
     let runs = value("--runs").map_or(20, |text| text.parse().expect("--runs: a whole number"));
     let keep = arguments.iter().any(|argument| argument == "--keep");
+    let known = |name: &String| KINDS.iter().any(|kind| kind.name == name);
+    if let Some(name) = value("--kind").filter(|name| !known(name)) {
+        let names: Vec<_> = KINDS.iter().map(|kind| kind.name).collect();
+        panic!("--kind {name:?}: must be one of {names:?}");
+    }
     println!(
         "| one event | never outside | back inside after its end: median, 99 %, longest | outside at the end, and nobody has stopped | a node has stopped | largest input |"
     );

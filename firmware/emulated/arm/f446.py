@@ -13,8 +13,8 @@ INFORMATION = 0x1FFF0000, 0x10000
 UID = 0x1FFF7A10
 HZ, TIMER_HZ, BAUD = 160_000_000, 80_000_000, 115_200
 ERASE_NS = 250e6
-# What the timer of embassy's clock counts before it begins anew.
-TURN_NS = 65_536e3
+# Half of what the timer of embassy's clock counts before it begins anew: it interrupts each time.
+HALF_NS = 32_768e3
 BOOT_MS = 10
 # What a look at a clock that is missing, and one at flash that is busy, takes: longer than on the chip, so that a wait does not take all day.
 POLL_NS, ERASE_POLL_NS = 10e3, 50e3

@@ -15,8 +15,10 @@ use funnelnet_app::Clock;
 
 /// 16 MHz / 2^4.
 const PRESCALER: u8 = 4;
-/// embassy's clock cannot be told to wake sooner than that: RTC of nRF52, with its reserve.
-const SHORTEST_SLEEP: u32 = 3;
+/// embassy's clock cannot be told to wake sooner than that: RTC of nRF52, with its reserve, and the count that may pass while it is told.
+const SHORTEST_SLEEP: u32 = 4;
+/// A count less for so many: both crystals together are wrong by less than 122 ppm.
+const COUNTS_OF_DOUBT: u32 = 8_192;
 /// Longest sleep, us. It is woken for the watchdog long before, and 512 times that is a number of 32 bits.
 const LONGEST_SLEEP: u32 = 8_000_000;
 /// What is waited for without a look at the lines, us.
@@ -57,8 +59,9 @@ impl Clock for Micros {
     async fn wait_until(self, at: u64) {
         let due = at.div_ceil(1000);
         let wait = u32::try_from(due.saturating_sub(micros())).unwrap_or(u32::MAX).min(LONGEST_SLEEP);
-        // Whole counts, from the beginning of the present one: never too many.
+        // Whole counts, from the beginning of the present one: not too many.
         let counts = wait * 512 / 15_625;
+        let counts = counts - counts / COUNTS_OF_DOUBT;
         if counts >= SHORTEST_SLEEP {
             Timer::at(Instant::now() + Duration::from_ticks(counts.into())).await;
         }

@@ -4,7 +4,7 @@ use super::arguments::{ExportArgs, Exported};
 use super::{Exit, Failure};
 use crate::export::{dbc, graphml};
 use crate::record::{is_standard_output, write_atomic};
-use crate::run::is_one_file;
+use crate::run::{files_named_in, is_one_file};
 use crate::scenario::AnyScenario;
 use std::io::{self, Write};
 use std::path::Path;
@@ -15,6 +15,16 @@ pub(super) fn export_command(args: &ExportArgs) -> Result<Exit, Failure> {
         let (out, scenario) = (out.display(), scenario.display());
         return Err(Failure::bad_input(format!(
             "--out {out} is the scenario {scenario}, which must not be overwritten; name another file"
+        )));
+    }
+    let read = files_named_in(scenario);
+    if let Some((out, read)) =
+        args.out.as_deref().and_then(|out| Some((out, read.iter().find(|read| is_one_file(out, read))?)))
+    {
+        return Err(Failure::bad_input(format!(
+            "--out {} is {}, which the scenario reads; name another file",
+            out.display(),
+            read.display()
         )));
     }
     let bytes = match args.what {

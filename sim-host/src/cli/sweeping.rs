@@ -6,6 +6,7 @@ use super::{Failure, complain, print};
 use crate::exit::Exit;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
+use crate::run::files_named_in;
 use crate::scenario::{Source, is_standard_input};
 use crate::sweep::{Design, Done, List, Method, Plan, Quoting, Request, execute};
 use std::ffi::OsString;
@@ -54,12 +55,13 @@ fn design(args: &SweepArgs) -> Result<Design, String> {
 fn request(args: &SweepArgs, arguments: &[OsString]) -> Result<Request, Failure> {
     let scenario = &args.source.scenario;
     let scenario = if is_standard_input(scenario) { PathBuf::from("/dev/stdin") } else { scenario.clone() };
+    let read = files_named_in(&args.source.scenario);
     let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
     let program =
         arguments.first().map_or("sim-host".into(), |program| program.to_string_lossy().into_owned());
     Ok(Request {
         out: args.out.clone(),
-        inputs: [Some(scenario), args.list.clone()].into_iter().flatten().collect(),
+        inputs: read.into_iter().chain([Some(scenario), args.list.clone()].into_iter().flatten()).collect(),
         shard: args.shard,
         resumes: args.resume,
         jobs: args.jobs.map_or_else(cores, usize::from),

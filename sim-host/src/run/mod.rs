@@ -42,7 +42,7 @@ pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
 pub(crate) use own_clock::DRIVE as OWN_CLOCK;
 pub use places::Wanted;
-pub(crate) use places::{is_one_file, overwritten};
+pub(crate) use places::{files_named_in, is_one_file, overwritten};
 pub use rows::Rows;
 
 use crate::emergent::EmergentTrajectory;

@@ -81,7 +81,9 @@ impl Wanted<'_> {
             false => Named::new(format!("the scenario {}", shown(self.scenario)), self.scenario),
         };
         let bench = self.bench.map(|path| Named::new(format!("the bench file {}", shown(path)), path));
-        [Some(scenario), bench].into_iter().flatten().collect()
+        let read = files_named_in(self.scenario).into_iter();
+        let read = read.map(|path| Named::new(format!("{}, which the scenario reads", shown(&path)), &path));
+        [Some(scenario), bench].into_iter().flatten().chain(read).collect()
     }
 
     fn outputs(&self) -> Vec<Named> {
@@ -111,6 +113,23 @@ pub fn overwritten(folder: &Path, names: &[&str], inputs: &[PathBuf]) -> Option<
             named.what
         ))
     })
+}
+
+/// The files that a scenario's text names by `file = "..."`: a graph, a time series. They are looked for before it is read, since what is in the
+/// way of outputs goes first; what a comment names is safe, too.
+#[must_use]
+pub fn files_named_in(scenario: &Path) -> Vec<PathBuf> {
+    let text = match is_standard_input(scenario) {
+        true => String::new(),
+        false => fs::read_to_string(scenario).unwrap_or_default(),
+    };
+    let folder = scenario.parent().unwrap_or(Path::new(""));
+    let name = |rest: &str| {
+        let value = rest.trim_start_matches(['"', '\'']).trim_start().strip_prefix('=')?.trim_start();
+        let quote = value.chars().next().filter(|quote| ['"', '\''].contains(quote))?;
+        Some(folder.join(value.get(1..)?.split(quote).next()?))
+    };
+    text.split("file").skip(1).filter_map(name).collect()
 }
 
 /// Whether two names are of one file, by path, through links, or as another name of it.

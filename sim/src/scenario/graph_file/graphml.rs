@@ -18,8 +18,9 @@ struct State {
     in_weight_key: bool,
     /// The edge that is open.
     open: Option<FileEdge>,
-    /// Where the next text is a number.
+    /// Where the text is a number, and what has come of it.
     wanted: Option<Wanted>,
+    number: String,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -49,17 +50,33 @@ pub(super) fn read(text: &str) -> Found {
     let mut reader = Reader::from_str(text);
     reader.config_mut().expand_empty_elements = true;
     let mut lines = Lines { text, at: 0, line: 1 };
-    let mut state = State::default();
+    let (mut state, mut depth) = (State::default(), 0u64);
     loop {
         let event = reader.read_event();
         let line = lines.up_to(reader.buffer_position() as usize);
         match event {
-            Ok(Event::Start(tag)) => state.start(line, &tag)?,
+            Ok(Event::Start(tag)) => {
+                depth += 1;
+                state.start(line, &tag)?;
+            }
             Ok(Event::Text(text)) => {
                 let text = text.decode().map_err(|error| wrong(line, &error))?;
-                state.text(line, text.trim())?;
+                state.text(&text);
             }
-            Ok(Event::End(tag)) => state.end(tag.local_name().as_ref()),
+            Ok(Event::CData(text)) => {
+                let text = text.decode().map_err(|error| wrong(line, &error))?;
+                state.text(&text);
+            }
+            Ok(Event::GeneralRef(_)) if state.wanted.is_some() => {
+                return Err(format!(", line {line}: a weight must be written in digits, without entities"));
+            }
+            Ok(Event::End(tag)) => {
+                depth = depth.saturating_sub(1);
+                state.end(line, tag.local_name().as_ref())?;
+            }
+            Ok(Event::Eof) if depth > 0 => {
+                return Err(format!(", line {line}: the file ends within an element"));
+            }
             Ok(Event::Eof) => break,
             Ok(_) => {}
             Err(error) => return Err(wrong(line, &error)),
@@ -116,6 +133,9 @@ impl State {
         let of = attribute(line, tag, "for")?;
         let is_of_edges = of.is_none_or(|of| of == "edge" || of == "all");
         if is_of_edges && attribute(line, tag, "attr.name")?.as_deref() == Some("weight") {
+            if self.graphs > 0 {
+                return Err(format!(", line {line}: the <key> of the weights must come before <graph>"));
+            }
             self.weight_key = Some(needed(line, tag, "id")?);
             self.in_weight_key = true;
         }
@@ -125,7 +145,10 @@ impl State {
     fn edge(&mut self, line: u64, tag: &BytesStart<'_>) -> Result<(), String> {
         let (from, to) = (needed(line, tag, "source")?, needed(line, tag, "target")?);
         let is_directed = match attribute(line, tag, "directed")?.as_deref() {
-            Some(said) => said == "true",
+            Some(said @ ("true" | "1" | "false" | "0")) => said == "true" || said == "1",
+            Some(said) => {
+                return Err(format!(", line {line}: directed='{said}' must be true, 1, false or 0"));
+            }
             None => self.is_directed,
         };
         if is_directed {
@@ -139,30 +162,28 @@ impl State {
         Ok(())
     }
 
-    fn text(&mut self, line: u64, text: &str) -> Result<(), String> {
-        if text.is_empty() {
-            return Ok(());
+    /// A piece of a number: comments part it.
+    fn text(&mut self, text: &str) {
+        if self.wanted.is_some() {
+            self.number += text;
         }
-        match self.wanted {
-            Some(Wanted::Default) => self.default = Some(number(line, text)?),
-            Some(Wanted::Weight) => {
-                let weight = number(line, text)?;
-                if let Some(open) = &mut self.open {
-                    open.weight = Some(weight);
-                }
-            }
-            None => {}
-        }
-        Ok(())
     }
 
-    fn end(&mut self, name: &[u8]) {
+    fn end(&mut self, line: u64, name: &[u8]) -> Result<(), String> {
         match name {
             b"edge" => self.edges.extend(self.open.take()),
             b"key" => self.in_weight_key = false,
-            b"data" | b"default" => self.wanted = None,
+            b"data" | b"default" => {
+                let (wanted, text) = (self.wanted.take(), std::mem::take(&mut self.number));
+                match (wanted, &mut self.open) {
+                    (Some(Wanted::Default), _) => self.default = Some(number(line, text.trim())?),
+                    (Some(Wanted::Weight), Some(open)) => open.weight = Some(number(line, text.trim())?),
+                    _ => {}
+                }
+            }
             _ => {}
         }
+        Ok(())
     }
 }
 
@@ -189,6 +210,9 @@ mod tests {
     fn weights_are_those_of_their_key() {
         let edge = |line, from, to, weight| FileEdge { line, from, to, weight };
         assert_eq!(read(TWO), Ok((3, vec![edge(8, 1, 2, Some(0.5)), edge(10, 2, 3, None)])));
+        for same in ["<![CDATA[0.5]]>", "0.<!-- five -->5", " 0.5\n"] {
+            assert_eq!(read(&TWO.replace(">0.5<", &format!(">{same}<"))).unwrap().1[0].weight, Some(0.5));
+        }
         let text =
             TWO.replace(r#"attr.type="double" />"#, r#"attr.type="double"><default>4</default></key>"#);
         assert_eq!(read(&text).unwrap().1.last().unwrap().weight, Some(4.0));
@@ -211,6 +235,12 @@ mod tests {
         assert_eq!(wrong(">0.5<", ">-2<"), ", line 9: weight '-2' must be > 0 (edge weight)");
         assert_eq!(wrong("source=\"2\" ", ""), ", line 10: <edge> must have 'source'");
         assert!(wrong("</graph>", "").starts_with(", line 12: not valid XML: "));
+        assert_eq!(wrong("  </graph>\n</graphml>\n", ""), ", line 11: the file ends within an element");
+        assert_eq!(
+            wrong("<edge source=\"2\"", "<edge directed=\"1\" source=\"2\""),
+            ", line 10: the edge from 2 to 3 is directed, and the graph must be undirected (Assumption 1)"
+        );
+        assert!(wrong(">0.5<", ">0&#46;5<").contains("without entities"));
         assert_eq!(read("<graphml/>"), Err(" must have one <graph>, and has 0".to_owned()));
         assert!(wrong("<node id=\"1\" />", "<hyperedge/>").starts_with(", line 6: <hyperedge>"));
     }
