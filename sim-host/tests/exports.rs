@@ -347,3 +347,22 @@ fn no_output_takes_the_place_of_a_file_that_the_scenario_reads() {
         fs::remove_file(at.join(graph)).unwrap();
     }
 }
+
+/// A pipe can be read once: who looks for names in it takes the scenario away.
+#[test]
+fn a_scenario_in_a_pipe_is_read_by_who_runs_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/five-agents.toml");
+    let script = format!(
+        "'{}' run <(cat '{}') --quiet --out o --set time.duration=20ms",
+        env!("CARGO_BIN_EXE_sim-host"),
+        scenario.display()
+    );
+    let done = Command::new("bash").args(["-c", &script]).current_dir(folder.path()).output().unwrap();
+    assert!(
+        done.status.code() == Some(0) || done.status.code() == Some(1),
+        "{}",
+        String::from_utf8_lossy(&done.stderr)
+    );
+    assert!(folder.path().join("o/summary.json").is_file(), "{}", String::from_utf8_lossy(&done.stderr));
+}

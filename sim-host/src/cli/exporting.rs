@@ -11,21 +11,16 @@ use std::path::Path;
 
 pub(super) fn export_command(args: &ExportArgs) -> Result<Exit, Failure> {
     let scenario = &args.source.scenario;
-    if let Some(out) = args.out.as_deref().filter(|out| is_one_file(out, scenario)) {
-        let (out, scenario) = (out.display(), scenario.display());
-        return Err(Failure::bad_input(format!(
-            "--out {out} is the scenario {scenario}, which must not be overwritten; name another file"
-        )));
-    }
-    let read = files_named_in(scenario);
-    if let Some((out, read)) =
-        args.out.as_deref().and_then(|out| Some((out, read.iter().find(|read| is_one_file(out, read))?)))
-    {
-        return Err(Failure::bad_input(format!(
-            "--out {} is {}, which the scenario reads; name another file",
-            out.display(),
-            read.display()
-        )));
+    let named = (scenario.clone(), format!("the scenario {}", scenario.display()));
+    let read = files_named_in(scenario).into_iter();
+    let read = read.map(|path| (path.clone(), format!("{}, a file that the scenario reads", path.display())));
+    for (path, what) in std::iter::once(named).chain(read) {
+        if let Some(out) = args.out.as_deref().filter(|out| is_one_file(out, &path)) {
+            return Err(Failure::bad_input(format!(
+                "--out {} is {what}, which must not be overwritten; name another file",
+                out.display()
+            )));
+        }
     }
     let bytes = match args.what {
         Exported::Dbc => {

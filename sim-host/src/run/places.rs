@@ -119,10 +119,9 @@ pub fn overwritten(folder: &Path, names: &[&str], inputs: &[PathBuf]) -> Option<
 /// way of outputs goes first; what a comment names is safe, too.
 #[must_use]
 pub fn files_named_in(scenario: &Path) -> Vec<PathBuf> {
-    let text = match is_standard_input(scenario) {
-        true => String::new(),
-        false => fs::read_to_string(scenario).unwrap_or_default(),
-    };
+    // A pipe gives its text once, to whoever reads the scenario; a device has no end.
+    let is_file = !is_standard_input(scenario) && scenario.is_file();
+    let text = if is_file { fs::read_to_string(scenario).unwrap_or_default() } else { String::new() };
     let folder = scenario.parent().unwrap_or(Path::new(""));
     let name = |rest: &str| {
         let value = rest.trim_start_matches(['"', '\'']).trim_start().strip_prefix('=')?.trim_start();
