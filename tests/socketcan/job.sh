@@ -87,7 +87,7 @@ sleep 0.5
 benches=own.toml bench own unjudged.toml $patient --set time.tick=50ms --set time.duration=13500ms --every 50ms
 sleep 0.2
 kill $listener
-benches=own-apart.toml bench own-apart path.toml $patient --set time.tick=50ms --set time.duration=13500ms --set bus.latency=25ms
+benches=own-apart.toml bench own-apart path.toml $patient --set time.tick=200ms --set time.duration=12s --set bus.latency=100ms
 benches=own-fd-mixed.toml bench own-fd-mixed vector.toml $patient --set time.tick=50ms --set time.duration=13500ms
 
 # Whoever is on the bus can stop it, without the program.

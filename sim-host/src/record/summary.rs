@@ -300,8 +300,11 @@ pub struct OwnClockNodeSummary {
     pub no_bus_time: u64,
     /// Its ticks that came a whole period late or more.
     pub overruns: u32,
-    /// Values of neighbours that came too late for their tick, and were extrapolated.
+    /// Values of neighbours that had not come when their tick ran, and were extrapolated.
     pub extrapolated: u32,
+    /// States of neighbours that came after the tick that needed them. What is missing at the first tick is
+    /// seen here alone: a neighbour that was never heard is not extrapolated.
+    pub late: u32,
 }
 
 /// Lines from node to node.
@@ -313,6 +316,8 @@ pub struct WiresSummary {
     pub settle_s: f64,
     /// Values that had not come when their tick ran, on all lines, by the nodes' count.
     pub extrapolated: u64,
+    /// States that came after the tick that needed them, likewise.
+    pub late: u64,
 }
 
 /// What was heard on CAN.

@@ -2,7 +2,7 @@
 
 use super::summary::{
     BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, EventSummary, Expectation,
-    FunnelSummary, OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
+    FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
 };
 use crate::number_format::significant;
 use std::fmt;
@@ -236,16 +236,23 @@ fn beside_loopback(bench: &BenchSummary) -> String {
 
 /// Says what nodes did with clocks of their own.
 fn own_clocks(clocks: &OwnClockSummary) -> String {
-    let late: u64 = clocks.nodes.iter().map(|node| u64::from(node.extrapolated)).sum();
+    let sum =
+        |count: fn(&OwnClockNodeSummary) -> u32| clocks.nodes.iter().map(|node| u64::from(count(node))).sum();
     format!(
-        "largest skew {} s, {late} values came too late for their tick, {} node-ticks not recorded",
+        "largest skew {} s, {}, {} node-ticks not recorded",
         significant(clocks.largest_skew_s, 3),
+        too_late(sum(|node| node.extrapolated), sum(|node| node.late)),
         clocks.missed
     )
 }
 
-fn between_nodes(WiresSummary { count, extrapolated, .. }: &WiresSummary) -> String {
-    format!("{count} from node to node, {extrapolated} values came too late for their tick")
+fn between_nodes(&WiresSummary { count, extrapolated, late, .. }: &WiresSummary) -> String {
+    format!("{count} from node to node, {}", too_late(extrapolated, late))
+}
+
+/// Says what neighbours had not said when its tick ran, and what came after it.
+fn too_late(extrapolated: u64, late: u64) -> String {
+    format!("{extrapolated} values extrapolated, {late} states came after their tick")
 }
 
 /// Number, or the numbers of a vector in brackets.
@@ -391,11 +398,11 @@ mod tests {
         let refused = [("stale".to_owned(), 2), ("duplicate".to_owned(), 1)].into_iter().collect();
         let bus = BusSummary { sent: 10, lost: 0, refused, ..BusSummary::default() };
         assert_eq!(frames(&bus), "10 frames sent, 0 deliveries lost, 3 refused");
-        let wires = WiresSummary { count: 2, extrapolated: 5, ..WiresSummary::default() };
+        let wires = WiresSummary { count: 2, extrapolated: 5, late: 6, ..WiresSummary::default() };
         let summary = Summary { bench: Some(BenchSummary { wires: Some(wires), ..bench(vec![]) }), ..bare() };
         assert_eq!(
             lines_of(&summary, "wires"),
-            ["2 from node to node, 5 values came too late for their tick"]
+            ["2 from node to node, 5 values extrapolated, 6 states came after their tick"]
         );
     }
 }

@@ -65,10 +65,14 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
         Ok(outcome) => {
             let can = rows.tables(outcome.ended_early.is_none());
             let bus = outcome.bus.map(|bus| with_tables(bus, can));
+            let sum = |count: fn(&funnelnet_protocol::report::Counters) -> u32| {
+                outcome.counters.iter().map(|all| u64::from(count(all))).sum()
+            };
             let wires = (wired > 0).then(|| WiresSummary {
                 count: wired,
                 settle_s: file.settle.as_secs_f64(),
-                extrapolated: outcome.counters.iter().map(|counters| u64::from(counters.extrapolated)).sum(),
+                extrapolated: sum(|counters| counters.extrapolated),
+                late: sum(|counters| counters.late),
             });
             let skipped = skipped.into_iter().chain(events).collect();
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });

@@ -51,6 +51,7 @@ pub(super) fn summary(conductor: &Conductor, skew: Skew, counters: &[Counters]) 
         no_bus_time: conductor.without_bus_time(index),
         overruns: counters.overruns,
         extrapolated: counters.extrapolated,
+        late: counters.late,
     };
     let ids = conductor.members().map(|(link, _)| link.id());
     let nodes: Vec<_> = ids.zip(counters).enumerate().map(node).collect();

@@ -15,6 +15,8 @@ use std::path::Path;
 
 /// More than the eight bits of a classic frame tell apart.
 const TICKS: usize = 270;
+/// Of the bench that relays every frame.
+const HALF_A_LONG_TICK_S: f64 = 0.1;
 
 pub fn write_benches(work: &Path) {
     let node = |id: usize, bus: &str| match bus {
@@ -33,7 +35,7 @@ pub fn write_benches(work: &Path) {
 }
 
 /// What a run that ended well says of its clocks: ticks of which a part was lost, ticks that were late,
-/// values that were.
+/// values and states that were.
 fn clocks(work: &Path, run: &str) -> (u64, u64, u64) {
     assert_eq!(text(work, &format!("{run}.status")).trim(), "0", "{}", text(work, &format!("{run}.err")));
     let summary = summary(work, run);
@@ -45,7 +47,7 @@ fn clocks(work: &Path, run: &str) -> (u64, u64, u64) {
     let (missed, overruns) = (clocks["missed"].as_u64().unwrap(), sum("overruns"));
     // A node that was late by almost a tick, or by several, replaces what it has to say by what is newer.
     assert!(missed <= (NODES * TICKS / 10) as u64, "{clocks}");
-    (missed, overruns, sum("extrapolated"))
+    (missed, overruns, sum("extrapolated") + sum("late"))
 }
 
 fn largest_deviation(bench: &Value) -> f64 {
@@ -98,13 +100,20 @@ pub fn five_on_a_bus_are_recorded_from_it(work: &Path) {
     assert_eq!((&bench["can"]["strangers"], &bench["can"]["unreadable"]), (&0.into(), &0.into()), "{bench}");
 }
 
-/// No neighbours are on the same bus, so that every frame passes this program and arrives half a tick later.
+/// No neighbours are on the same bus, so that every frame passes this program and arrives half a tick later. A
+/// tick is longer here: that a guest kernel holds nobody up for half of it is the rule.
 pub fn between_buses_frames_come_between_two_ticks(work: &Path) {
-    let (missed, _, extrapolated) = clocks(work, "own-apart");
+    let (missed, _, late) = clocks(work, "own-apart");
     let bench = &summary(work, "own-apart")["bench"];
     assert_eq!(bench["can"].as_array().map(Vec::len), Some(2), "{bench}");
-    if missed + extrapolated == 0 {
+    let skew = bench["own_clock"]["largest_skew_s"].as_f64().unwrap();
+    if missed + late == 0 && skew < HALF_A_LONG_TICK_S {
         assert_eq!(bench["bit_for_bit"], true, "{bench}");
+    } else {
+        eprintln!(
+            "NOT CHECKED, a guest that was held up: bits of loopback between buses: {}",
+            bench["own_clock"]
+        );
     }
 }
 
