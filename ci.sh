@@ -203,7 +203,7 @@ install_emulated() {
 }
 
 # Python packages that read what `export` writes, from PyPI, in the versions of a lock file.
-has_readers() { [[ -x $READERS/bin/python ]] && "$READERS/bin/python" -c 'import cantools, networkx' 2>/dev/null; }
+has_readers() { [[ -x $READERS/bin/python ]] && "$READERS/bin/python" -c 'import cantools, mcap, networkx' 2>/dev/null; }
 
 setup_readers() {
     has_readers || (install_readers) || say "no readers of other makers, so none of them reads what export writes"
@@ -212,12 +212,12 @@ setup_readers() {
 install_readers() {
     local log=$READERS.log
     python3 -c 'import ensurepip' 2>/dev/null || apt_install python3-venv
-    say "installing cantools and networkx from PyPI"
+    say "installing cantools, mcap and networkx from PyPI"
     mkdir -p "$(dirname "$READERS")"
     {
         python3 -m venv "$READERS" \
             && timeout 300 "$READERS/bin/pip" install --no-deps --only-binary :all: --require-hashes -r tests/readers/requirements.txt
-    } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "cantools and networkx cannot be installed (the whole output: $log)"; }
+    } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "cantools, mcap and networkx cannot be installed (the whole output: $log)"; }
 }
 
 cmd_fmt() { #: check the format of every Rust file
@@ -249,7 +249,7 @@ cmd_python() { #: lint the Python tools, and try the checks of images on small i
 
 cmd_unit() { #: unit, property and golden tests on the host
     # The tests themselves say so where nobody looks: what a passing test prints is not shown.
-    has_readers || say "SKIPPED exports as other makers read them: no cantools and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
+    has_readers || say "SKIPPED exports as other makers read them: no cantools, mcap and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
     cargo test --locked --workspace
     cargo test --locked --package funnelnet-can-bus --features pcapng --lib
 }

@@ -46,6 +46,7 @@ pub fn options(on: Fidelity) -> RunOptions {
         },
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

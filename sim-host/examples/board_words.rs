@@ -76,6 +76,7 @@ fn options() -> RunOptions {
         image: PathBuf::new(),
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

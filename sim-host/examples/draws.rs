@@ -21,6 +21,7 @@ fn options() -> RunOptions {
         image: "".into(),
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

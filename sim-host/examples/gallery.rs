@@ -142,6 +142,7 @@ fn options(scenario: &Scenario) -> RunOptions {
         image: PathBuf::new(),
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

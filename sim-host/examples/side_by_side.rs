@@ -64,6 +64,7 @@ fn rows(file: &str, sets: &[&str]) -> Vec<Row> {
         image: "".into(),
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

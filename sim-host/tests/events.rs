@@ -57,6 +57,7 @@ fn options(on: Fidelity) -> RunOptions {
         image: PathBuf::new(),
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

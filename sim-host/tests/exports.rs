@@ -32,11 +32,11 @@ fn sim_host(arguments: &[&str]) -> (Option<i32>, String, String) {
 /// Python with the readers, or none, said aloud.
 fn python() -> Option<PathBuf> {
     let python = repository().join("target/readers/bin/python");
-    let has_readers =
-        python.exists() && said(Command::new(&python).args(["-c", "import cantools, networkx"])).0 == Some(0);
+    let has_readers = python.exists()
+        && said(Command::new(&python).args(["-c", "import cantools, mcap, networkx"])).0 == Some(0);
     if !has_readers {
         eprintln!(
-            "SKIPPED: no cantools and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
+            "SKIPPED: no cantools, mcap and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
         );
     }
     has_readers.then_some(python)

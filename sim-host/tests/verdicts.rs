@@ -53,6 +53,7 @@ fn options(on: Fidelity, every_ticks: Option<u64>) -> RunOptions {
         image: PathBuf::new(),
         bench: None,
         bus_logs: Default::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

@@ -294,13 +294,13 @@ pub(super) struct BenchArgs {
     #[arg(long, value_name = "bench.toml", required_unless_present = "list")]
     pub(super) bench: Option<PathBuf>,
     /// Run nothing; ask every serial port, and those of the bench file, who is there
-    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
+    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "out", "every", "json", "junit", "no_can_log", "pcapng", "mcap"])]
     pub(super) list: bool,
     /// Run nothing; store the scenario's configurations in all nodes, or in none, so that they survive a restart
-    #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
+    #[arg(long, conflicts_with_all = ["list", "out", "every", "json", "junit", "no_can_log", "pcapng", "mcap"])]
     pub(super) commission: bool,
     /// Run nothing; make all nodes of the bench file blank at their next start
-    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "list", "commission", "out", "every", "json", "junit", "no_can_log", "pcapng"])]
+    #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "list", "commission", "out", "every", "json", "junit", "no_can_log", "pcapng", "mcap"])]
     pub(super) erase: bool,
     #[command(flatten)]
     pub(super) output: OutputArgs,
@@ -327,6 +327,9 @@ pub(super) struct OutputArgs {
     /// Also write can.pcapng into the folder: the same for Wireshark, with times in nanoseconds
     #[arg(long, requires = "out")]
     pub(super) pcapng: bool,
+    /// Also write run.mcap into the folder: rows and events for Foxglove and PlotJuggler
+    #[arg(long, requires = "out")]
+    pub(super) mcap: bool,
     /// Firmware image (ELF) for emulated nodes [default: firmware/target/thumbv7em-none-eabihf/release/mps2_an386]
     #[arg(long, value_name = "FILE")]
     pub(super) image: Option<PathBuf>,

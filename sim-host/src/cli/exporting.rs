@@ -12,7 +12,7 @@ use std::path::Path;
 pub(super) fn export_command(args: &ExportArgs) -> Result<Exit, Failure> {
     let scenario = &args.source.scenario;
     let named = (scenario.clone(), format!("the scenario {}", scenario.display()));
-    let read = files_named_in(scenario).into_iter();
+    let read = files_named_in(scenario, &args.source.settings.set).into_iter();
     let read = read.map(|path| (path.clone(), format!("{}, a file that the scenario reads", path.display())));
     for (path, what) in std::iter::once(named).chain(read) {
         if let Some(out) = args.out.as_deref().filter(|out| is_one_file(out, &path)) {

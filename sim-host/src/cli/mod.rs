@@ -138,7 +138,7 @@ fn usage(error: &clap::Error) -> Exit {
 
 fn run_command(args: &RunArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
     let command = command(arguments);
-    let wanted = wanted(&args.source.scenario, None, &args.output, &command);
+    let wanted = wanted(&args.source.scenario, &args.source.settings.set, None, &args.output, &command);
     execute(&wanted, args.on, &args.output, arguments, || {
         Ok(match args.source.load_any()? {
             AnyScenario::Wired(_) if !args.nodes.is_empty() || args.threads.is_some() => {
@@ -175,7 +175,7 @@ fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failu
         }
         Some(scenario) => {
             let command = command(arguments);
-            let wanted = wanted(scenario, args.bench.as_deref(), &args.output, &command);
+            let wanted = wanted(scenario, &args.settings.set, args.bench.as_deref(), &args.output, &command);
             execute(&wanted, Fidelity::Bench, &args.output, arguments, || {
                 let bench = bench()?;
                 Ok((Asked::Wired(Box::new(args.settings.load(scenario)?)), bench))
@@ -191,12 +191,14 @@ fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failu
 
 fn wanted<'a>(
     scenario: &'a Path,
+    sets: &'a [Override],
     bench: Option<&'a Path>,
     output: &'a OutputArgs,
     command: &'a str,
 ) -> Wanted<'a> {
     Wanted {
         scenario,
+        sets,
         bench,
         out: output.out.as_deref(),
         json: output.json.as_deref(),
@@ -304,6 +306,7 @@ fn options(
         json: args.json.clone(),
         junit: args.junit.clone(),
         bus_logs: BusLogs { log: !args.no_can_log, capture: args.pcapng },
+        mcap: args.mcap,
         verbosity: match (args.quiet, args.verbose) {
             (true, _) => Verbosity::Quiet,
             (_, true) => Verbosity::Verbose,

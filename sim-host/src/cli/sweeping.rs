@@ -55,7 +55,7 @@ fn design(args: &SweepArgs) -> Result<Design, String> {
 fn request(args: &SweepArgs, arguments: &[OsString]) -> Result<Request, Failure> {
     let scenario = &args.source.scenario;
     let scenario = if is_standard_input(scenario) { PathBuf::from("/dev/stdin") } else { scenario.clone() };
-    let read = files_named_in(&args.source.scenario);
+    let read = files_named_in(&args.source.scenario, &args.source.settings.set);
     let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
     let program =
         arguments.first().map_or("sim-host".into(), |program| program.to_string_lossy().into_owned());

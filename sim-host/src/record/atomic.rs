@@ -155,6 +155,18 @@ impl AtomicFile {
     }
 }
 
+/// For libraries that write.
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.write(|out| out.write_all(bytes)).map_err(|error| error.reason)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 /// A reader that went away (`| head`) has had enough, and is no failure.
 fn reader_may_leave(written: io::Result<()>) -> io::Result<()> {
     match written {

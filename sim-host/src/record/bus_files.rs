@@ -3,7 +3,6 @@
 
 use super::atomic::{AtomicFile, RecordError};
 use funnelnet_can_bus::{Capture, Line, Record};
-use std::io::{self, Write};
 use std::path::Path;
 
 /// What was on a bus: its index among the interfaces, and what.
@@ -36,7 +35,7 @@ impl BusLogs {
 pub struct BusFiles {
     interfaces: Vec<String>,
     log: Option<AtomicFile>,
-    capture: Option<Capture<Streamed>>,
+    capture: Option<Capture<AtomicFile>>,
 }
 
 impl BusFiles {
@@ -52,7 +51,7 @@ impl BusFiles {
             let file = create("can.pcapng")?;
             let path = file.path().to_owned();
             let names: Vec<_> = interfaces.iter().map(String::as_str).collect();
-            Capture::new(Streamed(file), &names).map_err(|reason| RecordError { path, reason })
+            Capture::new(file, &names).map_err(|reason| RecordError { path, reason })
         });
         Ok(Self { capture: capture.transpose()?, interfaces, log })
     }
@@ -80,20 +79,6 @@ impl BusFiles {
 
     /// The whole files, under their temporary names.
     pub fn into_files(self) -> impl Iterator<Item = AtomicFile> {
-        self.log.into_iter().chain(self.capture.map(|capture| capture.into_inner().0))
-    }
-}
-
-/// A file as a library wants it.
-struct Streamed(AtomicFile);
-
-impl Write for Streamed {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(|out| out.write_all(bytes)).map_err(|error| error.reason)?;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
+        self.log.into_iter().chain(self.capture.map(|capture| capture.into_inner()))
     }
 }

@@ -5,6 +5,7 @@
 mod atomic;
 mod bus_files;
 mod junit;
+mod mcap_file;
 mod rights;
 mod summary;
 mod summary_text;
@@ -16,6 +17,7 @@ pub use atomic::{AtomicFile, RecordError, is_standard_output, place_new, write_a
 pub use bus_files::{BusFiles, BusLogs, OnBus};
 pub use funnelnet_sim::trace_hash::TraceHash;
 pub use junit::{JunitError, junit, junit_error};
+pub use mcap_file::{Gravity, RECORDING, Recording};
 pub use rights::remove_earlier;
 pub use summary::{
     BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, ClockSummary,

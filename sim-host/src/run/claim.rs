@@ -154,8 +154,15 @@ mod tests {
 
     fn claim(junit: &Path) -> Claim {
         let scenario = Path::new("a.toml");
-        let wanted =
-            Wanted { scenario, bench: None, out: None, json: None, junit: Some(junit), command: "sim-host" };
+        let wanted = Wanted {
+            scenario,
+            sets: &[],
+            bench: None,
+            out: None,
+            json: None,
+            junit: Some(junit),
+            command: "sim-host",
+        };
         Claim::take(&wanted).unwrap()
     }
 

@@ -93,6 +93,7 @@ fn refuse(options: &RunOptions) -> Result<(), RunError> {
     let name = match (options.bus_logs, options.verbosity) {
         (BusLogs { capture: true, .. }, _) => "--pcapng: there is no CAN bus in this run",
         (BusLogs { log: false, .. }, _) => "--no-can-log: there is no CAN bus in this run",
+        _ if options.mcap => "--mcap: there are no columns per node in this run",
         (_, Verbosity::Verbose) => "--verbose: nodes report nothing in this run",
         _ => return Ok(()),
     };

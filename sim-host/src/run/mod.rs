@@ -26,6 +26,7 @@ mod rows;
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
+mod told;
 
 pub use claim::Claim;
 pub use commission::{commission, erase};
@@ -61,6 +62,7 @@ use std::time::Instant;
 pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
     let wanted = Wanted {
         scenario: &scenario.path,
+        sets: &[],
         bench: options.bench.as_ref().map(|file| file.path.as_path()),
         out: options.out.as_deref(),
         json: options.json.as_deref(),
@@ -103,11 +105,14 @@ fn tell_events(scenario: &Scenario, outcome: &Outcome, options: &RunOptions) {
         Verbosity::Quiet => false,
     };
     let time = &scenario.time;
-    let mut told = output::events(outcome.events.iter().filter(|event| is_told(&event.event)), time);
+    let events = outcome.events.iter().filter(|event| is_told(&event.event));
     let more = outcome.more_events.iter().filter(|more| is_told(&more.last.event));
-    told.extend(more.map(|more| output::counted(more, time)));
+    let told: Vec<_> = events
+        .map(|event| told::of_node(event, time))
+        .chain(more.map(|more| told::counted(more, time)))
+        .collect();
     // Nobody is left to tell where standard error is closed.
-    let _ = std::io::stderr().write_all(told.as_bytes());
+    let _ = std::io::stderr().write_all(told::lines(&told).as_bytes());
 }
 
 /// Runs `scenario` and gives everything that was seen, all rows among it; writes nothing.

@@ -1,5 +1,6 @@
 //! The names of the files that this program leaves in a folder.
 
+use crate::record::RECORDING;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +22,7 @@ pub const LOCK: &str = ".sim-host.lock";
 pub const SWEEP: &str = "sweep.json";
 
 /// Files of every command but `sweep`.
-const FILES: [&str; 16] = [
+const FILES: [&str; 17] = [
     SUMMARY,
     TRAJECTORY,
     QUANTILES,
@@ -36,6 +37,7 @@ const FILES: [&str; 16] = [
     "bench.csv",
     "can.log",
     "can.pcapng",
+    RECORDING,
     REPORT,
     LOCK,
 ];

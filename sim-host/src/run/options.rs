@@ -65,6 +65,8 @@ pub struct RunOptions {
     pub bench: Option<BenchFile>,
     /// Logs of CAN in the folder.
     pub bus_logs: BusLogs,
+    /// Whether rows and events go into `run.mcap`, too; without an `out` there is none.
+    pub mcap: bool,
     /// How much is said on the terminal.
     pub verbosity: Verbosity,
     /// Set when the user wants to stop.

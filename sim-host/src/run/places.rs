@@ -3,7 +3,7 @@
 use super::names;
 use crate::printable::printable;
 use crate::record::is_standard_output;
-use crate::scenario::is_standard_input;
+use crate::scenario::{Override, is_standard_input};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Component, Path, PathBuf};
@@ -13,6 +13,8 @@ use std::path::{Component, Path, PathBuf};
 pub struct Wanted<'a> {
     /// The scenario; `-` is standard input.
     pub scenario: &'a Path,
+    /// What replaces values of it.
+    pub sets: &'a [Override],
     /// The bench file.
     pub bench: Option<&'a Path>,
     /// Folder of outputs.
@@ -81,7 +83,7 @@ impl Wanted<'_> {
             false => Named::new(format!("the scenario {}", shown(self.scenario)), self.scenario),
         };
         let bench = self.bench.map(|path| Named::new(format!("the bench file {}", shown(path)), path));
-        let read = files_named_in(self.scenario).into_iter();
+        let read = files_named_in(self.scenario, self.sets).into_iter();
         let read = read.map(|path| Named::new(format!("{}, which the scenario reads", shown(&path)), &path));
         [Some(scenario), bench].into_iter().flatten().chain(read).collect()
     }
@@ -115,20 +117,26 @@ pub fn overwritten(folder: &Path, names: &[&str], inputs: &[PathBuf]) -> Option<
     })
 }
 
-/// The files that a scenario's text names by `file = "..."`: a graph, a time series. They are looked for before it is read, since what is in the
-/// way of outputs goes first; what a comment names is safe, too.
+/// The files that a scenario's text, or what replaces a part of it, names by `file = "..."`: a graph, a time series. They are looked for before it
+/// is read, since what is in the way of outputs goes first; what a comment names is safe, too.
 #[must_use]
-pub fn files_named_in(scenario: &Path) -> Vec<PathBuf> {
+pub fn files_named_in(scenario: &Path, sets: &[Override]) -> Vec<PathBuf> {
     // A pipe gives its text once, to whoever reads the scenario; a device has no end.
     let is_file = !is_standard_input(scenario) && scenario.is_file();
     let text = if is_file { fs::read_to_string(scenario).unwrap_or_default() } else { String::new() };
     let folder = scenario.parent().unwrap_or(Path::new(""));
-    let name = |rest: &str| {
+    let quoted = |rest: &str| {
         let value = rest.trim_start_matches(['"', '\'']).trim_start().strip_prefix('=')?.trim_start();
         let quote = value.chars().next().filter(|quote| ['"', '\''].contains(quote))?;
-        Some(folder.join(value.get(1..)?.split(quote).next()?))
+        Some(value.get(1..)?.split(quote).next()?.to_owned())
     };
-    text.split("file").skip(1).filter_map(name).collect()
+    let settings: Vec<_> = sets.iter().map(Override::setting).collect();
+    // A bare string needs no quotes.
+    let bare = settings.iter().filter_map(|setting| setting.split_once("file="));
+    let bare = bare.map(|(_, value)| value.trim().trim_matches(['"', '\'']).to_owned());
+    let texts = std::iter::once(&text).chain(&settings);
+    let named = texts.flat_map(|text| text.split("file").skip(1).filter_map(quoted));
+    named.chain(bare).map(|name| folder.join(name)).collect()
 }
 
 /// Whether two names are of one file, by path, through links, or as another name of it.
@@ -209,7 +217,7 @@ mod tests {
     }
 
     fn wanted<'a>(scenario: &'a Path, json: &'a Path) -> Wanted<'a> {
-        Wanted { scenario, bench: None, out: None, json: Some(json), junit: None, command: "" }
+        Wanted { scenario, sets: &[], bench: None, out: None, json: Some(json), junit: None, command: "" }
     }
 
     #[test]
@@ -234,6 +242,21 @@ mod tests {
     }
 
     #[test]
+    fn files_that_a_setting_brings_in_are_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("a.toml"), "graph = { file = 'old.csv' }").unwrap();
+        for setting in ["graph.file=g.csv", "graph.file='g.csv'", "graph={ file = \"g.csv\" }"] {
+            let sets = [Override::parse(setting).unwrap()];
+            for (name, count) in [("g.csv", 1), ("old.csv", 1), ("other.csv", 0)] {
+                let (scenario, json) = (at("a.toml"), at(name));
+                let found = clashes(Wanted { sets: &sets, ..wanted(&scenario, &json) });
+                assert_eq!(found.len(), count, "{setting} {name}");
+            }
+        }
+    }
+
+    #[test]
     fn outputs_that_are_not_there_yet_are_compared_too() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
@@ -242,6 +265,7 @@ mod tests {
             (at("a.toml"), at("new"), at("dangling"), at("x/../new/./can.log"));
         let wanted = Wanted {
             scenario: &scenario,
+            sets: &[],
             bench: None,
             out: Some(&out),
             json: Some(&json),

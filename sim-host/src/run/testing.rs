@@ -15,6 +15,7 @@ pub(crate) fn options(on: Fidelity) -> RunOptions {
         image: std::path::PathBuf::new(),
         bench: None,
         bus_logs: BusLogs::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: Interrupt::default(),
         repeat: String::new(),

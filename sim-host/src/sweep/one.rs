@@ -87,6 +87,7 @@ fn options(interrupt: &Interrupt) -> RunOptions {
         image: std::path::PathBuf::new(),
         bench: None,
         bus_logs: BusLogs::default(),
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: interrupt.clone(),
         repeat: String::new(),

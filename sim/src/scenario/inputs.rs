@@ -252,7 +252,7 @@ fn read_column(path: &Path, time: &str, column: &str) -> Column {
     let mut points: Vec<(f64, f64)> = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|error| format!("{shown}: {error}"))?;
-        let line = record.position().map_or(0, csv::Position::line);
+        let line = super::csv_line::line_of(&text, &record);
         let number = |at: usize| {
             let text = record.get(at).unwrap_or("");
             let number = text.parse::<f64>().ok().filter(|number| number.abs() <= params::LARGEST);

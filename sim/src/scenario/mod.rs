@@ -9,6 +9,7 @@ mod bus;
 mod clock;
 mod components;
 mod coupling;
+mod csv_line;
 mod damping;
 mod diagnostic;
 mod duration;

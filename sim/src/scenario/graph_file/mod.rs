@@ -3,6 +3,7 @@
 #[cfg(feature = "graphml")]
 mod graphml;
 
+use super::csv_line::line_of;
 use super::graph::Edge;
 use super::network::{EDGE_WEIGHT, MAX_NODES};
 use std::collections::BTreeMap;
@@ -71,14 +72,18 @@ fn csv_edges(text: &str) -> Found {
     let at = |name: &str| headers.iter().position(|header| header == name);
     let need = |name: &str| {
         let has = headers.iter().collect::<Vec<_>>().join(", ");
-        at(name)
-            .ok_or_else(|| format!(", line 1: has no column '{name}', as in from,to,weight; it has {has}"))
+        at(name).ok_or_else(|| {
+            format!(
+                ", line {}: has no column '{name}', as in from,to,weight; it has {has}",
+                line_of(text, &headers)
+            )
+        })
     };
     let (from, to, weight) = (need("from")?, need("to")?, at("weight"));
     let (mut nodes, mut edges) = (0, Vec::new());
     for record in reader.records() {
         let record = record.map_err(|error| format!(": {error}"))?;
-        let line = record.position().map_or(0, csv::Position::line);
+        let line = line_of(text, &record);
         let field = |at: usize| record.get(at).unwrap_or("");
         let edge = edge(line, field(from), field(to), weight.map(field).filter(|text| !text.is_empty()))?;
         nodes = nodes.max(edge.from).max(edge.to);
@@ -176,6 +181,8 @@ mod tests {
     fn what_is_wrong_with_csv_names_line_and_value() {
         let wrong = |text: &str| csv(text).unwrap_err();
         assert_eq!(wrong("1,2\n2,3\n"), "F, line 1: has no column 'from', as in from,to,weight; it has 1, 2");
+        assert!(wrong("# a\n\nto\n1\n").starts_with("F, line 3: has no column 'from'"));
+        assert!(wrong("# a\nfrom,to\n# b\n1,2\n\n0,1\n").starts_with("F, line 6: '0' must be"));
         assert_eq!(
             wrong("from,to\n1,2\n0,1\n"),
             "F, line 3: '0' must be an id, a whole number from 1 to 1000000"

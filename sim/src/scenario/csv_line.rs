@@ -1,0 +1,38 @@
+//! The line of a record of CSV. The reader gives where it began to look for the record, which is before empty lines
+//! and comments.
+
+use csv::StringRecord;
+
+/// Line of `record` in `text`, from 1.
+pub(super) fn line_of(text: &str, record: &StringRecord) -> u64 {
+    let Some(position) = record.position() else { return 1 };
+    let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or("");
+    // Where lines end in two characters the reader has taken the first and counts lines by the second, which is an empty line here.
+    let skipped = rest.lines().take_while(|line| line.is_empty() || line.starts_with('#')).count();
+    position.line() + skipped as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(text: &str) -> Vec<(String, u64)> {
+        let mut reader =
+            csv::ReaderBuilder::new().comment(Some(b'#')).has_headers(false).from_reader(text.as_bytes());
+        reader
+            .records()
+            .map(|record| record.unwrap())
+            .map(|record| (record[0].to_owned(), line_of(text, &record)))
+            .collect()
+    }
+
+    #[test]
+    fn empty_lines_and_comments_are_lines() {
+        for end in ["\n", "\r\n"] {
+            let text = ["# what", "a", "", "# why", "", "b", "c", "# end", "d"].join(end);
+            let expected =
+                [("a", 2), ("b", 6), ("c", 7), ("d", 9)].map(|(name, line)| (name.to_owned(), line));
+            assert_eq!(lines(&text), expected, "{end:?}");
+        }
+    }
+}
