@@ -676,11 +676,12 @@ cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where
     tests/shards/run.sh target/release/sim-host
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, shards on HyperQueue and Slurm; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, shards on HyperQueue and Slurm; an hour
     cmd_sweep
     cmd_shards
     cmd_same-bits
     cargo test --locked -p sim-host --test memory -- --ignored --nocapture
+    cargo test --locked -p sim-host --features parquet --lib --test sweep parquet
     cargo test --release --locked -p system-tests --test properties --test outages --test editions -- --ignored --nocapture
     FUNNEL_EXTENDED=1 cmd_boards-run
     fuzz/run.sh --runs 10000000 can can_fd link node serial service session store

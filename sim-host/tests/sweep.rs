@@ -642,3 +642,25 @@ fn the_page_of_the_book_names_every_option() {
         assert!(page.contains(name), "{name} is not in docs/book/src/sweeps.md");
     }
 }
+
+/// The same in one process and in shards, the last of which writes it; without the feature nothing is begun.
+#[test]
+fn a_whole_sweep_leaves_parquet_where_the_build_has_it() {
+    let place = Place::new();
+    let sweep = ["--grid", "bus.loss=0.0,0.1", "--seeds", "2", "--parquet", "--out"];
+    let alone = place.sweep(&[&sweep[..], &["alone"]].concat());
+    if !sim_host::sweep::HAS_PARQUET {
+        alone.refused(&["--parquet: this build writes no Parquet", "--features parquet"]);
+        assert!(!place.at("alone").exists());
+        return;
+    }
+    assert_eq!(alone.code, Some(0), "{}", alone.err);
+    for (shard, is_last) in [("1/2", false), ("2/2", true)] {
+        assert_eq!(place.sweep(&[&sweep[..], &["shards", "--shard", shard]].concat()).code, Some(0));
+        assert_eq!(place.at("shards/runs.parquet").exists(), is_last);
+    }
+    for folder in ["alone", "shards"] {
+        let bytes = fs::read(place.at(&format!("{folder}/runs.parquet"))).unwrap();
+        assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
+    }
+}

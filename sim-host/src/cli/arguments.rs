@@ -384,6 +384,9 @@ pub(super) struct SweepArgs {
     /// A run that is refused is a row, and not the end of the sweep
     #[arg(long)]
     pub(super) allow_refused: bool,
+    /// Once every run is there, also write runs.parquet: the table with a type for each column; takes a build with --features parquet
+    #[arg(long)]
+    pub(super) parquet: bool,
     /// Say nothing but errors and runs that do not pass
     #[arg(short, long)]
     pub(super) quiet: bool,

@@ -8,12 +8,18 @@ use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
 use crate::run::files_named_in;
 use crate::scenario::{Source, is_standard_input};
-use crate::sweep::{Design, Done, List, Method, Plan, Quoting, Request, execute};
+use crate::sweep::{Design, Done, HAS_PARQUET, List, Method, Plan, Quoting, Request, execute};
 use std::ffi::OsString;
 use std::num::NonZero;
 use std::path::PathBuf;
 
 pub(super) fn sweep_command(args: &SweepArgs, arguments: &[OsString]) -> Result<Exit, Failure> {
+    if args.parquet && !HAS_PARQUET {
+        return Err(Failure::bad_input(
+            "--parquet: this build writes no Parquet; build it with cargo build --package sim-host --features parquet"
+                .to_owned(),
+        ));
+    }
     let design = design(args).map_err(Failure::bad_input)?;
     let named = &args.source.scenario;
     let source = Source::read(named).map_err(|errors| Failure::bad_input(errors.to_string()))?;
@@ -66,6 +72,7 @@ fn request(args: &SweepArgs, arguments: &[OsString]) -> Result<Request, Failure>
         resumes: args.resume,
         jobs: args.jobs.map_or_else(cores, usize::from),
         may_refuse: args.allow_refused,
+        parquet: args.parquet,
         is_quiet: args.quiet,
         interrupt: Interrupt::on_signals()?,
         command: command(arguments),

@@ -9,6 +9,8 @@ mod identity;
 mod list;
 mod merge;
 mod one;
+#[cfg(feature = "parquet")]
+mod parquet_table;
 mod plan;
 mod progress;
 mod range;
@@ -55,6 +57,8 @@ pub struct Request {
     pub resumes: bool,
     /// Threads.
     pub jobs: usize,
+    /// Writes `runs.parquet`, too, once every run is there; see [`HAS_PARQUET`].
+    pub parquet: bool,
     /// A run that is refused is a row, and not the end of the sweep.
     pub may_refuse: bool,
     /// Says nothing but errors.
@@ -66,6 +70,11 @@ pub struct Request {
     /// How commands are told.
     pub quoting: Quoting,
 }
+
+/// Whether this build can write Parquet.
+pub const HAS_PARQUET: bool = cfg!(feature = "parquet");
+/// Its name.
+const PARQUET: &str = "runs.parquet";
 
 /// How a command is written for a shell.
 #[derive(Clone)]
@@ -106,7 +115,9 @@ pub struct Done {
 pub fn execute(plan: &Plan, request: &Request) -> Result<Done, RunError> {
     plan.check().map_err(RunError::bad_input)?;
     let path = request.out.join(request.shard.map_or_else(|| TABLE.to_owned(), Shard::file));
-    if let Some(clash) = overwritten(&request.out, &[SWEEP_FILE, &name_of(&path), TABLE], &request.inputs) {
+    if let Some(clash) =
+        overwritten(&request.out, &[SWEEP_FILE, &name_of(&path), TABLE, PARQUET], &request.inputs)
+    {
         return Err(RunError::bad_input(clash));
     }
     let folder = Folder::share(&request.out)?;
@@ -132,6 +143,9 @@ pub fn execute(plan: &Plan, request: &Request) -> Result<Done, RunError> {
     let wanted = done.len() + runs.len();
     let is_whole = tally.total() == wanted as u64;
     let is_merged = is_whole && request.shard.is_some() && merge(&request.out)?;
+    if request.parquet && is_whole && (is_merged || request.shard.is_none()) {
+        write_parquet(&request.out)?;
+    }
     let verdicts = tally.exit(request.may_refuse);
     Ok(Done {
         tally,
@@ -149,6 +163,19 @@ fn merge(folder: &Path) -> Result<bool, RunError> {
         Some(recorded) if recorded.is_complete() => recorded.merge(folder).map(|()| true),
         _ => Ok(false),
     }
+}
+
+#[cfg(feature = "parquet")]
+fn write_parquet(folder: &Path) -> Result<(), RunError> {
+    match Recorded::read(folder)? {
+        Some(recorded) => Ok(parquet_table::write(folder, &recorded)?),
+        None => Ok(()),
+    }
+}
+
+#[cfg(not(feature = "parquet"))]
+fn write_parquet(_: &Path) -> Result<(), RunError> {
+    Err(RunError::bad_input("this build writes no Parquet"))
 }
 
 fn name_of(path: &Path) -> String {
@@ -220,7 +247,10 @@ fn begin(
     is_new: bool,
 ) -> Result<(), RunError> {
     let out = &request.out;
-    let is_table = |name: &str| name == SWEEP_FILE || (name.starts_with("runs") && name.ends_with(".csv"));
+    let is_table = |name: &str| {
+        name == SWEEP_FILE
+            || (name.starts_with("runs") && (name.ends_with(".csv") || name.ends_with(".parquet")))
+    };
     remove_abandoned(out, |name| is_ours(name) || is_table(name));
     if is_new {
         folder.clear()?;
