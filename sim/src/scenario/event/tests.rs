@@ -283,14 +283,21 @@ fn sensors_and_actuators_fail_in_one_way_each() {
     // Serial lines have no other events.
     read(&format!("{fails}\nbus.model = 'uart'"));
     let mixed = "event = [{ at = '1s', kind = 'sensor', node = 1, offset = 1 }, { at = '1s', kind = 'crash', node = 2 }]";
-    assert!(refused(&format!("{mixed}\nbus.model = 'uart'")).contains("event[1]: must not be there with this bus.model"));
+    assert!(
+        refused(&format!("{mixed}\nbus.model = 'uart'"))
+            .contains("event[1]: must not be there with this bus.model")
+    );
     for (rest, words) in [
         ("clock = { drift_ppm = 10 }", "must not be there beside an [[event]] of kind sensor or actuator"),
         ("time.round = '2ms'", "must not be there with time.round"),
         ("time.slow_start = '10ms'", "must not be there with time.slow_start"),
     ] {
         let (key, text) = (rest.starts_with("time."), text(&fails));
-        let text = if key { text.replace("duration = \"2s\"", &format!("duration = \"2s\", {}", &rest[5..])) } else { format!("{text}{rest}\n") };
+        let text = if key {
+            text.replace("duration = \"2s\"", &format!("duration = \"2s\", {}", &rest[5..]))
+        } else {
+            format!("{text}{rest}\n")
+        };
         let found = Scenario::parse(&text, Path::new("a.toml"), &[]).map(|_| ()).unwrap_err().to_string();
         assert!(found.contains(words), "{rest}\n{found}");
     }
