@@ -123,7 +123,7 @@ pub const KINDS: [Kind; 29] = [
         place.node_for("sensor", &format!("offset = {value:?}"))
     }),
     kind("sensor, stuck", "ideal", |place| place.node_for("sensor", "ramp = 0.0")),
-    kind("sensor, half the samples", "ideal", |place| place.node_for("sensor", "loss = 0.5")),
+    stopping(kind("sensor, half the samples", "ideal", |place| place.node_for("sensor", "loss = 0.5"))),
     kind("actuator, dead", "ideal", |place| place.node_for("actuator", "effectiveness = 0.0")),
     kind("actuator, limited", "ideal", |place| {
         let limit = place.between(0.1, 1.0);
