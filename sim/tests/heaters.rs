@@ -156,11 +156,11 @@ fn a_board_without_power_heats_nothing() {
 /// The sensor of heater 2 says 3 K more than there is: the nodes believe that they agree, and the verdict does not.
 #[test]
 fn a_sensor_that_is_wrong_deceives_the_nodes_and_not_the_verdict() {
-    let wrong = ["time.duration=300s", "event=[{at='100s',kind='sensor',node=2,offset=3}]"];
+    let wrong = ["event=[{at='400s',kind='sensor',node=2,offset=3}]"];
     let (verdict, blocks) = heat(&wrong, |_, _| {});
-    let (honest, whole) = heat(&wrong[..1], |_, _| {});
-    assert!(spread(&blocks) > spread(&whole) + 2.0, "{} {}", spread(&blocks), spread(&whole));
+    let (honest, whole) = heat(&[], |_, _| {});
+    assert!(spread(&blocks) > spread(&whole) + 1.0, "{} {}", spread(&blocks), spread(&whole));
     let (found, without) = (verdict.findings.final_spread.unwrap(), honest.findings.final_spread.unwrap());
     assert!((found - f64::from(spread(&blocks))).abs() < 0.2, "{found} {}", spread(&blocks));
-    assert!(found > without + 2.0, "{found} {without}");
+    assert!(found > without + 1.0 && !verdict.holds(), "{found} {without}");
 }

@@ -209,7 +209,7 @@ fn a_plant_goes_on_without_its_node() {
     let (mut x, tick) = (f64::from(states[999]), 1e-3);
     for k in 999..1300 {
         let t = f64::from(k) * tick;
-        x += tick * (-x + 1.0 + 2.0 * (3.0 * t).sin());
+        x += tick * (-x + 1.0 + 2.0 * funnelnet_law::math::sin(3.0 * t));
     }
     assert!((f64::from(states[1300]) - x).abs() < 0.02, "{} {x}", states[1300]);
     assert!((states[1300] - 0.5).abs() > 0.1);
