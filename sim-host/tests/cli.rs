@@ -253,7 +253,7 @@ fn networks_that_cannot_be_are_refused() {
 fn what_this_version_cannot_run_says_so() {
     refused_set(
         "event=[{at='1s',kind='set',node=1}]",
-        "event[0].kind = 'set': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor",
+        "event[0].kind = 'set': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor, sensor, actuator",
     );
 }
 

@@ -97,7 +97,7 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
 ) -> Result<Engine<M, V>, Refused> {
     let compute = scenario.nodes.iter().map(|node| node.compute_ns).collect();
     let engine = Engine::new(nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario)).with_compute(compute);
-    let engine = engine.with_lies(Lies::of(scenario));
+    let engine = engine.with_lies(Lies::of(scenario)).with_malfunctions(scenario);
     // Events of clocks are part of those.
     if scenario.stays_whole() {
         return Ok(engine.with_clocks(Clocks::of(scenario)));
@@ -113,8 +113,25 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
 /// See [`Refused`].
 pub fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<SimNode>, Refused> {
     let configs = node_configs(scenario, drive)?;
-    let params = accepted(&configs, scenario)?.into_iter();
-    Ok(params.zip(&configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
+    let params = accepted(&configs, scenario)?.into_iter().enumerate();
+    let node = |((index, params), config): ((usize, Params<f32, SimField>), &NodeConfig)| {
+        let params = with_plant(params, scenario, index)
+            .map_err(|error| Refused::Configuration { node: config.id, error })?;
+        Ok(Node::new(params, &config.neighbours))
+    };
+    params.zip(&configs).map(node).collect()
+}
+
+/// The parameters of a node, with its field for a plant where an event has its sensor or its actuator fail and it has none of its own.
+pub(crate) fn with_plant<V: VectorField<f32>>(
+    params: Params<f32, V>,
+    scenario: &Scenario,
+    index: usize,
+) -> Result<Params<f32, V>, ConfigError> {
+    if params.plant.is_some() || !scenario.has_plant(index) {
+        return Ok(params);
+    }
+    params.with_plant(engine::setup_of_own_field(scenario.components()))
 }
 
 /// Parameters that the nodes make of their configurations.

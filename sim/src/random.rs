@@ -44,6 +44,10 @@ pub enum Purpose {
     EventNoise = 26,
     /// Events by chance.
     Faults = 27,
+    /// Noise of a sensor at an event; an index is that of a node and 2^14 times that of the event.
+    SensorNoise = 28,
+    /// Samples that a sensor does not give.
+    SensorLoss = 29,
     /// Initial states that are drawn; from here on an index is that of a node.
     AgentState = 32,
     /// Slopes of fields.

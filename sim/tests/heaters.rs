@@ -152,3 +152,15 @@ fn a_board_without_power_heats_nothing() {
     assert!(drives[0] > 0.0 && drives[1] == 0.0, "{drives:?}");
     assert!(blocks[1].drive > 0.0, "{}", blocks[1].drive);
 }
+
+/// The sensor of heater 2 says 3 K more than there is: the nodes believe that they agree, and the verdict does not.
+#[test]
+fn a_sensor_that_is_wrong_deceives_the_nodes_and_not_the_verdict() {
+    let wrong = ["event=[{at='400s',kind='sensor',node=2,offset=3}]"];
+    let (verdict, blocks) = heat(&wrong, |_, _| {});
+    let (honest, whole) = heat(&[], |_, _| {});
+    assert!(spread(&blocks) > spread(&whole) + 1.0, "{} {}", spread(&blocks), spread(&whole));
+    let (found, without) = (verdict.findings.final_spread.unwrap(), honest.findings.final_spread.unwrap());
+    assert!((found - f64::from(spread(&blocks))).abs() < 0.2, "{found} {}", spread(&blocks));
+    assert!(found > without + 1.0 && !verdict.holds(), "{found} {without}");
+}

@@ -221,7 +221,7 @@ fn event(dice: &mut Dice, nodes: usize) -> String {
     let ids = |range: std::ops::RangeInclusive<usize>| {
         range.map(|id| id.to_string()).collect::<Vec<_>>().join(", ")
     };
-    let rest = match dice.below(16) {
+    let rest = match dice.below(18) {
         0 => format!("kind = \"bounce\"\nnode = {node}\nfor = \"{lasts}ms\""),
         1 => format!("kind = \"crash\"\nnode = {node}"),
         2 => format!("kind = \"leave\"\nnode = {node}"),
@@ -253,6 +253,24 @@ fn event(dice: &mut Dice, nodes: usize) -> String {
         12 => format!("kind = \"cut\"\nnode = {node}\nfor = \"{lasts}ms\""),
         13 => format!("kind = \"short\"\nfor = \"{}us\"", 100 + dice.below(5_000)),
         14 => format!("kind = \"babble\"\nnode = {node}\nfor = \"{lasts}ms\"\nid = {}", dice.below(2) * 2047),
+        15 => {
+            let fails = match dice.below(4) {
+                0 => said,
+                1 => format!("noise = {}", dice.between(0.01, 0.5)),
+                2 => format!("loss = {}", dice.between(0.05, 0.5)),
+                _ => format!("age = \"{}ms\"", 1 + dice.below(50)),
+            };
+            format!("kind = \"sensor\"\nnode = {node}\nfor = \"{lasts}ms\"\n{fails}")
+        }
+        16 => {
+            let fails = match dice.below(4) {
+                0 => format!("effectiveness = {}", dice.between(0.0, 0.9)),
+                1 => format!("limit = {}", dice.between(0.1, 2.0)),
+                2 => format!("constant = {}", dice.between(-5.0, 5.0)),
+                _ => format!("ramp = {}", dice.between(-5.0, 5.0)),
+            };
+            format!("kind = \"actuator\"\nnode = {node}\nfor = \"{lasts}ms\"\n{fails}")
+        }
         _ => format!("kind = \"join\"\nnode = {node}"),
     };
     format!("[[event]]\nat = \"{at}ms\"\n{rest}")

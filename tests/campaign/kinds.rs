@@ -73,7 +73,7 @@ impl Place {
 const CLOCKS: &str = "clock.drift_ppm = 50.0\nsync.period = \"100ms\"\n";
 
 /// All kinds of events of the book's page of faults.
-pub const KINDS: [Kind; 23] = [
+pub const KINDS: [Kind; 29] = [
     kind("crash", "ideal", |place| format!("kind = \"crash\"\nnode = {}", place.node)),
     kind("leave", "ideal", |place| format!("kind = \"leave\"\nnode = {}", place.node)),
     kind("bounce", "ideal", |place| place.node_for("bounce", "")),
@@ -118,6 +118,18 @@ pub const KINDS: [Kind; 23] = [
         let value = place.between(-2.0, 2.0);
         place.node_for("impostor", &format!("as = {}\noffset = {value:?}", place.other))
     })),
+    kind("sensor, an offset", "ideal", |place| {
+        let value = place.between(-1.0, 1.0);
+        place.node_for("sensor", &format!("offset = {value:?}"))
+    }),
+    kind("sensor, stuck", "ideal", |place| place.node_for("sensor", "ramp = 0.0")),
+    stopping(kind("sensor, half the samples", "ideal", |place| place.node_for("sensor", "loss = 0.5"))),
+    kind("actuator, dead", "ideal", |place| place.node_for("actuator", "effectiveness = 0.0")),
+    kind("actuator, limited", "ideal", |place| {
+        let limit = place.between(0.1, 1.0);
+        place.node_for("actuator", &format!("limit = {limit:?}"))
+    }),
+    kind("actuator, stuck", "ideal", |place| place.node_for("actuator", "ramp = 0.0")),
     Kind {
         name: "clock, a jump of up to a tick",
         bus: "can",

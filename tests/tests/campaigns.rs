@@ -85,13 +85,16 @@ fn one_event_of_any_kind_leaves_all_inside_but_where_a_node_has_stopped() {
         }
         // An event that does nothing to anybody would pass, too.
         let harms = match kind.name {
-            "bounce" | "join" | "liar, a constant" | "impostor" => borne < runs / 2,
+            "bounce" | "join" | "liar, a constant" | "impostor" | "sensor, an offset" => borne < runs / 2,
             "partition, in halves"
             | "corrupt, on the ideal bus"
             | "cut"
             | "short"
             | "babble"
-            | "liar, a ramp" => borne < runs,
+            | "liar, a ramp"
+            | "sensor, stuck"
+            | "actuator, dead"
+            | "actuator, limited" => borne < runs,
             "noise, one bit in 50" => stopped == runs,
             _ => true,
         };

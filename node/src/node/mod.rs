@@ -171,6 +171,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.params.id
     }
 
+    /// Its own vector field, as it was made for its tick period.
+    pub fn field(&self) -> &V {
+        &self.params.field
+    }
+
     /// Phase of the node's life.
     pub fn phase(&self) -> Phase {
         self.phase

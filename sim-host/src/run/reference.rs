@@ -169,6 +169,12 @@ fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
              that say their own states; run it with --on loopback, without reference_error among its expectations",
         ));
     }
+    if (0..scenario.nodes.len()).any(|index| scenario.has_plant(index)) {
+        return Err(RunError::bad_input(
+            "there is no reference for a scenario with an [[event]] of kind sensor or actuator: the continuous-time solution is that of nodes \
+             whose sensors and actuators work; run it with --on loopback, without reference_error among its expectations",
+        ));
+    }
     Ok(CoupledProblem {
         coupling: scenario.coupling,
         components: scenario.components(),

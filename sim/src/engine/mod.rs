@@ -4,15 +4,19 @@
 
 mod clock;
 mod clocks;
+mod devices;
 mod field;
 mod heard;
 mod lies;
+mod malfunctions;
+mod own_field;
 mod plants;
 mod world;
 
 pub use clocks::{Clocks, Skew};
 pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use lies::Lies;
+pub use own_field::{COAST_TICKS, setup as setup_of_own_field};
 pub use plants::{Driven, Plants};
 pub use world::World;
 
@@ -20,13 +24,15 @@ use crate::bus::ideal::IdealBus;
 use crate::bus::{Medium, Power, Traffic};
 use crate::noise::Noise;
 use crate::presence::Presence;
-use crate::scenario::Change;
+use crate::scenario::{Change, Scenario};
+use devices::Devices;
 use funnelnet_law::field::VectorField;
 use funnelnet_node::{Action, Event, Node, Observation, Phase};
 use funnelnet_protocol::can::CanFrame;
 use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
+use malfunctions::Malfunctions;
 use std::collections::VecDeque;
 
 /// An event of a node, with the node's index and the engine's time (ns).
@@ -60,7 +66,7 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     said: Vec<Message>,
     /// What nodes still compute, in the order of time.
     later: VecDeque<Later>,
-    plants: Plants,
+    devices: Devices<V>,
     /// Where events happen.
     world: Option<World<V>>,
     /// Where nodes have clocks of their own.
@@ -93,7 +99,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             compute: Vec::new(),
             said: Vec::new(),
             later: VecDeque::new(),
-            plants: Plants::default(),
+            devices: Devices::default(),
             world: None,
             clocks: None,
             wakes,
@@ -119,8 +125,23 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     }
 
     /// Lets nodes measure and drive these plants.
-    pub fn with_plants(self, plants: Plants) -> Self {
-        Self { plants, ..self }
+    pub fn with_plants(mut self, plants: Plants) -> Self {
+        for (index, plant) in plants.0.into_iter().enumerate() {
+            if let Some(plant) = plant {
+                self.devices.give(index, plant);
+            }
+        }
+        self
+    }
+
+    /// Lets sensors and actuators fail as the events of a scenario say. A node that is named there has its field for a plant, unless
+    /// [`Self::with_plants`] gives it another one.
+    pub fn with_malfunctions(mut self, scenario: &Scenario) -> Self {
+        for (index, node) in self.nodes.iter().enumerate().filter(|&(index, _)| scenario.has_plant(index)) {
+            let malfunctions = Malfunctions::of(scenario, index);
+            self.devices.give_field(index, node, scenario.time.tick_s(), malfunctions);
+        }
+        self
     }
 
     /// Adds the events of a world.
@@ -287,7 +308,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let first = index * fresh.components();
         self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
         *node = fresh;
-        self.plants.power_off(index);
+        self.devices.power_off(index);
         self.later.retain(|later| later.node != index);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = NEVER;
@@ -404,7 +425,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 }
                 Some(Action::Report(event)) => self.events.push(NodeEvent { at: now, node: index, event }),
                 Some(action @ (Action::Safe | Action::Sample | Action::Actuate)) => {
-                    self.plants.act(index, &action, node);
+                    self.devices.act(index, now, &action, node);
                 }
                 None => {}
             }
@@ -418,6 +439,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let first = index * seen.len();
         if let Some(slots) = self.observations.get_mut(first..first + seen.len()) {
             slots.copy_from_slice(seen);
+            self.devices.tell(index, slots);
         }
         if let Some(next) = self.wakes.get_mut(index) {
             *next = wake;

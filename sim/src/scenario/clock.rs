@@ -197,6 +197,12 @@ pub(super) fn make_sense(
     if events.iter().any(|event| event.kind.is_of_presence()) {
         refuse(item, "must not be there beside an [[event]] that takes nodes or links away, so far");
     }
+    if events.iter().any(|event| event.kind.is_of_plants()) {
+        refuse(
+            item,
+            "must not be there beside an [[event]] of kind sensor or actuator, so far: a plant keeps the true time",
+        );
+    }
     let on_can = bus.model.is_can();
     if let (Some(item), Some(_), false) = (root.get("sync"), sync, on_can) {
         refuse(item, "needs bus.model = \"can\" or \"can-fd\", where all hear a SYNC at the same time");

@@ -3,7 +3,10 @@
 use super::bus::MOST_BIT_ERRORS;
 use super::diagnostic::Problem;
 use super::duration::format_duration;
-use super::event::{Detail, EventKind, EventSpec, LAST_JOIN, Lie, MOST_EVENTS, OLDEST, Setting, Targets};
+use super::event::{
+    ActuatorFault, Detail, EventKind, EventSpec, LAST_JOIN, Lie, MOST_EVENTS, OLDEST, SensorFault, Setting,
+    Targets, no_plants,
+};
 use super::reader::{Log, Range, Section};
 use super::tree::{Item, Value};
 use super::{Coupling, Expect, Loss};
@@ -19,9 +22,11 @@ pub(super) const RATE: Range = Range::between(1e-6, 1e3, "1/s");
 pub(super) const BIT_ERRORS: Range = Range::between(1e-9, MOST_BIT_ERRORS, "of the bits");
 /// How far a drawn liar is from its state.
 pub(super) const OFFSET: Range = Range::any("state units");
+/// Part of its input that a drawn actuator does.
+pub(super) const EFFECTIVENESS: Range = Range::between(0.0, 1.0, "of the input");
 
 /// Kinds that come to an end by themselves, by name.
-pub(super) const KINDS: [EventKind; 11] = [
+pub(super) const KINDS: [EventKind; 13] = [
     EventKind::Bounce,
     EventKind::Partition,
     EventKind::Burst,
@@ -33,6 +38,8 @@ pub(super) const KINDS: [EventKind; 11] = [
     EventKind::Babble,
     EventKind::Liar,
     EventKind::Replayer,
+    EventKind::Sensor,
+    EventKind::Actuator,
 ];
 
 /// What is drawn.
@@ -48,6 +55,7 @@ pub(super) struct FaultsSpec<'a> {
     bit_errors: f64,
     offset: f64,
     age_ns: u64,
+    effectiveness: f64,
     item: &'a Item,
 }
 
@@ -70,6 +78,7 @@ pub(super) fn read<'a>(file: &mut Section<'a>, root: &'a Item) -> Option<FaultsS
         bit_errors: section.number("bit_errors", Some(1e-3), BIT_ERRORS),
         offset: section.number("offset", Some(1.0), OFFSET),
         age_ns: section.duration("age", Some(100_000_000)).max(1),
+        effectiveness: section.number("effectiveness", Some(0.0), EFFECTIVENESS),
         item,
     };
     section.finish();
@@ -139,18 +148,24 @@ fn is_sound(spec: &FaultsSpec<'_>, to: u64, last: u64, setting: &Setting<'_>) ->
             "must not be there with weakly-centralised coupling, which is simulated without nodes".to_owned(),
         );
     }
-    if setting.bus == super::BusModel::Uart {
-        refuse(
-            "",
-            "must not be there with this bus.model: events happen on the ideal bus and on CAN".to_owned(),
-        );
+    let of_plants = |kind: &EventKind| kind.is_of_plants();
+    if setting.bus == super::BusModel::Uart && !spec.kinds.iter().all(of_plants) {
+        let allowed = "must not be there with this bus.model: but for sensor and actuator, events happen on the ideal bus and on CAN";
+        refuse("", allowed.to_owned());
+    }
+    if let Some(why) = no_plants(setting.time).filter(|_| spec.kinds.iter().any(of_plants)) {
+        refuse("kinds", format!("sensor and actuator {why}"));
+    }
+    if spec.kinds.contains(&EventKind::Actuator) && spec.effectiveness >= 1.0 {
+        refuse("effectiveness", "must be below 1: that is no fault".to_owned());
     }
     if let Some(kind) = spec.kinds.iter().find(|kind| kind.is_of_wires() && !setting.bus.is_can()) {
         let needs = "which needs bus.model = \"can\" or \"can-fd\"";
         refuse("kinds", format!("must be without {}, {needs}", kind.name()));
     }
-    if spec.kinds.contains(&EventKind::Liar) && spec.offset == 0.0 {
-        refuse("offset", "must not be zero: that is no lie".to_owned());
+    let is_off = |kind: &EventKind| matches!(kind, EventKind::Liar | EventKind::Sensor);
+    if spec.kinds.iter().any(is_off) && spec.offset == 0.0 {
+        refuse("offset", "must not be zero: that is no lie, and no fault".to_owned());
     }
     let (shortest, longest) = spec.lasts_ns;
     if shortest > longest {
@@ -223,6 +238,13 @@ impl Chance<'_> {
             EventKind::Babble => vec![event(kind, of_node, Detail::Babble(0))],
             EventKind::Liar => vec![event(kind, of_node, Detail::Lie(Lie::Offset(spec.offset)))],
             EventKind::Replayer => vec![event(kind, of_node, Detail::Age(spec.age_ns))],
+            EventKind::Sensor => {
+                let fault = SensorFault::Gives(Lie::Offset(spec.offset));
+                vec![event(kind, of_node, Detail::Sensor(fault))]
+            }
+            EventKind::Actuator => {
+                vec![event(kind, of_node, Detail::Actuator(ActuatorFault::Part(spec.effectiveness)))]
+            }
             _ => Vec::new(),
         }
     }

@@ -53,8 +53,8 @@ pub use duration::{format_duration, parse_duration};
 pub use dynamics::Dynamics;
 pub(crate) use event::on_engine;
 pub use event::{
-    Absence, Change, ClockChange, Course, Detail, Disturbance, Does, EventKind, EventSpec, Harm, Lie,
-    NoisySpell, Spell, Step, Targets,
+    Absence, ActuatorFault, Change, ClockChange, Course, Detail, Disturbance, Does, EventKind, EventSpec,
+    Harm, Lie, NoisySpell, SensorFault, Spell, Step, Targets,
 };
 /// One sinusoid of a field.
 pub type Sine = funnelnet_law::field::Sine<f64>;

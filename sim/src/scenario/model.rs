@@ -78,6 +78,13 @@ impl Scenario {
         !self.events.iter().any(|event| event.kind.is_of_lies())
     }
 
+    /// Whether an event has the sensor or the actuator of the node with this index fail: in simulation it has a plant then, which is its field.
+    #[must_use]
+    pub fn has_plant(&self, index: usize) -> bool {
+        let of_it = |event: &EventSpec| event.kind.is_of_plants() && event.targets.nodes().contains(&index);
+        self.events.iter().any(of_it)
+    }
+
     /// Course of its events, step by step.
     #[must_use]
     pub fn course(&self) -> Course {

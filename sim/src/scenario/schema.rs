@@ -761,8 +761,37 @@ fn event() -> Value {
     let name = key("as", id(), "the node in whose name it speaks").like(json!(3)).required();
     let babbled =
         key("id", integer((0, event::LARGEST_ID)), "the 11-bit identifier of what it sends").or(json!(0));
-    let age =
-        key("age", span(), "how old the states are that are said once more").like(json!("100ms")).required();
+    let age = || key("age", span(), "how old the states are that are said once more").like(json!("100ms"));
+    let of_sensor = vec![
+        key("constant", number(event::SAID), "what is measured for a state").like(json!(3.0)),
+        key(
+            "ramp",
+            number(event::SLOPE),
+            "its slope per s, from the state at the begin; 0.0 for a sensor that is stuck",
+        )
+        .like(json!(0.0)),
+        key("offset", number(event::SAID), "how far it is from the state").like(json!(0.5)),
+        key("noise", number(event::DEVIATION), "standard deviation of what is measured").like(json!(0.05)),
+        key("loss", number(Range::positive_probability()), "probability that a sample fails")
+            .like(json!(0.5)),
+        key("age", span(), "how old what is measured is").like(json!("10ms")),
+    ];
+    let of_actuator = vec![
+        key(
+            "effectiveness",
+            number(event::PART),
+            "part of the input that is done; 0.0 for an actuator that is dead",
+        )
+        .like(json!(0.5)),
+        key("limit", number(event::LIMIT), "what is done at most, in both directions").like(json!(2.0)),
+        key("constant", number(event::INPUT), "what is done whatever the input is").like(json!(3.0)),
+        key(
+            "ramp",
+            number(event::INPUT_SLOPE),
+            "its slope per s, from what was done at the begin; 0.0 for an actuator that is stuck",
+        )
+        .like(json!(0.0)),
+    ];
     kinds(vec![
         frames("burst", vec![goes_on().required(), loss().required()]),
         frames("corrupt", vec![goes_on().required(), share.like(json!(0.01)).required()]),
@@ -779,7 +808,9 @@ fn event() -> Value {
         tale("babble", vec![babbled]),
         tale("liar", said().into_iter().collect()),
         tale("impostor", said().into_iter().chain([name]).collect()),
-        tale("replayer", vec![age]),
+        tale("replayer", vec![age().required()]),
+        tale("sensor", of_sensor),
+        tale("actuator", of_actuator),
         object([at(), kind("kind", &["crash", "leave", "join"])].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["bounce"]), lasts].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["partition", "repair"])].into_iter().chain(of_links()).collect()),
@@ -806,7 +837,10 @@ fn faults_section() -> Value {
             .or(json!(0.1)),
         key("bit_errors", number(faults::BIT_ERRORS), "of noise: share of bits that are wrong")
             .or(json!(1e-3)),
-        key("offset", number(faults::OFFSET), "of a liar: how far it is from its state").or(json!(1.0)),
+        key("offset", number(faults::OFFSET), "of a liar and of a sensor: how far it is from the state")
+            .or(json!(1.0)),
+        key("effectiveness", number(faults::EFFECTIVENESS), "of an actuator: part of the input that it does")
+            .or(json!(0.0)),
         key("age", span(), "of a replayer: how old its states are").or(json!("100ms")),
     ])
 }

@@ -15,7 +15,7 @@ use crate::central::Central;
 use crate::configure::{Drive, Unfit, central_configs, node_configs};
 use crate::engine::{self, Driven, NodeEvent, Plants};
 use crate::judge::{Accounts, Evidence, Judge, Moment, Stop, checks};
-use crate::loopback::{LOOPBACK, Refused, accepted, can_bus, engine_of, ideal_bus, uart_bus};
+use crate::loopback::{LOOPBACK, Refused, accepted, can_bus, engine_of, ideal_bus, uart_bus, with_plant};
 use crate::noise::Noise;
 use crate::scenario::{BusModel, Coupling, Scenario};
 use funnelnet_law::field::VectorField;
@@ -244,6 +244,7 @@ impl<'s> Setup<'s> {
                     NodeField::Configured(Box::new(field))
                 }),
             };
+            let params = params.and_then(|params| with_plant(params, self.scenario, index));
             let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
             Ok(Node::new(params, &config.neighbours))
         };

@@ -29,6 +29,49 @@ pub enum Detail {
     },
     /// How old the states are that a node says once more, ns.
     Age(u64),
+    /// What a node measures in place of its state.
+    Sensor(SensorFault),
+    /// What an actuator does in place of the input.
+    Actuator(ActuatorFault),
+}
+
+/// How a sensor fails; of each component alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SensorFault {
+    /// It gives another value, as [`Lie`] has it: `Ramp(0.0)` is a sensor that is stuck.
+    Gives(Lie),
+    /// It is noisy: standard deviation of Gaussian noise (state units).
+    Noise(f64),
+    /// It gives no value, with this probability at each sample.
+    Loss(f64),
+    /// It gives what was so long ago, ns.
+    Age(u64),
+}
+
+/// How an actuator fails; of each component alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ActuatorFault {
+    /// It does this part of the input, from 0 to below 1.
+    Part(f64),
+    /// It can do no more than this, in both directions (state units / s).
+    Limit(f64),
+    /// It does always the same (state units / s).
+    Constant(f64),
+    /// It does what it did when the event began, and that much more each second (state units / s^2).
+    Ramp(f64),
+}
+
+impl ActuatorFault {
+    /// What it does for the input `u` after the time `t` (s), where it did `first` at the begin (state units / s).
+    #[must_use]
+    pub fn of(self, first: f32, u: f32, t: f64) -> f32 {
+        match self {
+            Self::Part(part) => (f64::from(u) * part) as f32,
+            Self::Limit(limit) => u.clamp(-limit as f32, limit as f32),
+            Self::Constant(value) => value as f32,
+            Self::Ramp(slope) => (f64::from(first) + slope * t) as f32,
+        }
+    }
 }
 
 /// What becomes of a clock at an event.

@@ -4,15 +4,18 @@ mod course;
 mod detail;
 mod read;
 mod read_frames;
+mod read_plants;
 mod sense;
 mod spell;
 
 pub use course::{Absence, Change, Course, Disturbance, Step};
-pub use detail::{ClockChange, Detail, Lie};
+pub use detail::{ActuatorFault, ClockChange, Detail, Lie, SensorFault};
 pub(super) use read::read;
 #[cfg(feature = "check")]
 pub(super) use read_frames::{LARGEST_ID, SAID, SLOPE};
-pub(super) use sense::{LAST_JOIN, MOST_EVENTS, OLDEST, Setting, make_sense};
+#[cfg(feature = "check")]
+pub(super) use read_plants::{DEVIATION, INPUT, INPUT_SLOPE, LIMIT, PART};
+pub(super) use sense::{LAST_JOIN, MOST_EVENTS, OLDEST, Setting, make_sense, no_plants};
 pub(crate) use spell::on_engine;
 pub use spell::{Does, Harm, NoisySpell, Spell};
 
@@ -84,6 +87,10 @@ pub enum EventKind {
     Replayer,
     /// A node says states in another one's name.
     Impostor,
+    /// A node measures another state than it has.
+    Sensor,
+    /// A node's actuator does something else than its input.
+    Actuator,
 }
 
 impl EventKind {
@@ -110,6 +117,8 @@ impl EventKind {
             Self::Liar => "liar",
             Self::Replayer => "replayer",
             Self::Impostor => "impostor",
+            Self::Sensor => "sensor",
+            Self::Actuator => "actuator",
         }
     }
 
@@ -135,6 +144,12 @@ impl EventKind {
     #[must_use]
     pub fn is_of_lies(self) -> bool {
         matches!(self, Self::Liar | Self::Replayer | Self::Impostor)
+    }
+
+    /// Whether it happens to the plant of a node, which has one then: its sensor or its actuator fails.
+    #[must_use]
+    pub fn is_of_plants(self) -> bool {
+        matches!(self, Self::Sensor | Self::Actuator)
     }
 }
 
@@ -246,6 +261,8 @@ impl fmt::Display for Detail {
             Self::Lie(lie) => write!(f, " says {lie}"),
             Self::Impostor { name, lie } => write!(f, " says {lie} as node {}", name + 1),
             Self::Age(ns) => write!(f, " says what is {} old", format_duration(ns)),
+            Self::Sensor(fault) => write!(f, " {fault}"),
+            Self::Actuator(fault) => write!(f, " {fault}"),
         }
     }
 }
@@ -256,6 +273,31 @@ impl fmt::Display for Lie {
             Self::Constant(value) => write!(f, "{value}"),
             Self::Ramp(slope) => write!(f, "a ramp of {slope} per s"),
             Self::Offset(offset) => write!(f, "its state and {offset}"),
+        }
+    }
+}
+
+impl fmt::Display for SensorFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Gives(Lie::Ramp(0.0)) => f.write_str("is stuck"),
+            Self::Gives(lie) => write!(f, "measures {lie}"),
+            Self::Noise(deviation) => write!(f, "measures with a noise of {deviation}"),
+            Self::Loss(probability) => write!(f, "loses {probability} of the samples"),
+            Self::Age(ns) => write!(f, "measures what is {} old", format_duration(ns)),
+        }
+    }
+}
+
+impl fmt::Display for ActuatorFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Part(0.0) => f.write_str("is dead"),
+            Self::Part(part) => write!(f, "does {part} of the input"),
+            Self::Limit(limit) => write!(f, "does {limit} per s at most"),
+            Self::Constant(value) => write!(f, "does {value} per s"),
+            Self::Ramp(0.0) => f.write_str("is stuck"),
+            Self::Ramp(slope) => write!(f, "does a ramp of {slope} per s^2"),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The keys of `[[event]]`, each by itself.
 
 use super::read_frames::{babble, bit_errors, corrupt, impostor, liar, lies_for, loss, of_frames, old};
+use super::read_plants::{actuator, sensor};
 use super::{ClockChange, Detail, EventKind, EventSpec, Targets};
 use crate::scenario::Diagnostic;
 use crate::scenario::clock::{DRIFT, ppb, read_by};
@@ -31,8 +32,8 @@ const KINDS: [Choice<EventKind>; 22] = [
     ready("liar", EventKind::Liar),
     ready("replayer", EventKind::Replayer),
     ready("impostor", EventKind::Impostor),
-    unbuilt("sensor"),
-    unbuilt("actuator"),
+    ready("sensor", EventKind::Sensor),
+    ready("actuator", EventKind::Actuator),
     unbuilt("set"),
 ];
 
@@ -101,6 +102,11 @@ fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
                 EventKind::Impostor => impostor(&mut section, nodes),
                 _ => old(&mut section),
             };
+            (of_nodes(&mut section, nodes), lasts_ns)
+        }
+        EventKind::Sensor | EventKind::Actuator => {
+            let lasts_ns = lies_for(&mut section);
+            detail = if kind == EventKind::Sensor { sensor(&mut section) } else { actuator(&mut section) };
             (of_nodes(&mut section, nodes), lasts_ns)
         }
     };

@@ -2,7 +2,7 @@
 
 use super::course::{Change, Course};
 use super::spell::let_go;
-use super::{Detail, EventKind, EventSpec, Lie, Targets};
+use super::{ActuatorFault, Detail, EventKind, EventSpec, Lie, SensorFault, Targets};
 use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::Log;
 use crate::scenario::tree::{Item, Value};
@@ -51,9 +51,9 @@ pub(in crate::scenario) fn make_sense(
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
-    if let Some(event) = items.first().filter(|_| setting.bus == BusModel::Uart) {
-        let allowed =
-            "must not be there with this bus.model: events happen on the ideal bus and on CAN, so far";
+    let of_buses = events.iter().zip(&items).find(|(event, _)| !event.kind.is_of_plants());
+    if let Some((_, event)) = of_buses.filter(|_| setting.bus == BusModel::Uart) {
+        let allowed = "must not be there with this bus.model: but for sensor and actuator, events happen on the ideal bus and on CAN, so far";
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
@@ -75,12 +75,22 @@ pub(in crate::scenario) fn make_sense(
     setting.end(&mut events, &items);
     events.iter().zip(&items).for_each(|(event, item)| setting.in_the_run(event, item));
     setting.frames(&events, &items);
+    setting.plants(&events, &items);
     let course = Course::of(&events, setting.graph);
     setting.walk(&events, &items, &course);
     events.extend(draw(&events));
     events.sort_by_key(|event| event.at_ns);
     setting.recovery(&events, expect, &Course::of(&events, setting.graph));
     events
+}
+
+/// Why no node of a scenario can have a plant that fails, if none can.
+pub(in crate::scenario) fn no_plants(time: &TimeSpec) -> Option<&'static str> {
+    if !time.start.is_none() {
+        return Some("must not be there with time.slow_start: a plant has its own time");
+    }
+    (time.round > 1)
+        .then_some("must not be there with time.round: no node measures between two rounds, so far")
 }
 
 impl Setting<'_> {
@@ -197,10 +207,30 @@ impl Setting<'_> {
                     self.report(item, "as", allowed);
                 }
                 (EventKind::Replayer, Detail::Age(age))
+                | (EventKind::Sensor, Detail::Sensor(SensorFault::Age(age)))
                     if age < self.time.tick_ns || age / self.time.tick_ns > OLDEST =>
                 {
                     let [low, high] = [1, OLDEST].map(|ticks| format_duration(ticks * self.time.tick_ns));
                     self.report(item, "age", format!("must be from {low} to {high}: 1 to {OLDEST} ticks"));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Events of plants change something, in a scenario whose nodes can have plants.
+    fn plants(&self, events: &[EventSpec], items: &[&Item]) {
+        let of_plants = |(event, _): &(&EventSpec, &&Item)| event.kind.is_of_plants();
+        for (event, item) in events.iter().zip(items).filter(of_plants) {
+            if let Some(why) = no_plants(self.time) {
+                self.report(item, "kind", why.to_owned());
+            }
+            match event.detail {
+                Detail::Sensor(SensorFault::Gives(Lie::Offset(0.0))) => {
+                    self.report(item, "offset", "must not be zero: that is no fault".to_owned());
+                }
+                Detail::Actuator(ActuatorFault::Part(1.0)) => {
+                    self.report(item, "effectiveness", "must be below 1: that is no fault".to_owned());
                 }
                 _ => {}
             }

@@ -126,14 +126,10 @@ fn every_key_of_an_event_is_checked_by_itself() {
 
 #[test]
 fn kinds_that_are_not_built_are_refused_by_name() {
-    for kind in ["sensor", "actuator", "set"] {
-        let found = refused(&one(&format!("at = '1s', kind = '{kind}', node = 1")));
-        let expected = format!(
-            "event[0].kind = '{kind}': known, but not supported by this version yet; this version runs crash, bounce, join, \
-             leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor"
-        );
-        assert!(found.contains(&expected), "{found}");
-    }
+    let found = refused(&one("at = '1s', kind = 'set', node = 1"));
+    let expected = "event[0].kind = 'set': known, but not supported by this version yet; this version runs crash, bounce, join, \
+         leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor, sensor, actuator";
+    assert!(found.contains(expected), "{found}");
 }
 
 #[test]
@@ -240,6 +236,66 @@ fn events_of_frames_that_change_nothing_or_cannot_be_are_refused() {
     let scenario = read(&one("at = '1s', kind = 'liar', node = 1, constant = 1"));
     assert_eq!(scenario.events[0].end_ns(), 2000 * MS);
     assert!(scenario.stays_whole() && !scenario.is_honest());
+}
+
+#[test]
+fn sensors_and_actuators_fail_in_one_way_each() {
+    let scenario = read(
+        "event = [{ at = '1s', kind = 'sensor', node = 1, offset = 0.5 }, { at = '1.1s', kind = 'sensor', nodes = [2, 3], for = '100ms', ramp = 0 }, \
+         { at = '1.2s', kind = 'sensor', node = 1, loss = 1 }, { at = '1.3s', kind = 'actuator', node = 4, effectiveness = 0 }, \
+         { at = '1.4s', kind = 'actuator', node = 4, for = '50ms', limit = 2 }, { at = '1.5s', kind = 'sensor', node = 1, age = '5ms' }]",
+    );
+    let told: Vec<_> = scenario.events.iter().map(ToString::to_string).collect();
+    let expected = [
+        "sensor node 1 measures its state and 0.5 for 1s",
+        "sensor nodes 2, 3 is stuck for 100ms",
+        "sensor node 1 loses 1 of the samples for 800ms",
+        "actuator node 4 is dead for 700ms",
+        "actuator node 4 does 2 per s at most for 50ms",
+        "sensor node 1 measures what is 5ms old for 500ms",
+    ];
+    assert_eq!(told, expected);
+    assert!(scenario.stays_whole() && scenario.is_honest());
+    assert_eq!([0, 1, 2, 3, 4].map(|index| scenario.has_plant(index)), [true, true, true, true, false]);
+    for (event, words) in [
+        ("kind = 'sensor', node = 1", "missing key 'constant' in [event[0]] of kind 'sensor'"),
+        ("kind = 'sensor', node = 1, noise = 1, age = '5ms'", "one of them"),
+        ("kind = 'sensor', offset = 1", "missing key 'node'"),
+        ("kind = 'sensor', node = 1, offset = 0", "event[0].offset = 0: must not be zero: that is no fault"),
+        ("kind = 'sensor', node = 1, noise = 0", "event[0].noise = 0: "),
+        ("kind = 'sensor', node = 1, loss = 2", "event[0].loss = 2: "),
+        ("kind = 'sensor', node = 1, age = '10us'", "event[0].age = '10us': must be from 1ms to 100s"),
+        ("kind = 'sensor', node = 1, limit = 1", "unknown key 'limit'"),
+        ("kind = 'actuator', node = 1", "missing key 'constant' in [event[0]] of kind 'actuator'"),
+        ("kind = 'actuator', node = 1, effectiveness = 1", "event[0].effectiveness = 1: must be below 1"),
+        ("kind = 'actuator', node = 1, effectiveness = 1.5", "event[0].effectiveness = 1.5: "),
+        ("kind = 'actuator', node = 1, limit = 0", "event[0].limit = 0: "),
+        ("kind = 'actuator', node = 6, limit = 1", "event[0].node = 6: "),
+    ] {
+        let found = refused(&one(&format!("at = '1s', {event}")));
+        assert!(found.contains(words), "{event}\n{found}");
+    }
+    let fails = one("at = '1s', kind = 'sensor', node = 1, offset = 1");
+    // Serial lines have no other events.
+    read(&format!("{fails}\nbus.model = 'uart'"));
+    let mixed = "event = [{ at = '1s', kind = 'sensor', node = 1, offset = 1 }, { at = '1s', kind = 'crash', node = 2 }]";
+    let found = refused(&format!("{mixed}\nbus.model = 'uart'"));
+    let words = "must not be there with this bus.model: but for sensor and actuator";
+    assert!(found.contains("event[1]") && found.contains(words), "{found}");
+    for (rest, words) in [
+        ("clock = { drift_ppm = 10 }", "must not be there beside an [[event]] of kind sensor or actuator"),
+        ("time.round = '2ms'", "must not be there with time.round"),
+        ("time.slow_start = '10ms'", "must not be there with time.slow_start"),
+    ] {
+        let (key, text) = (rest.starts_with("time."), text(&fails));
+        let text = if key {
+            text.replace("duration = \"2s\"", &format!("duration = \"2s\", {}", &rest[5..]))
+        } else {
+            format!("{text}{rest}\n")
+        };
+        let found = Scenario::parse(&text, Path::new("a.toml"), &[]).map(|_| ()).unwrap_err().to_string();
+        assert!(found.contains(words), "{rest}\n{found}");
+    }
 }
 
 #[test]
