@@ -37,12 +37,7 @@ impl Updater {
     }
 
     /// Answers a request. A node that runs only says how it is.
-    pub async fn answer<S: NorFlash>(
-        &mut self,
-        flash: &mut S,
-        request: &Request,
-        is_running: bool,
-    ) -> Reply {
+    pub async fn answer<S: NorFlash>(&mut self, flash: &mut S, request: &Request, is_running: bool) -> Reply {
         if !self.regions.suit(S::ERASE_SIZE as u32) {
             return request.refused(UpdateError::Absent);
         }
@@ -69,10 +64,11 @@ impl Updater {
         self.restarts
     }
 
-    /// Takes the number of ticks that the node has completed, modulo 2^32; confirms a program that has
+    /// Takes the number of ticks that the node has completed since it was made; confirms a program that has
     /// completed enough of them. That is one short write and no erase, so that it may be done while it runs.
     pub async fn note_ticks<S: NorFlash>(&mut self, flash: &mut S, completed: u32) {
-        let more = completed.wrapping_sub(self.completed);
+        // A node that was configured anew counts anew.
+        let more = completed.checked_sub(self.completed).unwrap_or(completed);
         self.completed = completed;
         let Some(left) = self.ticks_left else { return };
         let left = left.saturating_sub(more);
