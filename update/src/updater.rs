@@ -11,6 +11,9 @@ use crate::{Regions, TRIAL_TICKS, WORD};
 /// Longest write of any flash that is known here, bytes.
 const MAX_WRITE: usize = MAX_BLOCK;
 
+/// Most ticks that a node completes between two looks at it.
+const MOST_AT_ONCE: u32 = 4;
+
 /// Programs of a node, in regions of a flash that it is handed each time: the storage owns it.
 pub struct Updater {
     regions: Regions,
@@ -67,8 +70,9 @@ impl Updater {
     /// Takes the number of ticks that the node has completed since it was made; confirms a program that has
     /// completed enough of them. That is one short write and no erase, so that it may be done while it runs.
     pub async fn note_ticks<S: NorFlash>(&mut self, flash: &mut S, completed: u32) {
-        // A node that was configured anew counts anew.
-        let more = completed.checked_sub(self.completed).unwrap_or(completed);
+        // A node that was configured anew counts anew. One that is started at a later tick has not completed
+        // those before it.
+        let more = completed.checked_sub(self.completed).unwrap_or(completed).min(MOST_AT_ONCE);
         self.completed = completed;
         let Some(left) = self.ticks_left else { return };
         let left = left.saturating_sub(more);

@@ -158,13 +158,33 @@ fn a_program_on_trial_is_confirmed_by_its_last_tick_and_no_sooner() {
     let mut node = Node::new();
     node.put_on_trial();
     assert_eq!(node.begin(&program(10)), Reply::Begun(Err(UpdateError::OnTrial)));
-    now(node.updater.note_ticks(&mut node.flash, 60));
+    (1..=60).for_each(|completed| now(node.updater.note_ticks(&mut node.flash, completed)));
     // Configured anew: it counts anew.
-    now(node.updater.note_ticks(&mut node.flash, TRIAL_TICKS - 61));
+    (1..TRIAL_TICKS - 60).for_each(|completed| now(node.updater.note_ticks(&mut node.flash, completed)));
     assert_eq!((node.status().on_trial, node.status().ticks_left), (true, 1));
     now(node.updater.note_ticks(&mut node.flash, TRIAL_TICKS - 60));
     assert!(!node.status().on_trial);
     assert_eq!(node.begin(&program(10)), Reply::Begun(Ok(())));
+}
+
+#[test]
+fn a_tick_number_that_leaps_confirms_nothing() {
+    let mut node = Node::new();
+    node.put_on_trial();
+    now(node.updater.note_ticks(&mut node.flash, 1_000_000));
+    assert!(node.status().ticks_left > TRIAL_TICKS / 2);
+}
+
+#[test]
+fn a_confirmation_that_the_flash_does_not_take_is_tried_again() {
+    let mut node = Node::new();
+    node.put_on_trial();
+    node.flash.restart(Some(0));
+    (1..=TRIAL_TICKS + 5).for_each(|completed| now(node.updater.note_ticks(&mut node.flash, completed)));
+    assert!(node.status().on_trial);
+    node.flash.restart(None);
+    now(node.updater.note_ticks(&mut node.flash, TRIAL_TICKS + 6));
+    assert!(!node.status().on_trial);
 }
 
 #[test]
