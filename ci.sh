@@ -387,6 +387,32 @@ boards_run_arm() {
     (cd firmware/emulated/arm && "$EMULATED/venv/bin/python" -m unittest --verbose)
 }
 
+# Images of a Pico that takes updates, beside those of nodes: budgets of flash, bytes.
+readonly UPDATE_BOOT_FLASH=13312 UPDATE_NODE_FLASH=122880
+
+# Builds binary $2 with feature $1 as image $3, and holds it against $4 bytes of flash.
+update_image() { # FEATURE BINARY IMAGE BUDGET
+    local built=firmware/target/$SMALL_TARGET/release size
+    firmware_cargo build --release --locked --quiet --target "$SMALL_TARGET" --no-default-features --features "rp2040-pico,$1" --bin "$2"
+    [[ $2 == "$3" ]] || cp "$built/$2" "$built/$3"
+    size=$(sections_size "$built/$3" '\.(vector_table|text|rodata|data|boot2)')
+    say "$3: $size bytes of flash, budget $4"
+    (( size <= $4 )) || fail "$3 is over its budget of flash"
+}
+
+cmd_update() { #: updates in the field: cuts at every write, sizes of the images of a Pico that takes them, and an emulated one that is updated (minutes)
+    cargo test --locked --package funnelnet-update
+    cargo test --locked --package funnelnet-app --features update --test u25
+    update_image boot-loader rp2040_pico_boot rp2040_pico_boot "$UPDATE_BOOT_FLASH"
+    update_image update rp2040_pico rp2040_pico_update "$UPDATE_NODE_FLASH"
+    if ! has_emulated; then
+        say "SKIPPED an emulated Pico that is updated: no node or boot ROM; ./ci.sh setup"
+        return
+    fi
+    cargo build --locked --quiet --package sim-host --example board_words
+    (cd firmware/emulated/pico && node --test --test-reporter=spec update/)
+}
+
 cmd_socketcan() { #: benches on a real CAN bus: vcan in a guest kernel, nodes in processes of their own
     if ! has_socketcan; then
         # In CI a package that is missing is a fault of whoever set it up, unless this system's archive does not have it.
