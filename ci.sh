@@ -302,7 +302,7 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
 
 cmd_thumb() { #: the crates of a node alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnelnet-law funnelnet-app funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store; do
+    for package in funnelnet-law funnelnet-app funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store funnelnet-update; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done
@@ -702,13 +702,14 @@ cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where
     tests/shards/run.sh target/release/sim-host
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, shards on HyperQueue and Slurm; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, updates of an emulated Pico, shards on HyperQueue and Slurm; an hour
     cmd_sweep
     cmd_shards
     cmd_same-bits
     cargo test --locked -p sim-host --test memory -- --ignored --nocapture
     cargo test --release --locked -p system-tests --test properties --test outages --test editions -- --ignored --nocapture
     FUNNEL_EXTENDED=1 cmd_boards-run
+    cmd_update
     fuzz/run.sh --runs 10000000 can can_fd link node serial service session store
     fuzz/run.sh --runs 1000000 scenario
 }
