@@ -302,7 +302,7 @@ cmd_sweep() { #: every f32 through every gain, against f64; 7 minutes of process
 
 cmd_thumb() { #: the crates of a node alone for the target: no std, and with Debian's toolchain no alloc either
     local package
-    for package in funnelnet-law funnelnet-app funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store; do
+    for package in funnelnet-law funnelnet-app funnelnet-node funnelnet-link funnelnet-plant funnelnet-protocol funnelnet-store funnelnet-update; do
         target_cargo . core build --quiet --locked --target "$TARGET" --no-default-features --package "$package"
         say "$package builds for $TARGET without std"
     done
@@ -385,6 +385,32 @@ boards_run_pico() {
 
 boards_run_arm() {
     (cd firmware/emulated/arm && "$EMULATED/venv/bin/python" -m unittest --verbose)
+}
+
+# Images of a Pico that takes updates, beside those of nodes: budgets of flash, bytes.
+readonly UPDATE_BOOT_FLASH=13312 UPDATE_NODE_FLASH=122880
+
+# Builds binary $2 with feature $1 as image $3, and holds it against $4 bytes of flash.
+update_image() { # FEATURE BINARY IMAGE BUDGET
+    local built=firmware/target/$SMALL_TARGET/release size
+    firmware_cargo build --release --locked --quiet --target "$SMALL_TARGET" --no-default-features --features "rp2040-pico,$1" --bin "$2"
+    [[ $2 == "$3" ]] || cp "$built/$2" "$built/$3"
+    size=$(sections_size "$built/$3" '\.(vector_table|text|rodata|data|boot2)')
+    say "$3: $size bytes of flash, budget $4"
+    (( size <= $4 )) || fail "$3 is over its budget of flash"
+}
+
+cmd_update() { #: updates in the field: cuts at every write, sizes of the images of a Pico that takes them, and an emulated one that is updated (minutes)
+    cargo test --locked --package funnelnet-update
+    cargo test --locked --package funnelnet-app --features update --test u25
+    update_image boot-loader rp2040_pico_boot rp2040_pico_boot "$UPDATE_BOOT_FLASH"
+    update_image update rp2040_pico rp2040_pico_update "$UPDATE_NODE_FLASH"
+    if ! has_emulated; then
+        say "SKIPPED an emulated Pico that is updated: no node or boot ROM; ./ci.sh setup"
+        return
+    fi
+    cargo build --locked --quiet --package sim-host --example board_words
+    (cd firmware/emulated/pico && node --test --test-reporter=spec update/)
 }
 
 cmd_socketcan() { #: benches on a real CAN bus: vcan in a guest kernel, nodes in processes of their own
@@ -676,7 +702,7 @@ cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where
     tests/shards/run.sh target/release/sim-host
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, shards on HyperQueue and Slurm; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, updates of an emulated Pico, shards on HyperQueue and Slurm; an hour
     cmd_sweep
     cmd_shards
     cmd_same-bits
@@ -684,6 +710,7 @@ cmd_extended() { #: what takes too long for `test`: every f32 through every gain
     cargo test --locked -p sim-host --features parquet --lib --test sweep parquet
     cargo test --release --locked -p system-tests --test properties --test outages --test editions -- --ignored --nocapture
     FUNNEL_EXTENDED=1 cmd_boards-run
+    cmd_update
     fuzz/run.sh --runs 10000000 can can_fd link node serial service session store
     fuzz/run.sh --runs 1000000 scenario
 }

@@ -35,7 +35,12 @@ fn link(out: &Path) -> Outcome {
         // peripheral crates of the other chips bring their own device.x.
         fs::write(out.join("device.x"), "")?;
     }
-    if family.contains_key("boot2") {
+    if is_on("update") {
+        // Its program begins at no multiple of 64 KiB: else the linker puts the headers of the ELF file in front of it, where the boot loader is.
+        println!("cargo:rustc-link-arg-bins=--nmagic");
+        println!("cargo:rustc-env=FUNNELNET_BOARD={}", text(board, "name")?);
+    }
+    if family.contains_key("boot2") && !is_on("update") {
         // The section of the second-stage boot loader, which cortex-m-rt does not know.
         println!("cargo:rustc-link-arg-bins=-Tlink-rp.x");
     }
@@ -78,21 +83,28 @@ fn family<'a>(metadata: &'a Table, board: &Table) -> Outcome<&'a Table> {
 /// The stack is at the beginning of RAM, and grows towards addresses that nothing is behind: overflowing it is a fault (docs/book/src/boards.md, Stack), and
 /// overwrites nothing.
 fn memory_map(board: &Table, family: &Table) -> Outcome<String> {
-    let (flash, flash_size) = region(board, "flash")?;
+    let (flash, flash_size) = program(board)?;
     let (ram, ram_size) = region(board, "ram")?;
     let stack = number(board.get("stack"), "stack")?;
     let below = ram_size.checked_sub(stack).ok_or("stack is larger than ram")?;
+    // What a program keeps over a reset is behind its stack and its data: the boot loader stays away from it.
+    let (data, below) = if is_on("boot-loader") {
+        let own = number(update(board)?.get("boot-ram"), "boot-ram")?;
+        (ram + ram_size - own, own)
+    } else {
+        (ram + stack, below)
+    };
     let mut map = String::from("MEMORY\n{\n");
     let mut line = |name: &str, start: u64, size: u64| {
         writeln!(map, "  {name} : ORIGIN = {start:#010x}, LENGTH = {size:#x}")
     };
-    if let Some(size) = family.get("boot2") {
+    if let Some(size) = family.get("boot2").filter(|_| !is_on("update")) {
         let size = number(Some(size), "boot2")?;
         line("BOOT2", flash - size, size)?;
     }
     line("FLASH", flash, flash_size)?;
     line("STACK", ram, stack)?;
-    line("RAM", ram + stack, below)?;
+    line("RAM", data, below)?;
     let storage = if board.contains_key("storage") { Some(region(board, "storage")?) } else { None };
     if let Some((start, size)) = storage {
         line("STORAGE (r)", start, size)?;
@@ -105,14 +117,43 @@ fn memory_map(board: &Table, family: &Table) -> Outcome<String> {
             map += "_stext = __storage_end;\n";
         }
     }
+    if is_on("update") || is_on("boot-loader") {
+        for part in ["state", "active", "spare"] {
+            let (start, size) = region(update(board)?, part)?;
+            writeln!(
+                map,
+                "__update_{part}_start = {start:#010x};\n__update_{part}_end = {:#010x};",
+                start + size
+            )?;
+        }
+    }
     Ok(map)
+}
+
+/// Where the program is: all of flash, or the part that a boot loader starts, or that boot loader's own.
+fn program(board: &Table) -> Outcome<(u64, u64)> {
+    match (is_on("update"), is_on("boot-loader")) {
+        (false, false) => region(board, "flash"),
+        (true, false) => region(update(board)?, "active"),
+        (false, true) => region(update(board)?, "boot"),
+        (true, true) => Err("features update and boot-loader are for two images, not for one".into()),
+    }
+}
+
+/// The memory map of a board whose program is swapped.
+fn update(board: &Table) -> Outcome<&Table> {
+    let found = board.get("update").and_then(Value::as_table);
+    let name = text(board, "name")?;
+    found.ok_or_else(|| format!("board {name} has no memory map for updates in the metadata").into())
 }
 
 /// Start and bytes.
 fn region(board: &Table, key: &str) -> Outcome<(u64, u64)> {
     match board.get(key).and_then(Value::as_array).map(Vec::as_slice) {
         Some([start, size]) => Ok((number(Some(start), key)?, number(Some(size), key)?)),
-        _ => Err(format!("{key} of {} is not [start, bytes]", text(board, "name")?).into()),
+        _ => {
+            Err(format!("{key} of {} is not [start, bytes]", text(board, "name").unwrap_or("the map")).into())
+        }
     }
 }
 

@@ -7,6 +7,13 @@ use funnelnet_node::{Output, Session};
 use funnelnet_plant::Plant;
 use funnelnet_protocol::message::FaultCode;
 
+#[cfg(feature = "update")]
+use funnelnet_node::Phase;
+#[cfg(feature = "update")]
+use funnelnet_protocol::{
+    Reply, refusal::Refusal, serial::Frame, service::Body, update::Request, update::UPDATE,
+};
+
 use crate::clock::Clock;
 use crate::link::{Input, Link};
 use crate::log::Log;
@@ -15,6 +22,10 @@ use crate::watchdog::{Guard, Watchdog};
 
 /// Longest time that a frame takes, ns: on an RP2040, from the driver's buffer on.
 const FRAME_NS: u64 = 25_000;
+
+/// Time that an answer has to leave before a restart, ns.
+#[cfg(feature = "update")]
+const FAREWELL_NS: u64 = 50_000_000;
 
 /// The session of a node with this plant.
 pub type SessionOf<P> = Session<<P as Plant>::Model>;
@@ -100,6 +111,11 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
             self.await_tick().await;
             let now = self.clock.now();
             match self.link.next(now) {
+                #[cfg(feature = "update")]
+                Some(Input::Frame(Ok(Frame::Service { kind: UPDATE, body, .. }))) => {
+                    let request = Request::decode(UPDATE, body);
+                    self.update(request, now).await;
+                }
                 Some(Input::Frame(frame)) => self.session.on_frame(frame, now),
                 Some(Input::Change(change)) => self.on_change(change),
                 None => break,
@@ -110,6 +126,8 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
         }
         self.drain().await;
         self.look();
+        #[cfg(feature = "update")]
+        self.storage.note_ticks(self.session.progress().completed).await;
     }
 
     /// Lets a frame wait for a tick that is due sooner than it is read, or just now: ticks are nearly as even as on a silent line.
@@ -195,5 +213,23 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
 
     fn look(&mut self) {
         self.guard.look(self.session.progress(), self.clock.now());
+    }
+
+    /// Has the storage do what a host asks for the next program; restarts where that is to follow.
+    #[cfg(feature = "update")]
+    async fn update(&mut self, request: Result<Request, Refusal>, now: u64) {
+        let request = match request {
+            Ok(request) => request,
+            Err(refusal) => return self.session.on_frame(Err(refusal), now),
+        };
+        let is_running = self.session.node().is_some_and(|node| node.phase() == Phase::Running);
+        let reply = self.storage.update(&request, is_running).await;
+        self.link.reply(&Reply::Update(reply), self.session.id()).await;
+        if self.storage.wants_restart() {
+            // The answer is on its way.
+            self.clock.wait_until(self.clock.now() + FAREWELL_NS).await;
+            self.make_safe();
+            self.storage.restart();
+        }
     }
 }

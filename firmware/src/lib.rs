@@ -4,9 +4,9 @@
 //! too; [`app`] puts it on a chip, [`board`] has the one `main` of all boards, and a board is a binary in `src/bin` that hands over its peripherals. Exactly one board feature
 //! chooses it (`build.rs`); what chips of a family share hangs on the feature of the family (`_g4`).
 //!
-//! `unsafe` is allowed in thirteen files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
+//! `unsafe` is allowed in fifteen files, each for one reason: `mps2/register.rs` (device registers), `mps2/interrupt.rs` (vector
 //! table), `mps2/executor.rs` (polling), `priority.rs` (the NVIC), `panic.rs` (the fault handler),
-//! `storage/flash.rs` (addresses from the linker), `stm32/ecc.rs` and `mps2/watchdog.rs` (NMI handlers), `stm32/fdcan.rs`, `stm32/bxcan.rs` and
+//! `storage/flash.rs` and `storage/programs.rs` (addresses from the linker), `bin/rp2040_pico_boot.rs` (the start of another program), `stm32/ecc.rs` and `mps2/watchdog.rs` (NMI handlers), `stm32/fdcan.rs`, `stm32/bxcan.rs` and
 //! `stm32/line.rs` (interrupt handlers, which are unsafe to call), `reset.rs` and `mps2/flash.rs` (sections that
 //! survive a reset); and in the interrupt bindings that embassy's macro writes into a board's binary.
 #![no_std]

@@ -14,7 +14,7 @@ use crate::watchdog::PERIOD;
 use funnelnet_app::watchdog::Watchdog;
 
 /// Of the Pico's external flash, bytes.
-const FLASH_SIZE: usize = 2 << 20;
+pub const FLASH_SIZE: usize = 2 << 20;
 
 /// The Pico's external flash.
 pub type PicoFlash = Flash<'static, FLASH, flash::Blocking, FLASH_SIZE>;

@@ -16,6 +16,8 @@ pub mod refusal;
 pub mod report;
 pub mod serial;
 pub mod service;
+#[cfg(feature = "update")]
+pub mod update;
 
 pub use builder::NodeBuilder;
 pub use config::NodeConfig;

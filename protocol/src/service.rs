@@ -224,6 +224,9 @@ pub enum Reply {
     Staged(Result<u32, StageError>),
     /// I keep the key: the epoch.
     Keyed(Result<u32, StoreError>),
+    /// What I say to an [`crate::update::Request`].
+    #[cfg(feature = "update")]
+    Update(crate::update::Reply),
 }
 
 impl Reply {
@@ -321,6 +324,8 @@ impl Body for Reply {
             Self::Erased(_) => kind::ERASED,
             Self::Staged(_) => kind::STAGED,
             Self::Keyed(_) => kind::KEYED,
+            #[cfg(feature = "update")]
+            Self::Update(_) => crate::update::UPDATED,
         }
     }
 
@@ -334,6 +339,8 @@ impl Body for Reply {
             Self::Erased(value) => write(value, out),
             Self::Staged(value) => write(value, out),
             Self::Keyed(value) => write(value, out),
+            #[cfg(feature = "update")]
+            Self::Update(value) => write(value, out),
         }
     }
 
@@ -347,6 +354,8 @@ impl Body for Reply {
             kind::ERASED => whole(body).map(Self::Erased),
             kind::STAGED => whole(body).map(Self::Staged),
             kind::KEYED => whole(body).map(Self::Keyed),
+            #[cfg(feature = "update")]
+            crate::update::UPDATED => whole(body).map(Self::Update),
             _ => Err(Refusal::Kind),
         }
     }

@@ -1,5 +1,6 @@
 //! Nodes in one thread, by a clock that leaps from alarm to alarm: their lines, a CAN bus, and what may go
 //! wrong with them.
+#![allow(dead_code, reason = "each test uses a part")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use embedded_io_async::{ErrorType, Read, Write};
@@ -98,6 +99,11 @@ impl<'a> Line<'a> {
 
     /// Puts a request on the line.
     pub fn ask(&self, request: &Request) {
+        self.request(request);
+    }
+
+    /// Puts a request of any kind on the line.
+    pub fn request(&self, request: &impl Body) {
         let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
         let length = serial::encode_service(request, HOST, &mut scratch, &mut frame).unwrap();
         self.to_node.borrow_mut().extend(&frame[..length]);

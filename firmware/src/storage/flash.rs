@@ -8,7 +8,11 @@ use funnelnet_app::storage::Storage;
 use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::StoreError;
+#[cfg(feature = "update")]
+use funnelnet_protocol::update;
 use funnelnet_store::{Error, Store};
+#[cfg(feature = "update")]
+use funnelnet_update::Updater;
 use static_cell::StaticCell;
 
 use super::Medium;
@@ -45,6 +49,8 @@ impl<F: NorFlash + 'static> Medium for OnFlash<F> {
     async fn open(self, place: &'static StaticCell<InFlash<F>>) -> &'static mut InFlash<F> {
         let storage = place.init_with(|| InFlash::new(self.flash, region(self.base)));
         storage.open().await;
+        #[cfg(feature = "update")]
+        storage.take_programs(self.base).await;
         storage
     }
 }
@@ -54,12 +60,20 @@ pub struct InFlash<S> {
     store: Store<S>,
     /// Not before [`InFlash::open`], nor where that has failed.
     is_open: bool,
+    /// Not before [`InFlash::take_programs`].
+    #[cfg(feature = "update")]
+    updater: Option<Updater>,
 }
 
 impl<S: NorFlash> InFlash<S> {
     /// Storage in `region` of `flash`, still to be opened where it stays.
     pub const fn new(flash: S, region: Range<u32>) -> Self {
-        Self { store: Store::new(flash, region), is_open: false }
+        Self {
+            store: Store::new(flash, region),
+            is_open: false,
+            #[cfg(feature = "update")]
+            updater: None,
+        }
     }
 
     /// The driver, and a page that nothing stored is in, to be tried; `None` where the storage is not open or cannot tell.
@@ -95,6 +109,41 @@ impl<S: NorFlash> Storage for InFlash<S> {
             return Err(StoreError::Failed);
         }
         self.store.perform(task).await.inspect_err(failed).map_err(|_| StoreError::Failed)
+    }
+
+    #[cfg(feature = "update")]
+    async fn update(&mut self, request: &update::Request, is_running: bool) -> update::Reply {
+        match self.updater.as_mut() {
+            Some(updater) => updater.answer(self.store.flash(), request, is_running).await,
+            None => request.refused(update::UpdateError::Absent),
+        }
+    }
+
+    #[cfg(feature = "update")]
+    async fn note_ticks(&mut self, completed: u32) {
+        if let Some(updater) = self.updater.as_mut() {
+            updater.note_ticks(self.store.flash(), completed).await;
+        }
+    }
+
+    #[cfg(feature = "update")]
+    fn wants_restart(&self) -> bool {
+        self.updater.as_ref().is_some_and(Updater::restarts)
+    }
+
+    #[cfg(feature = "update")]
+    fn restart(&mut self) {
+        crate::reset::restart()
+    }
+}
+
+#[cfg(feature = "update")]
+impl<S: NorFlash> InFlash<S> {
+    /// From now on it takes new programs, for a driver that counts from `base`.
+    async fn take_programs(&mut self, base: u32) {
+        let board = update::board_number(env!("FUNNELNET_BOARD"));
+        let updater = self.updater.insert(Updater::new(super::programs::regions(base), board));
+        updater.look(self.store.flash()).await;
     }
 }
 

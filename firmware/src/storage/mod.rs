@@ -2,6 +2,8 @@
 
 #[cfg(feature = "flash")]
 pub mod flash;
+#[cfg(any(feature = "update", feature = "boot-loader"))]
+pub mod programs;
 
 use funnelnet_app::storage::{Absent, Storage};
 use static_cell::StaticCell;
