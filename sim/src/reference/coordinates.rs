@@ -22,7 +22,7 @@ use std::cell::RefCell;
 use super::error::ReferenceError;
 use super::network::Network;
 use super::options::ReferenceOptions;
-use super::problem::{CoupledProblem, ReferenceProblem, curvature, inverse, kinks, next_of, slope, width};
+use super::problem::{CoupledProblem, ReferenceProblem, announce, curvature, inverse, kinks, next_of, slope, width};
 use super::states::States;
 use super::unknowns::{Seen, Unknowns};
 use crate::extremes::largest;
@@ -106,6 +106,7 @@ impl<'a> System<'a> {
 
     fn rates(&self, p: &mut Point) {
         let problem = self.problem;
+        announce(&problem.fields, p.t, &p.x);
         let u = &p.y[1..];
         let push = |i: usize| problem.fields[i].value(p.t, p.x[i]) + u[i];
         let push: Vec<f64> = (0..u.len()).map(push).collect();

@@ -243,6 +243,11 @@ impl ReferenceProblem {
     }
 }
 
+/// Tells the host's fields that all of them will be asked at `t` (s) and the states `x`.
+pub(super) fn announce(fields: &[Dynamics], t: f64, x: &[f64]) {
+    fields.iter().filter_map(Dynamics::hosted).for_each(|hosted| hosted.field().announce(t, x));
+}
+
 /// The numbers of a field.
 fn numbers_of(field: &Dynamics) -> impl Iterator<Item = f64> + '_ {
     let waves = field.sines().iter().flat_map(|s| [s.amplitude, s.frequency, s.phase]);

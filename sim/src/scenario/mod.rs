@@ -19,6 +19,7 @@ mod expression;
 mod faults;
 mod graph;
 mod graph_file;
+mod host_field;
 mod initial;
 mod inputs;
 mod large;
@@ -35,6 +36,7 @@ mod sparse_spectrum;
 #[cfg(feature = "spectrum")]
 mod spectrum;
 mod topology;
+mod steepest;
 pub mod tree;
 mod written;
 
@@ -61,6 +63,7 @@ pub use expression::{Expression, ExpressionError};
 pub use funnelnet_law::funnel::{Normalised, Shape};
 pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
+pub use host_field::{HostField, Hosted};
 pub use initial::initial_ratios;
 pub use inputs::{InputFile, Series};
 #[cfg(feature = "check")]
