@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Union
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Vectorised:
         object.__setattr__(self, "nodes", None if nodes is None else tuple(nodes))
 
 
-Fields = Union[None, Callable[[float, Any], Any], Vectorised, Mapping[int, Callable[[float, Any], Any]], Iterable[Vectorised]]
+Fields = Callable[[float, Any], Any] | Vectorised | Mapping[int, Callable[[float, Any], Any]] | Iterable[Vectorised] | None
 
 
 def native(fields: Fields, count: int) -> list[tuple[Callable[[float, Any], Any], bool, list[int]]]:

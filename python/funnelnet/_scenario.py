@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 from . import _toml
 from ._native import Scenario
 
-Source = Union[str, "os.PathLike[str]", Mapping[str, Any], Scenario]
+Source = str | os.PathLike[str] | Mapping[str, Any] | Scenario
 
 # How messages name a scenario that stands in no file.
 IN_A_DICT = "<dict>"

@@ -74,6 +74,7 @@ class Simulation:
         own = _fields.native(fields, self.scenario.nodes)
         self.own_fields = sorted(node for _, _, nodes in own for node in nodes)
         self._native = _native.Simulation(self.scenario, own)
+        self._seconds = 0.0
 
     @property
     def is_firmware(self) -> bool:
@@ -85,6 +86,11 @@ class Simulation:
         """Whether all ticks of the scenario were run."""
         return self._native.next_tick > self._native.last_tick
 
+    @property
+    def seconds(self) -> float:
+        """Time of the last tick that was run, s; of the first one where there was none."""
+        return self._seconds
+
     def step(self, until: float | None = None) -> Steps:
         """Runs all ticks up to and with the time `until` (s), or the next tick alone, and gives what the nodes saw at them.
 
@@ -94,7 +100,10 @@ class Simulation:
             StopIteration: all ticks were run before.
             KeyboardInterrupt: Ctrl-C, which ends the simulation.
         """
-        return Steps(**self._native.step(until))
+        seen = Steps(**self._native.step(until))
+        if len(seen.t):
+            self._seconds = float(seen.t[-1])
+        return seen
 
     def verdict(self) -> Verdict:
         """Judges the ticks so far, and ends the simulation. One that is not complete does not hold."""
