@@ -72,7 +72,7 @@ impl Simulation {
         let (answers, answer) = channel();
         let (wired, of_thread) = (wired.clone(), trouble.clone());
         thread::spawn(move || {
-            Python::attach(|py| py.detach(|| live(&wired, &callables, &of_thread, &asked, &answers)));
+            Python::attach(|py| py.detach(move || live(&wired, &callables, &of_thread, asked, &answers)));
         });
         let (ask, answer, next) = (Mutex::new(Some(ask)), Mutex::new(answer), AtomicU64::new(0));
         let this = Self { ask, answer, next, trouble, nodes, components, ticks, step_s };
@@ -167,7 +167,7 @@ fn live(
     scenario: &Wired,
     callables: &Callables,
     trouble: &Trouble,
-    asked: &Receiver<Asked>,
+    asked: Receiver<Asked>,
     answers: &Sender<Answered>,
 ) {
     let hosted = callables.put_into(scenario);
