@@ -280,7 +280,7 @@ cmd_python-package() { #: build and install the Python package, and run its test
     has_package_tools || { say "SKIPPED the Python package: no tools in target/python; ./ci.sh setup installs them where PyPI can be reached"; return; }
     cargo build --quiet --locked --package sim-host --bin sim-host
     # Without optimisation of what is tested for its bits: those are the same. The libraries below are those of the tests of Rust.
-    CARGO_TARGET_DIR=$ROOT/target MATURIN_PEP517_ARGS="--profile dev" \
+    PATH=$PACKAGE/bin:$PATH CARGO_TARGET_DIR=$ROOT/target MATURIN_PEP517_ARGS="--profile dev" \
         "$PACKAGE/bin/pip" install --quiet --no-deps --no-build-isolation --force-reinstall ./python
     (cd python && FUNNELNET_COMMAND=$ROOT/target/debug/sim-host "$PACKAGE/bin/python" -m pytest -q -p no:cacheprovider)
 }

@@ -8,12 +8,21 @@ use sim_host::run::RunError;
 use sim_host::scenario::{Diagnostic, Diagnostics};
 
 /// `ScenarioError`, with every mistake of the scenario.
-pub fn of_scenario(py: Python<'_>, found: &Diagnostics) -> PyErr {
+pub fn of_scenario(py: Python<'_>, found: Diagnostics) -> PyErr {
+    let found = Diagnostics(found.0.into_iter().map(without_lines_of_dict).collect());
     let build = || {
         let mistakes = found.0.iter().map(|one| mistake(py, one)).collect::<PyResult<Vec<_>>>()?;
         made(py, "ScenarioError", (found.to_string(), PyList::new(py, mistakes)?))
     };
     build().unwrap_or_else(|error| error)
+}
+
+/// How messages name a scenario that stands in no file: as `funnelnet._scenario` does.
+const IN_A_DICT: &str = "<dict>";
+
+/// The lines of a dict are those of a text that nobody has seen.
+fn without_lines_of_dict(one: Diagnostic) -> Diagnostic {
+    if one.file == IN_A_DICT { Diagnostic { line: 0, column: 0, ..one } } else { one }
 }
 
 fn mistake<'py>(py: Python<'py>, one: &Diagnostic) -> PyResult<Bound<'py, PyDict>> {
@@ -39,11 +48,7 @@ pub fn of_run(py: Python<'_>, error: &RunError) -> PyErr {
     }
 }
 
-fn made<'py>(
-    py: Python<'py>,
-    class: &str,
-    arguments: impl pyo3::call::PyCallArgs<'py>,
-) -> PyResult<PyErr> {
+fn made<'py>(py: Python<'py>, class: &str, arguments: impl pyo3::call::PyCallArgs<'py>) -> PyResult<PyErr> {
     let class = py.import("funnelnet._errors")?.getattr(class)?;
     Ok(PyErr::from_value(class.call1(arguments)?))
 }

@@ -97,8 +97,12 @@ impl Callable {
             return;
         }
         let n = self.components;
-        let states: Vec<f64> =
-            self.nodes.iter().flat_map(|index| x.get(index * n..(index + 1) * n).unwrap_or(&[])).copied().collect();
+        let states: Vec<f64> = self
+            .nodes
+            .iter()
+            .flat_map(|index| x.get(index * n..(index + 1) * n).unwrap_or(&[]))
+            .copied()
+            .collect();
         let is_there = self.recent().find(t, 0, &states).is_some();
         if states.len() == self.start.len() && !is_there {
             let rates = self.answer(t, &states);
@@ -135,17 +139,23 @@ pub fn callables(fields: &Bound<'_, PyAny>, scenario: &Scenario, trouble: &Troub
     for (call, is_vectorised, ids) in fields.extract::<Vec<(Py<PyAny>, bool, Vec<i64>)>>()? {
         let index = |&id: &i64| {
             let index = usize::try_from(id - 1).ok().filter(|&index| index < nodes);
-            let index =
-                index.ok_or_else(|| PyValueError::new_err(format!("fields: node {id}: ids are 1 to {nodes} here")))?;
+            let index = index.ok_or_else(|| {
+                PyValueError::new_err(format!("fields: node {id}: ids are 1 to {nodes} here"))
+            })?;
             match std::mem::replace(&mut seen[index], true) {
                 true => Err(PyValueError::new_err(format!("fields: node {id} has two"))),
                 false => Ok(index),
             }
         };
         let indices = ids.iter().map(index).collect::<PyResult<Vec<_>>>()?;
-        let groups = if is_vectorised { vec![indices] } else { indices.into_iter().map(|index| vec![index]).collect() };
+        let groups = if is_vectorised {
+            vec![indices]
+        } else {
+            indices.into_iter().map(|index| vec![index]).collect()
+        };
         for nodes in groups {
-            let start = nodes.iter().flat_map(|i| &start[i * components..(i + 1) * components]).copied().collect();
+            let start =
+                nodes.iter().flat_map(|i| &start[i * components..(i + 1) * components]).copied().collect();
             let call = Python::attach(|py| call.clone_ref(py));
             let (recent, trouble) = (Mutex::default(), trouble.clone());
             list.push(Arc::new(Callable { call, is_vectorised, nodes, components, start, recent, trouble }));

@@ -1,6 +1,6 @@
 //! The native half of the Python package `funnelnet`: the simulator's library, with arrays instead of files.
 //!
-//! What a user sees is in `funnelnet/*.py`; here is what needs Rust. Long work is done in a thread of its own
+//! What a user sees is in `package/funnelnet/*.py`; here is what needs Rust. Long work is done in a thread of its own
 //! (`work.rs`), without the interpreter's lock.
 
 mod check;

@@ -87,8 +87,9 @@ pub fn array<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     // A vector that grew may hold twice its length.
     values.shrink_to_fit();
-    let array = ArrayD::from_shape_vec(IxDyn(shape), values)
-        .map_err(|error| PyValueError::new_err(format!("a column has not one entry per node and row: {error}")))?;
+    let array = ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| {
+        PyValueError::new_err(format!("a column has not one entry per node and row: {error}"))
+    })?;
     let array = array.into_pyarray(py);
     array.readwrite().make_nonwriteable();
     Ok(array)

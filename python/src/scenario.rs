@@ -20,7 +20,12 @@ impl Scenario {
     /// Reads a file, or `text` that is named `path` in messages; `sets` are pairs of a key and its TOML.
     #[new]
     #[pyo3(signature = (path, text, sets))]
-    fn new(py: Python<'_>, path: PathBuf, text: Option<String>, sets: Vec<(String, String)>) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        text: Option<String>,
+        sets: Vec<(String, String)>,
+    ) -> PyResult<Self> {
         let read = || {
             let source = match text {
                 Some(text) => Source { text, path },
@@ -33,7 +38,7 @@ impl Scenario {
             let inner = source.any_scenario(&settings)?;
             Ok(Self { inner: Arc::new(inner), source, settings })
         };
-        read().map_err(|found| errors::of_scenario(py, &found))
+        read().map_err(|found| errors::of_scenario(py, found))
     }
 
     #[getter]

@@ -14,8 +14,8 @@ use pyo3::types::PyDict;
 use sim_host::loopback::Refused;
 use sim_host::run::RunError;
 use sim_host::scenario::Scenario as Wired;
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 
@@ -125,7 +125,9 @@ impl Simulation {
         let answered = self.receive(py)?;
         *self.sender() = None;
         match answered {
-            Answered::Verdict { holds, reasons, max_ratio, breaches } => Ok((holds, reasons, max_ratio, breaches)),
+            Answered::Verdict { holds, reasons, max_ratio, breaches } => {
+                Ok((holds, reasons, max_ratio, breaches))
+            }
             _ => Err(broken()),
         }
     }

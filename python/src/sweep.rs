@@ -32,7 +32,8 @@ pub fn sweep(
     command: String,
 ) -> PyResult<(PathBuf, u8)> {
     let trouble = Trouble::default();
-    let design = design(&grid, &ranges, drawing).map_err(|why| errors::of_run(py, &RunError::bad_input(why)))?;
+    let design =
+        design(&grid, &ranges, drawing).map_err(|why| errors::of_run(py, &RunError::bad_input(why)))?;
     let is_seed = |set: &&sim_host::scenario::Override| set.key() == "seed";
     let seed = scenario.settings.iter().rev().find(is_seed).map(|set| set.setting());
     let seed = seed.and_then(|setting| setting.trim_start_matches("seed=").parse().ok());
@@ -71,7 +72,8 @@ fn design(grid: &[String], ranges: &[String], drawing: Drawing) -> Result<Design
     };
     let ranges = ranges.iter().map(|text| Range::parse(text).map_err(|why| format!("ranges {text}: {why}")));
     let kind = if method == "sobol" { Method::Sobol } else { Method::Lhs };
-    Design::drawn(kind, points, seed, ranges.collect::<Result<_, _>>()?, grid).map_err(|why| format!("{method} {why}"))
+    Design::drawn(kind, points, seed, ranges.collect::<Result<_, _>>()?, grid)
+        .map_err(|why| format!("{method} {why}"))
 }
 
 /// Words as a command for a shell.

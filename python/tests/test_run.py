@@ -94,7 +94,7 @@ def test_tables_have_the_columns(five):
 def test_a_dict_is_the_same_scenario(name):
     with (SCENARIOS / name).open("rb") as file:
         scenario = tomllib.load(file)
-    sets = {"time.duration": "100ms", "event": []}
+    sets = {"time.duration": "100ms", "event": [], "expect": {}}
     assert funnelnet.run(scenario, set=sets).trace_hash == funnelnet.run(SCENARIOS / name, set=sets).trace_hash
 
 
@@ -142,7 +142,9 @@ def test_a_mistake_in_a_dict_has_its_key(five):
     scenario["graph"]["nodes"] = -5
     with pytest.raises(funnelnet.ScenarioError) as caught:
         funnelnet.check(scenario)
-    assert (caught.value.file, caught.value.key, caught.value.found) == ("<dict>", "graph.nodes", "-5")
+    error = caught.value
+    assert (error.file, error.line, error.key, error.found) == ("<dict>", None, "graph.nodes", "-5")
+    assert str(error).startswith("<dict>: graph.nodes")
 
 
 def test_what_toml_does_not_have_is_named():

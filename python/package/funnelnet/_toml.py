@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,6 +35,15 @@ def name(key: Any, inside: str) -> str:
         raise TypeError(f"{inside or 'scenario'}: keys are strings, and {key!r} is none")
     is_bare = key.isascii() and key.replace("-", "").replace("_", "").isalnum()
     return key if is_bare else json.dumps(key)
+
+
+# What the command line takes for a string without quotes, as people write kinds and times there.
+BARE = re.compile(r"(?!(?:true|false|inf|nan)$)[A-Za-z][A-Za-z0-9_-]*|[0-9]+(?:\.[0-9]+)?(?:ns|us|ms|s|min|h)")
+
+
+def argument(of: Any, key: str) -> str:
+    """A value as people write it on the command line, so that a table has the same cells."""
+    return of if isinstance(of, str) and BARE.fullmatch(of) else value(of, key)
 
 
 def document(scenario: Mapping[str, Any]) -> str:

@@ -100,7 +100,7 @@ def sweep(
     if resume and out is None:
         raise ValueError("resume: needs the folder, out")
     read = load(scenario, set, seed)
-    axes = [f"{key}=" + ",".join(_toml.value(value, key) for value in values) for key, values in (grid or {}).items()]
+    axes = [f"{key}=" + ",".join(_toml.argument(value, key) for value in values) for key, values in (grid or {}).items()]
     drawn = [f"{key}={text}" for key, text in (ranges or {}).items()]
     drawing = None
     if sobol is not None or lhs is not None:
