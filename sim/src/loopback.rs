@@ -122,10 +122,7 @@ pub fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<SimNode>, Refused>
 ///
 /// # Errors
 /// See [`Refused`].
-pub fn engine_with_host<M: Medium>(
-    scenario: &Scenario,
-    medium: M,
-) -> Result<Engine<M, NodeField>, Refused> {
+pub fn engine_with_host<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M, NodeField>, Refused> {
     engine_of(scenario, medium, |drive| {
         let configs = node_configs(scenario, drive)?;
         let node = |(config, spec): (&NodeConfig, &NodeSpec)| {

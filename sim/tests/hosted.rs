@@ -73,12 +73,17 @@ fn a_real_node_does_not_take_it() {
     let hosted = host(&own, |field| Arc::new(Same(field.clone())));
     let refused = node_configs(&hosted, real).unwrap_err();
     assert_eq!(refused, Unfit::Hosted { node: 1 });
-    assert!(refused.to_string().contains("node 1: its field is computed by the program around the simulation"));
+    assert!(
+        refused.to_string().contains("node 1: its field is computed by the program around the simulation")
+    );
 }
 
 #[test]
 fn weakly_centralised_coupling_refuses_it() {
-    let own = scenario(&["coupling={kind='weakly-centralised',gain={kind='reciprocal',scale=1.0},funnel={kind='constant',width=100.0}}", "expect={}"]);
+    let own = scenario(&[
+        "coupling={kind='weakly-centralised',gain={kind='reciprocal',scale=1.0},funnel={kind='constant',width=100.0}}",
+        "expect={}",
+    ]);
     assert!(Simulation::new(&own).is_ok());
     let hosted = host(&own, |field| Arc::new(Same(field.clone())));
     assert!(Simulation::new(&hosted).is_err());

@@ -102,7 +102,8 @@ fn verdict(summary: &Summary) -> Vec<Line> {
     lines.extend(summary.left_out.iter().map(|what| ("left out", (*what).to_owned())));
     if !summary.own_fields.is_empty() {
         let ids: Vec<_> = summary.own_fields.iter().map(u16::to_string).collect();
-        let note = format!("not the firmware's result: the fields of nodes {} are computed outside", ids.join(", "));
+        let note =
+            format!("not the firmware's result: the fields of nodes {} are computed outside", ids.join(", "));
         lines.push(("note", note));
     }
     if summary.expect.is_empty() {

@@ -43,8 +43,8 @@ pub use output::trace;
 pub(crate) use own_clock::DRIVE as OWN_CLOCK;
 pub use places::Wanted;
 pub(crate) use places::{files_named_in, is_one_file, overwritten};
-use rows::{Both, Nobody};
 pub use rows::Rows;
+use rows::{Both, Nobody};
 
 use crate::emergent::EmergentTrajectory;
 use crate::printable::{printable, printable_lines};

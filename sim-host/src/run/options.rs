@@ -1,11 +1,11 @@
 //! What the user asks of a run.
 
+use super::error::RunError;
 use crate::bench::BenchFile;
 use crate::bus::SIMULATED;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
 use crate::record::BusLogs;
-use super::error::RunError;
 use crate::scenario::{Scenario, TimeSpec, format_duration};
 use std::fmt;
 use std::path::PathBuf;

@@ -22,7 +22,9 @@ use std::cell::RefCell;
 use super::error::ReferenceError;
 use super::network::Network;
 use super::options::ReferenceOptions;
-use super::problem::{CoupledProblem, ReferenceProblem, announce, curvature, inverse, kinks, next_of, slope, width};
+use super::problem::{
+    CoupledProblem, ReferenceProblem, announce, curvature, inverse, kinks, next_of, slope, width,
+};
 use super::states::States;
 use super::unknowns::{Seen, Unknowns};
 use crate::extremes::largest;

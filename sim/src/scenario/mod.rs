@@ -35,8 +35,8 @@ pub mod schema;
 mod sparse_spectrum;
 #[cfg(feature = "spectrum")]
 mod spectrum;
-mod topology;
 mod steepest;
+mod topology;
 pub mod tree;
 mod written;
 

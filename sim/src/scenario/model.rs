@@ -70,7 +70,10 @@ impl Scenario {
     /// Tells the host's fields that all nodes will be asked at `t` (s) and the states `x`, by index and then
     /// by component.
     pub fn announce(&self, t: f64, x: &[f64]) {
-        self.nodes.iter().filter_map(|node| node.dynamics.hosted()).for_each(|hosted| hosted.field().announce(t, x));
+        self.nodes
+            .iter()
+            .filter_map(|node| node.dynamics.hosted())
+            .for_each(|hosted| hosted.field().announce(t, x));
     }
 
     /// Components of a state, 1 to 8; every node has as many.
