@@ -123,7 +123,10 @@ impl HostField for Member {
     }
 
     fn announce(&self, t: f64, x: &[f64]) {
-        self.callable.announce(t, x);
+        // Once for the whole group.
+        if self.place == 0 {
+            self.callable.announce(t, x);
+        }
     }
 }
 

@@ -23,7 +23,8 @@ use super::error::ReferenceError;
 use super::network::Network;
 use super::options::ReferenceOptions;
 use super::problem::{
-    CoupledProblem, ReferenceProblem, announce, curvature, inverse, kinks, next_of, slope, width,
+    CoupledProblem, ReferenceProblem, announce, announce_slopes, curvature, inverse, kinks, next_of, slope,
+    width,
 };
 use super::states::States;
 use super::unknowns::{Seen, Unknowns};
@@ -233,6 +234,7 @@ impl Unknowns for System<'_> {
         let nu: Vec<f64> = (0..nodes).map(|i| p.psi[i] * p.slope[i] * v[i + 1]).collect();
         let mut push = vec![0.0; nodes];
         self.network.deviations(&nu, &mut push);
+        announce_slopes(&problem.fields, t, &p.x);
         for i in 0..nodes {
             push[i] = problem.fields[i].slope(t, p.x[i]) * (push[i] + v[0]) + v[i + 1];
         }

@@ -61,11 +61,16 @@ impl Hosted {
         self.field.component(component, t, x)
     }
 
+    /// Step (state units) to both sides of `x` at which a slope is looked for.
+    #[must_use]
+    pub fn quotient_step(x: f64) -> f64 {
+        QUOTIENT * larger(1.0, x.abs())
+    }
+
     /// `df_row / dx_column` (1/s), as a difference quotient.
     #[must_use]
     pub fn slope_of(&self, row: usize, column: usize, t: f64, x: &[f64]) -> f64 {
-        let size = x.get(column).copied().unwrap_or(0.0).abs();
-        let step = QUOTIENT * larger(1.0, size);
+        let step = Self::quotient_step(x.get(column).copied().unwrap_or(0.0));
         let at = |by: f64| {
             let moved: Vec<f64> =
                 x.iter().enumerate().map(|(at, x)| if at == column { x + by } else { *x }).collect();

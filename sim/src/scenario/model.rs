@@ -76,6 +76,13 @@ impl Scenario {
             .for_each(|hosted| hosted.field().announce(t, x));
     }
 
+    /// The same where all nodes are asked at one state, by component.
+    pub fn announce_one(&self, t: f64, x: &[f64]) {
+        if self.has_hosted_fields() {
+            self.announce(t, &x.repeat(self.nodes.len()));
+        }
+    }
+
     /// Components of a state, 1 to 8; every node has as many.
     #[must_use]
     pub fn components(&self) -> usize {
