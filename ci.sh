@@ -17,6 +17,8 @@ BOARDS="" IMAGES_OF_NODES=""
 readonly EMULATED=$ROOT/target/emulated
 # Where the readers of tests/readers are installed; sim-host/tests/exports.rs looks there.
 readonly READERS=$ROOT/target/readers
+# Where the Python package is installed, with what its tests and notebooks need.
+readonly PACKAGE=$ROOT/target/python
 # Instructions per node-tick in loopback.
 readonly HOST_LIMIT=1650
 # The same on CAN, in tenths of those in loopback. It is to be 25; 27.7 were counted.
@@ -162,6 +164,7 @@ cmd_setup() { #: find or install what the other commands need
     setup_socketcan
     setup_emulated
     setup_readers
+    setup_package_tools
     # Not fatal: clippy says where it is skipped.
     target_has_clippy || [[ $(toolchain) != debian ]] || (apt_install rust-web-clippy) || true
     read_boards
@@ -220,10 +223,29 @@ install_readers() {
     } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "cantools, mcap and networkx cannot be installed (the whole output: $log)"; }
 }
 
+# The tools of the Python package, from PyPI, in the versions of a lock file.
+has_package_tools() { [[ -x $PACKAGE/bin/maturin ]] && "$PACKAGE/bin/python" -c 'import ipykernel, matplotlib, nbclient, pandas, polars, pytest' 2>/dev/null; }
+
+setup_package_tools() {
+    has_package_tools || (install_package_tools) || say "no tools of the Python package, so it is not built"
+}
+
+install_package_tools() {
+    local log=$PACKAGE.log
+    python3 -c 'import ensurepip' 2>/dev/null || apt_install python3-venv
+    say "installing maturin, NumPy and what the Python package is tested with from PyPI"
+    mkdir -p "$(dirname "$PACKAGE")"
+    {
+        python3 -m venv "$PACKAGE" \
+            && timeout 600 "$PACKAGE/bin/pip" install --no-deps --only-binary :all: --require-hashes -r python/requirements.txt
+    } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "the tools of the Python package cannot be installed (the whole output: $log)"; }
+}
+
 cmd_fmt() { #: check the format of every Rust file
     cargo fmt --all --check || fail "not formatted: cargo fmt --all"
     (cd firmware && cargo fmt --check) || fail "not formatted: (cd firmware && cargo fmt)"
     (cd fuzz && cargo fmt --check) || fail "not formatted: (cd fuzz && cargo fmt)"
+    (cd python && cargo fmt --check) || fail "not formatted: (cd python && cargo fmt)"
 }
 
 cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its target
@@ -254,6 +276,15 @@ cmd_unit() { #: unit, property and golden tests on the host
     cargo test --locked --package funnelnet-can-bus --features pcapng --lib
 }
 
+cmd_python-package() { #: build and install the Python package, and run its tests and notebooks
+    has_package_tools || { say "SKIPPED the Python package: no tools in target/python; ./ci.sh setup installs them where PyPI can be reached"; return; }
+    cargo build --quiet --locked --package sim-host --bin sim-host
+    # Without optimisation of what is tested for its bits: those are the same. The libraries below are those of the tests of Rust.
+    PATH=$PACKAGE/bin:$PATH CARGO_TARGET_DIR=$ROOT/target MATURIN_PEP517_ARGS="--profile dev" \
+        "$PACKAGE/bin/pip" install --quiet --no-deps --no-build-isolation --force-reinstall ./python
+    (cd python && FUNNELNET_COMMAND=$ROOT/target/debug/sim-host "$PACKAGE/bin/python" -m pytest -q -p no:cacheprovider)
+}
+
 cmd_doc() { #: the crates' documentation, with warnings denied
     RUSTDOCFLAGS="-D warnings" cargo doc --quiet --locked --workspace --no-deps
 }
@@ -275,10 +306,10 @@ cmd_package() { #: pack and build what can be published (dry run), and count the
     (( status == 0 ))
 }
 
-cmd_deny() { #: licences, sources and wildcard versions of everything below the workspace, firmware and fuzz targets
+cmd_deny() { #: licences, sources and wildcard versions of everything below the workspace, firmware, fuzz targets and Python package
     have cargo-deny || { say "SKIPPED licences and sources: no cargo-deny here; cargo install --locked cargo-deny"; return; }
     local folder
-    for folder in . firmware fuzz; do
+    for folder in . firmware fuzz python; do
         (cd "$folder" && cargo deny --locked --config "$ROOT/deny.toml" check bans licenses sources)
     done
 }
@@ -688,7 +719,7 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
 
 cmd_test() { #: set up, then every check, cheap ones first
     local name began
-    for name in setup fmt clippy doc python unit package deny semver thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
+    for name in setup fmt clippy doc python unit python-package package deny semver thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
         say "--- $name"
         began=$SECONDS
         "cmd_$name"

@@ -47,6 +47,11 @@ pub enum Unfit {
         /// Name of the input.
         name: String,
     },
+    /// The program around the simulation computes its field.
+    Hosted {
+        /// Id of the node.
+        node: u16,
+    },
 }
 
 impl fmt::Display for Unfit {
@@ -59,6 +64,11 @@ impl fmt::Display for Unfit {
                 f,
                 "node {node}: its field names the input '{name}', which a real node does not know: inputs from files are for simulation \
                  and reference; run it with --on loopback"
+            ),
+            Self::Hosted { node } => write!(
+                f,
+                "node {node}: its field is computed by the program around the simulation, which a real node does not have; \
+                 simulate it, or write the field as an expression"
             ),
             Self::NotLocal => f.write_str(
                 "weakly-centralised coupling cannot run on nodes: each would have to know the gains of all others within the \
@@ -90,6 +100,9 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
         if let Some(name) = named_input(&node.dynamics).filter(|_| !drive.is_simulated) {
             return Err(Unfit::Input { node: node.id, name: name.to_owned() });
         }
+        if node.dynamics.hosted().is_some() && !drive.is_simulated {
+            return Err(Unfit::Hosted { node: node.id });
+        }
         let state = node.state.iter().map(|&x| x as f32);
         let neighbours = scenario.graph.edges.iter().filter_map(|edge| seen_from(index, edge, &edges));
         Ok(NodeConfig {
@@ -98,7 +111,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
             tick_source: drive.tick_source,
             initial_state: collect(state).ok_or(too_much("components", MAX_COMPONENTS))?,
             state_limit: STATE_LIMIT,
-            field: field(&node.dynamics).ok_or(too_much("sinusoids or components", MAX_SINES))?,
+            field: field(node).ok_or(too_much("sinusoids or components", MAX_SINES))?,
             coupling,
             gain: node.gain.map(|value| value as f32),
             funnel: node.funnel.map(|value| value as f32),
@@ -139,7 +152,7 @@ pub(crate) fn alone_config(scenario: &LargeScenario, node: &NodeSpec) -> Result<
         initial_state: collect(node.state.iter().map(|&x| x as f32))
             .ok_or(too_much("components", MAX_COMPONENTS))?,
         state_limit: STATE_LIMIT,
-        field: field(&node.dynamics).ok_or(too_much("sinusoids or components", MAX_SINES))?,
+        field: field(node).ok_or(too_much("sinusoids or components", MAX_SINES))?,
         coupling: scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?,
         gain: node.gain.map(|value| value as f32),
         funnel: node.funnel.map(|value| value as f32),
@@ -235,7 +248,7 @@ fn named_input(dynamics: &Dynamics) -> Option<&str> {
 /// The program of an expression as it travels.
 fn program(dynamics: &Dynamics) -> Program<f32> {
     match dynamics {
-        Dynamics::Affine(_) => Program::none(),
+        Dynamics::Affine(_) | Dynamics::Hosted(_) => Program::none(),
         Dynamics::Expression(expression) => Program {
             code: expression.program.code.clone(),
             constants: expression.program.constants.iter().map(|&constant| constant as f32).collect(),
@@ -245,9 +258,14 @@ fn program(dynamics: &Dynamics) -> Program<f32> {
 
 /// The vector field as it travels; `None` where there is no room for it. Beside a program it is its sinusoids
 /// and nothing more.
-fn field(dynamics: &Dynamics) -> Option<Field<f32>> {
-    match dynamics {
+fn field(node: &NodeSpec) -> Option<Field<f32>> {
+    match &node.dynamics {
         Dynamics::Affine(affine) => affine_field(affine, &affine.sines),
+        // The node gets it by another way.
+        Dynamics::Hosted(_) => {
+            let offset = vec![0.0; node.state.len()];
+            affine_field(&Affine { slope: vec![0.0], offset, sines: Vec::new() }, &[])
+        }
         Dynamics::Expression(expression) => {
             let offset = vec![0.0; expression.text.len()];
             affine_field(&Affine { slope: vec![0.0], offset, sines: Vec::new() }, &expression.waves)

@@ -10,6 +10,7 @@ use crate::engine::{self, Clocks, Engine, Lies, SimField, SimNode, World};
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::{NodeSpec, Scenario};
+use crate::simulation::{NodeField, node_params};
 use funnelnet_can_bus::BitErrors;
 use funnelnet_law::field::VectorField;
 use funnelnet_node::{Node, Params};
@@ -132,6 +133,22 @@ pub(crate) fn with_plant<V: VectorField<f32>>(
         return Ok(params);
     }
     params.with_plant(engine::setup_of_own_field(scenario.components()))
+}
+
+/// The nodes of a scenario some of whose fields the program around the simulation computes, on a medium.
+///
+/// # Errors
+/// See [`Refused`].
+pub fn engine_with_host<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M, NodeField>, Refused> {
+    engine_of(scenario, medium, |drive| {
+        let configs = node_configs(scenario, drive)?;
+        let node = |(config, spec): (&NodeConfig, &NodeSpec)| {
+            let params = node_params(config, spec);
+            let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
+            Ok(Node::new(params, &config.neighbours))
+        };
+        configs.iter().zip(&scenario.nodes).map(node).collect()
+    })
 }
 
 /// Parameters that the nodes make of their configurations.

@@ -26,7 +26,7 @@ use crate::record::{BusLogs, Summary, failures, is_standard_output, write_atomic
 use crate::replay::replay;
 use crate::report::{self, Report};
 use crate::run::{self, Claim, Fidelity, LargeOptions, RunError, RunOptions, Verbosity, Wanted};
-use crate::scenario::{self, AnyScenario, LargeScenario, Override, Scenario, TimeSpec, format_duration};
+use crate::scenario::{self, AnyScenario, LargeScenario, Override, Scenario, TimeSpec};
 
 pub use arguments::Cli;
 use arguments::{
@@ -253,7 +253,7 @@ fn execute(
     let (summary, options) = Claim::take(wanted)?.guard(|claim| {
         let (asked, bench) = load()?;
         let (time, seed) = asked.time_and_seed();
-        let every_ticks = args.every.map(|every| every_ticks(every, &time)).transpose()?;
+        let every_ticks = args.every.map(|every| run::every_ticks(every, &time)).transpose()?;
         if args.every.is_some() && args.out.is_none() && !args.quiet {
             complain("note: --every says which rows trajectory.csv has, and there is none without --out");
         }
@@ -317,19 +317,6 @@ fn options(
         interrupt: Interrupt::on_signals()?,
         repeat,
     })
-}
-
-fn every_ticks(every_ns: u64, time: &TimeSpec) -> Result<u64, Failure> {
-    // Not rounds: there are rows between two of them.
-    let tick = time.tick_ns / u64::from(time.round);
-    let duration = time.end_ns();
-    if every_ns == 0 || !every_ns.is_multiple_of(tick) || every_ns > duration {
-        let [every, tick, duration] = [every_ns, tick, duration].map(format_duration);
-        return Err(Failure::bad_input(format!(
-            "--every {every}: must be whole ticks of {tick}, from one to the whole run of {duration}"
-        )));
-    }
-    Ok(every_ns / tick)
 }
 
 /// Says what failed, with the seed and the command that repeats it.

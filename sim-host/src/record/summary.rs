@@ -65,6 +65,10 @@ pub struct Summary {
     /// Ticks that came a whole period late or more, over all nodes; only nodes with timers of their own have
     /// any.
     pub overruns: u64,
+    /// Ids of nodes whose fields the program around the simulation computes, ascending: the result is not the
+    /// firmware's. Left out where there is none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub own_fields: Vec<u16>,
     /// What such a run leaves out; left out itself where that is nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<&'static str>,

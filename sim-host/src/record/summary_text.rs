@@ -100,6 +100,12 @@ fn verdict(summary: &Summary) -> Vec<Line> {
     let failed = summary.checks.iter().filter(|check| !check.pass);
     lines.extend(failed.map(|check| ("FAIL", format!("{}: {}", check.name, check.text))));
     lines.extend(summary.left_out.iter().map(|what| ("left out", (*what).to_owned())));
+    if !summary.own_fields.is_empty() {
+        let ids: Vec<_> = summary.own_fields.iter().map(u16::to_string).collect();
+        let note =
+            format!("not the firmware's result: the fields of nodes {} are computed outside", ids.join(", "));
+        lines.push(("note", note));
+    }
     if summary.expect.is_empty() {
         let note = "the scenario expects nothing: only the checks that every run has to pass were made";
         lines.push(("note", note.to_owned()));

@@ -14,10 +14,13 @@ use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
 use crate::engine::Engine;
 use crate::hub::Hub;
-use crate::loopback::{LOOPBACK, accepted, can_bus, engine, engine_on, ideal_bus, uart_bus};
+use crate::loopback::{
+    LOOPBACK, accepted, can_bus, engine, engine_on, engine_with_host, ideal_bus, uart_bus,
+};
 use crate::noise::Noise;
 use crate::record::{BusSummary, ClockSummary};
 use crate::scenario::{BusModel, Coupling, Scenario};
+use funnelnet_law::field::VectorField;
 use funnelnet_link::{Classic, Fd};
 use funnelnet_protocol::Refusal;
 use funnelnet_protocol::config::TickSource;
@@ -36,7 +39,10 @@ pub fn loopback(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     match scenario.bus.model {
         BusModel::Can => on(can_bus::<Classic>(scenario)?, scenario, options, rows),
         BusModel::CanFd => on(can_bus::<Fd>(scenario)?, scenario, options, rows),
-        BusModel::Ideal => in_program(scenario, options, rows, engine(scenario)?),
+        BusModel::Ideal if scenario.has_hosted_fields() => {
+            with_host(ideal_bus(scenario), scenario, options, rows)
+        }
+        BusModel::Ideal => in_program(scenario, options, rows, engine(scenario)?, |_, _| ()),
         BusModel::Uart => on(uart_bus(scenario), scenario, options, rows),
     }
 }
@@ -48,21 +54,51 @@ fn on<M: Medium>(
     options: &RunOptions,
     rows: &mut dyn Rows,
 ) -> Result<Outcome, RunError> {
+    if scenario.has_hosted_fields() {
+        return with_host(medium, scenario, options, rows);
+    }
     let mut engine = engine_on(scenario, medium)?;
-    let log = options.out.is_some() && options.bus_logs.any();
-    engine.bus_mut().watch(scenario.time.tick_ns, log);
-    in_program(scenario, options, rows, engine)
+    watch(&mut engine, scenario, options);
+    in_program(scenario, options, rows, engine, |_, _| ())
 }
 
-fn in_program<M: Medium>(
+/// Runs nodes whose fields the program around this one computes.
+fn with_host<M: Medium>(
+    medium: M,
     scenario: &Scenario,
     options: &RunOptions,
     rows: &mut dyn Rows,
-    mut engine: Engine<M>,
+) -> Result<Outcome, RunError> {
+    let mut engine = engine_with_host(scenario, medium)?;
+    watch(&mut engine, scenario, options);
+    in_program(scenario, options, rows, engine, |k, engine| {
+        // What each node will ask for first at the next tick.
+        let x: Vec<f64> = engine.nodes().iter().flat_map(|node| node.state()).map(f64::from).collect();
+        scenario.announce(scenario.time.at_s(k + 1), &x);
+    })
+}
+
+fn watch<M: Medium, V: VectorField<f32> + Clone>(
+    engine: &mut Engine<M, V>,
+    scenario: &Scenario,
+    options: &RunOptions,
+) {
+    let log = options.out.is_some() && options.bus_logs.any();
+    engine.bus_mut().watch(scenario.time.tick_ns, log);
+}
+
+/// Runs an engine; `after` sees it after every tick.
+fn in_program<M: Medium, V: VectorField<f32> + Clone>(
+    scenario: &Scenario,
+    options: &RunOptions,
+    rows: &mut dyn Rows,
+    mut engine: Engine<M, V>,
+    after: impl Fn(u64, &Engine<M, V>),
 ) -> Result<Outcome, RunError> {
     let mut load = Load::default();
     let record = drive("loopback", scenario, options, &mut engine, rows, |k, engine| {
         load.at(k, engine.bus().busy_ns(scenario.time.tick_ns.saturating_mul(k + 1)));
+        after(k, engine);
         Ok(())
     })?;
     // Of a run that was cut off nobody knows who would still have been heard.
@@ -105,7 +141,11 @@ impl Load {
 }
 
 /// The table of the bus, where one was kept.
-fn tables<M: Medium>(engine: &mut Engine<M>, scenario: &Scenario, utilisation: f64) -> BusTables {
+fn tables<M: Medium, V: VectorField<f32> + Clone>(
+    engine: &mut Engine<M, V>,
+    scenario: &Scenario,
+    utilisation: f64,
+) -> BusTables {
     let queue_overflows = Some(engine.bus().queue_overflows());
     let table = engine.bus_mut().watched().map(|watch| BusTable {
         interface: SIMULATED.to_owned(),
@@ -137,6 +177,11 @@ pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
 
 /// Weakly-centralised coupling, in one loop over all nodes and without a bus.
 fn central(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
+    if scenario.has_hosted_fields() {
+        return Err(RunError::bad_input(
+            "weakly-centralised coupling is one loop over all nodes, which has no fields of the host; take another coupling",
+        ));
+    }
     let params = accepted(&central_configs(scenario, LOOPBACK).map_err(RunError::bad_input)?, scenario)?;
     let mut central = Central::new(params, &scenario.graph, Noise::of(scenario));
     let record = drive("loopback", scenario, options, &mut central, rows, |_, _| Ok(()))?;

@@ -38,13 +38,14 @@ pub use large::{LargeOptions, execute_large_in};
 pub(crate) use lock::{Access, Lock, LockError};
 pub(crate) use names::SCENARIO as SCENARIO_FILE;
 pub(crate) use names::{SWEEP as SWEEP_FILE, is_ours};
-pub use options::{Fidelity, RunOptions, Verbosity};
+pub use options::{Fidelity, RunOptions, Verbosity, every_ticks};
 pub use outcome::{EarlyEnd, Outcome};
 pub use output::trace;
 pub(crate) use own_clock::DRIVE as OWN_CLOCK;
 pub use places::Wanted;
 pub(crate) use places::{files_named_in, is_one_file, overwritten};
 pub use rows::Rows;
+use rows::{Both, Nobody};
 
 use crate::emergent::EmergentTrajectory;
 use crate::printable::{printable, printable_lines};
@@ -77,11 +78,30 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
 /// # Errors
 /// See [`RunError`]; outputs appear whole or not at all.
 pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
+    let (summary, outcome) = execute_with(claim, scenario, options, &mut Nobody)?;
+    tell_events(scenario, &outcome, options);
+    if let Some(early) = &outcome.ended_early {
+        // What the nodes had to say for themselves; the check says the rest.
+        let is_written = options.out.is_some() || options.json.is_some() || options.junit.is_some();
+        let _ = writeln!(std::io::stderr(), "{}", printable_lines(&early.told(is_written)));
+    }
+    Ok(summary)
+}
+
+/// The same for who takes the rows as well, and says himself what there is to say.
+///
+/// # Errors
+/// See [`RunError`], and those of `also`; outputs appear whole or not at all.
+pub fn execute_with(
+    claim: &mut Claim,
+    scenario: &Scenario,
+    options: &RunOptions,
+    also: &mut dyn Rows,
+) -> Result<(Summary, Outcome), RunError> {
     let begin = Instant::now();
     fits(scenario)?;
     let mut outputs = Outputs::open(scenario, options)?;
-    let outcome = simulate_into(scenario, options, &mut outputs)?;
-    tell_events(scenario, &outcome, options);
+    let outcome = simulate_into(scenario, options, &mut Both(&mut outputs, also))?;
     let mut summary = outcome.judge(scenario, options.on);
     summary.version = env!("CARGO_PKG_VERSION");
     summary.command = claim.command().to_owned();
@@ -89,12 +109,7 @@ pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) 
     outputs.write(scenario, &outcome, &summary)?;
     // Last, so that it is green only where everything else is there.
     claim.take_junit().map_or(Ok(()), |file| claim::commit(file, &junit(&summary, &options.repeat)))?;
-    if let Some(early) = &outcome.ended_early {
-        // What the nodes had to say for themselves; the check says the rest.
-        let is_written = options.out.is_some() || options.json.is_some() || options.junit.is_some();
-        let _ = writeln!(std::io::stderr(), "{}", printable_lines(&early.told(is_written)));
-    }
-    Ok(summary)
+    Ok((summary, outcome))
 }
 
 /// A node that has stopped by itself leaves figures that look like those of a good run.

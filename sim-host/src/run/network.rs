@@ -10,6 +10,7 @@ use crate::engine::Engine;
 use crate::hub::Hub;
 use crate::presence::Presence;
 use crate::record::OnBus;
+use funnelnet_law::field::VectorField;
 use funnelnet_node::Observation;
 
 /// Nodes that tick together.
@@ -44,7 +45,7 @@ pub(super) trait Network {
 }
 
 /// Loopback: nodes on a bus in this program.
-impl<M: Medium> Network for Engine<M> {
+impl<M: Medium, V: VectorField<f32> + Clone> Network for Engine<M, V> {
     fn start(&mut self) -> Result<(), RunError> {
         Self::start(self);
         Ok(())

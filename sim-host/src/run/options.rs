@@ -1,11 +1,12 @@
 //! What the user asks of a run.
 
+use super::error::RunError;
 use crate::bench::BenchFile;
 use crate::bus::SIMULATED;
 use crate::emulator::EmulatorOptions;
 use crate::interrupt::Interrupt;
 use crate::record::BusLogs;
-use crate::scenario::{Scenario, TimeSpec};
+use crate::scenario::{Scenario, TimeSpec, format_duration};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -105,4 +106,21 @@ impl RunOptions {
     pub fn stride(&self, time: &TimeSpec) -> u64 {
         self.every_ticks.unwrap_or_else(|| time.steps().div_ceil(DEFAULT_ROWS)).max(1)
     }
+}
+
+/// Ticks between two rows that are `every_ns` apart, those between two rounds included.
+///
+/// # Errors
+/// Not whole ticks, or longer than the run.
+pub fn every_ticks(every_ns: u64, time: &TimeSpec) -> Result<u64, RunError> {
+    // Not rounds: there are rows between two of them.
+    let tick = time.tick_ns / u64::from(time.round);
+    let duration = time.end_ns();
+    if every_ns == 0 || !every_ns.is_multiple_of(tick) || every_ns > duration {
+        let [every, tick, duration] = [every_ns, tick, duration].map(format_duration);
+        return Err(RunError::bad_input(format!(
+            "--every {every}: must be whole ticks of {tick}, from one to the whole run of {duration}"
+        )));
+    }
+    Ok(every_ns / tick)
 }

@@ -166,6 +166,7 @@ impl Outcome {
             counters: self.believed.map(|_| self.count()),
             bench: self.bench.clone(),
             stopped: self.stopped(scenario),
+            own_fields: hosted(scenario),
             overruns: self.counters.iter().map(|counters| u64::from(counters.overruns)).sum(),
             ..Summary::default()
         };
@@ -305,6 +306,11 @@ impl Outcome {
         let windows = windows.flat_map(|(n, (window, figures))| of_window(n + 1, window, figures, beside));
         before.chain(final_value).chain(after).chain(windows).collect()
     }
+}
+
+/// Ids of the nodes whose fields the program around the simulation computes.
+fn hosted(scenario: &Scenario) -> Vec<u16> {
+    scenario.nodes.iter().filter(|node| node.dynamics.hosted().is_some()).map(|node| node.id).collect()
 }
 
 /// Those of a list of names, limits and values that have a limit.

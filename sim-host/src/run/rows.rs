@@ -27,3 +27,27 @@ impl Rows for Vec<Row> {
         Ok(())
     }
 }
+
+/// Takes rows for nothing.
+pub(super) struct Nobody;
+
+impl Rows for Nobody {
+    fn take(&mut self, _: Row) -> Result<(), RunError> {
+        Ok(())
+    }
+}
+
+/// Gives each row to two.
+pub(super) struct Both<'a>(pub &'a mut dyn Rows, pub &'a mut dyn Rows);
+
+impl Rows for Both<'_> {
+    fn take(&mut self, row: Row) -> Result<(), RunError> {
+        self.0.take(row.clone())?;
+        self.1.take(row)
+    }
+
+    fn hear(&mut self, heard: &[OnBus]) -> Result<(), RunError> {
+        self.0.hear(heard)?;
+        self.1.hear(heard)
+    }
+}

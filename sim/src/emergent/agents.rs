@@ -33,6 +33,7 @@ impl<'a> Agents<'a> {
     fn place_component(&mut self, component: usize, t: f64, xi: &[f64]) {
         let t_funnel = t.max(AFTER_START);
         let widest = self.scenario.widest_funnel(t_funnel);
+        self.scenario.announce_one(t, xi);
         self.placed.clear();
         self.placed.extend(self.scenario.nodes.iter().zip(&self.gains).map(|(node, &gain)| Agent {
             psi: weight(self.scenario.coupling, node, t_funnel, widest),

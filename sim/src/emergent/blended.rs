@@ -24,7 +24,10 @@ impl<'a> BlendedTrajectory<'a> {
         let mean = |component, t, x: &[f64]| {
             nodes.iter().map(|node| node.dynamics.component(component, t, x)).sum::<f64>() / count
         };
-        let field = |t: f64, x: &[f64]| (0..x.len()).map(|component| mean(component, t, x)).collect();
+        let field = |t: f64, x: &[f64]| {
+            self.scenario.announce_one(t, x);
+            (0..x.len()).map(|component| mean(component, t, x)).collect()
+        };
         while self.walk.step(t, field) {}
         self.walk.look(t, field);
         &self.walk.x

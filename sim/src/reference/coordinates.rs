@@ -22,7 +22,10 @@ use std::cell::RefCell;
 use super::error::ReferenceError;
 use super::network::Network;
 use super::options::ReferenceOptions;
-use super::problem::{CoupledProblem, ReferenceProblem, curvature, inverse, kinks, next_of, slope, width};
+use super::problem::{
+    CoupledProblem, ReferenceProblem, announce, announce_slopes, curvature, inverse, kinks, next_of, slope,
+    width,
+};
 use super::states::States;
 use super::unknowns::{Seen, Unknowns};
 use crate::extremes::largest;
@@ -106,6 +109,7 @@ impl<'a> System<'a> {
 
     fn rates(&self, p: &mut Point) {
         let problem = self.problem;
+        announce(&problem.fields, p.t, &p.x);
         let u = &p.y[1..];
         let push = |i: usize| problem.fields[i].value(p.t, p.x[i]) + u[i];
         let push: Vec<f64> = (0..u.len()).map(push).collect();
@@ -230,6 +234,7 @@ impl Unknowns for System<'_> {
         let nu: Vec<f64> = (0..nodes).map(|i| p.psi[i] * p.slope[i] * v[i + 1]).collect();
         let mut push = vec![0.0; nodes];
         self.network.deviations(&nu, &mut push);
+        announce_slopes(&problem.fields, t, &p.x);
         for i in 0..nodes {
             push[i] = problem.fields[i].slope(t, p.x[i]) * (push[i] + v[0]) + v[i + 1];
         }

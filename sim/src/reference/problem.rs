@@ -2,7 +2,7 @@
 
 use super::error::ReferenceError;
 use crate::extremes::larger;
-use crate::scenario::Dynamics;
+use crate::scenario::{Dynamics, Hosted};
 use funnelnet_law::Coupling;
 use funnelnet_law::funnel::{Funnel, Shape};
 use funnelnet_law::gain::{Gain, GainFunction};
@@ -240,6 +240,22 @@ impl ReferenceProblem {
             require("edge end", i, j as f64, i < nodes && j < nodes && i != j)?;
         }
         Ok(())
+    }
+}
+
+/// Tells the host's fields that all of them will be asked at `t` (s) and the states `x`.
+pub(super) fn announce(fields: &[Dynamics], t: f64, x: &[f64]) {
+    fields.iter().filter_map(Dynamics::hosted).for_each(|hosted| hosted.field().announce(t, x));
+}
+
+/// The same for the states at which the slopes of scalar fields at `x` are looked for.
+pub(super) fn announce_slopes(fields: &[Dynamics], t: f64, x: &[f64]) {
+    if !fields.iter().any(|field| field.hosted().is_some()) {
+        return;
+    }
+    for side in [1.0, -1.0] {
+        let moved: Vec<f64> = x.iter().map(|x| x + side * Hosted::quotient_step(*x)).collect();
+        announce(fields, t, &moved);
     }
 }
 

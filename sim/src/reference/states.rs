@@ -8,7 +8,7 @@
 use super::coordinates::LOCAL_SHARE;
 use super::error::ReferenceError;
 use super::options::ReferenceOptions;
-use super::problem::{CoupledProblem, kinks, next_of, width};
+use super::problem::{CoupledProblem, announce, kinks, next_of, width};
 use super::unknowns::{Seen, Unknowns};
 use crate::extremes::{larger, largest};
 use funnelnet_law::{Coupling, Gain, GainFunction};
@@ -198,6 +198,7 @@ impl Unknowns for States<'_> {
     fn derivative(&self, t: f64, y: &[f64], out: &mut [f64]) {
         let (problem, n) = (self.problem, self.problem.components);
         let seen = self.terms(t, y);
+        announce(&problem.fields, t, &y[..self.entries()]);
         for (node, field) in problem.fields.iter().enumerate() {
             let x = &y[node * n..][..n];
             for component in 0..n {

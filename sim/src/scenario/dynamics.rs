@@ -3,6 +3,7 @@
 use super::Sine;
 use super::affine::Affine;
 use super::expression::Expression;
+use super::host_field::Hosted;
 use crate::extremes::largest;
 
 /// `f(t, x)` in state units per second.
@@ -16,6 +17,8 @@ pub enum Dynamics {
     Affine(Affine),
     /// An expression for each component.
     Expression(Expression),
+    /// What the program around the simulation computes: no scenario file has it, and no board.
+    Hosted(Hosted),
 }
 
 impl Dynamics {
@@ -24,7 +27,7 @@ impl Dynamics {
     pub fn affine(&self) -> Option<&Affine> {
         match self {
             Self::Affine(affine) => Some(affine),
-            Self::Expression(_) => None,
+            Self::Expression(_) | Self::Hosted(_) => None,
         }
     }
 
@@ -32,7 +35,7 @@ impl Dynamics {
     pub fn affine_mut(&mut self) -> Option<&mut Affine> {
         match self {
             Self::Affine(affine) => Some(affine),
-            Self::Expression(_) => None,
+            Self::Expression(_) | Self::Hosted(_) => None,
         }
     }
 
@@ -40,8 +43,17 @@ impl Dynamics {
     #[must_use]
     pub fn expression(&self) -> Option<&Expression> {
         match self {
-            Self::Affine(_) => None,
+            Self::Affine(_) | Self::Hosted(_) => None,
             Self::Expression(expression) => Some(expression),
+        }
+    }
+
+    /// The field of the program around the simulation, where it is one.
+    #[must_use]
+    pub fn hosted(&self) -> Option<&Hosted> {
+        match self {
+            Self::Hosted(hosted) => Some(hosted),
+            Self::Affine(_) | Self::Expression(_) => None,
         }
     }
 
@@ -51,6 +63,7 @@ impl Dynamics {
         match self {
             Self::Affine(affine) => affine.component(component, t, x),
             Self::Expression(expression) => expression.component(component, t, x),
+            Self::Hosted(hosted) => hosted.component(component, t, x),
         }
     }
 
@@ -60,6 +73,7 @@ impl Dynamics {
         match self {
             Self::Affine(affine) => affine.value(t, x),
             Self::Expression(expression) => expression.component(0, t, &[x]),
+            Self::Hosted(hosted) => hosted.component(0, t, &[x]),
         }
     }
 
@@ -69,6 +83,7 @@ impl Dynamics {
         match self {
             Self::Affine(affine) => affine.slope_of(row, column),
             Self::Expression(expression) => expression.slope_of(row, column, t, x),
+            Self::Hosted(hosted) => hosted.slope_of(row, column, t, x),
         }
     }
 
@@ -84,16 +99,18 @@ impl Dynamics {
         match self {
             Self::Affine(affine) => affine.rate_of_forcing(t),
             Self::Expression(expression) => expression.rate_of(0, t, &[x]),
+            Self::Hosted(hosted) => hosted.rate_of(0, t, &[x]),
         }
     }
 
     /// The largest row sum of `|df/dx|` (1/s): a Lipschitz constant of an affine field, the steepest that was
-    /// found of an expression.
+    /// found of any other.
     #[must_use]
     pub fn steepness(&self) -> f64 {
         match self {
             Self::Affine(affine) => affine.lipschitz(),
             Self::Expression(expression) => expression.steepness(),
+            Self::Hosted(hosted) => hosted.steepness(),
         }
     }
 
@@ -103,6 +120,7 @@ impl Dynamics {
         match self {
             Self::Affine(affine) => &affine.sines,
             Self::Expression(expression) => &expression.waves,
+            Self::Hosted(_) => &[],
         }
     }
 

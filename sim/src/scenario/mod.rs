@@ -20,6 +20,7 @@ mod expression;
 mod faults;
 mod graph;
 mod graph_file;
+mod host_field;
 mod initial;
 mod inputs;
 mod large;
@@ -35,6 +36,7 @@ pub mod schema;
 mod sparse_spectrum;
 #[cfg(feature = "spectrum")]
 mod spectrum;
+mod steepest;
 mod topology;
 pub mod tree;
 mod written;
@@ -62,6 +64,7 @@ pub use expression::{Expression, ExpressionError};
 pub use funnelnet_law::funnel::{Normalised, Shape};
 pub use funnelnet_law::{Breach, Coupling, Funnel, Gain};
 pub use graph::{Edge, Graph};
+pub use host_field::{HostField, Hosted};
 pub use initial::initial_ratios;
 pub use inputs::{InputFile, Series};
 #[cfg(feature = "check")]

@@ -60,6 +60,29 @@ pub struct Scenario {
 }
 
 impl Scenario {
+    /// Whether the program around the simulation computes the field of a node: what comes of it is not the
+    /// firmware's.
+    #[must_use]
+    pub fn has_hosted_fields(&self) -> bool {
+        self.nodes.iter().any(|node| node.dynamics.hosted().is_some())
+    }
+
+    /// Tells the host's fields that all nodes will be asked at `t` (s) and the states `x`, by index and then
+    /// by component.
+    pub fn announce(&self, t: f64, x: &[f64]) {
+        self.nodes
+            .iter()
+            .filter_map(|node| node.dynamics.hosted())
+            .for_each(|hosted| hosted.field().announce(t, x));
+    }
+
+    /// The same where all nodes are asked at one state, by component.
+    pub fn announce_one(&self, t: f64, x: &[f64]) {
+        if self.has_hosted_fields() {
+            self.announce(t, &x.repeat(self.nodes.len()));
+        }
+    }
+
     /// Components of a state, 1 to 8; every node has as many.
     #[must_use]
     pub fn components(&self) -> usize {

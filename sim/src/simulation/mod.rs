@@ -7,13 +7,13 @@ mod network;
 mod tests;
 mod verdict;
 
-pub use field::NodeField;
+pub use field::{NodeField, node_params};
 pub use verdict::Verdict;
 
 use crate::bus::Medium;
 use crate::central::Central;
 use crate::configure::{Drive, Unfit, central_configs, node_configs};
-use crate::engine::{self, Driven, NodeEvent, Plants};
+use crate::engine::{Driven, NodeEvent, Plants};
 use crate::judge::{Accounts, Evidence, Judge, Moment, Stop, checks};
 use crate::loopback::{LOOPBACK, Refused, accepted, can_bus, engine_of, ideal_bus, uart_bus, with_plant};
 use crate::noise::Noise;
@@ -49,6 +49,7 @@ pub struct Simulation<'s> {
     /// Tick that comes next.
     next: u64,
     events: Vec<NodeEvent>,
+    has_hosted_fields: bool,
     /// States and inputs of the tick, by index and then by component.
     x: Vec<f64>,
     u: Vec<f64>,
@@ -84,6 +85,10 @@ impl<'s> Simulation<'s> {
         }
         self.next += 1;
         self.network.advance();
+        if self.has_hosted_fields {
+            // What each node will ask for first at the next tick.
+            self.scenario.announce(self.scenario.time.at_s(k + 1), &self.network.states());
+        }
         let (seen, presence) = (self.network.observations(), self.network.presence(k));
         self.x.clear();
         self.x.extend(seen.iter().map(|seen| f64::from(seen.x)));
@@ -203,7 +208,8 @@ impl<'s> Setup<'s> {
         network.start();
         let (judge, accounts) = (Judge::new(scenario), Accounts::new(scenario));
         let (events, x, u) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Simulation { scenario, network, judge, accounts, next: 0, events, x, u })
+        let has_hosted_fields = scenario.has_hosted_fields();
+        Ok(Simulation { scenario, network, judge, accounts, next: 0, events, has_hosted_fields, x, u })
     }
 
     fn network(self) -> Result<Box<dyn Network + 's>, Refused> {
@@ -222,7 +228,7 @@ impl<'s> Setup<'s> {
     /// One loop over all nodes, which is none for nodes with fields or plants of their own.
     fn central(self) -> Result<Box<dyn Network + 's>, Refused> {
         let scenario = self.scenario;
-        if self.makes.iter().any(Option::is_some) {
+        if self.makes.iter().any(Option::is_some) || scenario.has_hosted_fields() {
             return Err(Refused::Unfit(Unfit::NotLocal));
         }
         let params = accepted(&central_configs(scenario, LOOPBACK)?, scenario)?;
@@ -240,9 +246,7 @@ impl<'s> Setup<'s> {
         let node = |(index, config): (usize, &NodeConfig)| {
             let params = match self.makes.get(index) {
                 Some(Some(make)) => make(config),
-                _ => engine::params_as(config, &self.scenario.nodes[index], |field| {
-                    NodeField::Configured(Box::new(field))
-                }),
+                _ => node_params(config, &self.scenario.nodes[index]),
             };
             let params = params.and_then(|params| with_plant(params, self.scenario, index));
             let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;

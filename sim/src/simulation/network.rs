@@ -15,6 +15,9 @@ pub(super) trait Network {
     fn start(&mut self);
     fn advance(&mut self);
     fn observations(&self) -> &[Observation<f32>];
+    /// States that the nodes have now, ahead of what they observed at the last tick, by index and then by
+    /// component.
+    fn states(&self) -> Vec<f64>;
     fn presence(&self, k: u64) -> Vec<Presence>;
     fn take_events(&mut self) -> Vec<NodeEvent>;
     /// What the nodes report, by index; none for one that is off.
@@ -35,6 +38,10 @@ impl<M: Medium, V: VectorField<f32> + Clone> Network for Engine<M, V> {
 
     fn observations(&self) -> &[Observation<f32>] {
         Self::observations(self)
+    }
+
+    fn states(&self) -> Vec<f64> {
+        self.nodes().iter().flat_map(|node| node.state()).map(f64::from).collect()
     }
 
     fn presence(&self, k: u64) -> Vec<Presence> {
@@ -63,6 +70,11 @@ impl Network for Central {
 
     fn observations(&self) -> &[Observation<f32>] {
         Self::observations(self)
+    }
+
+    /// Its fields are those of the scenario, which nobody is told of.
+    fn states(&self) -> Vec<f64> {
+        Vec::new()
     }
 
     fn presence(&self, _: u64) -> Vec<Presence> {

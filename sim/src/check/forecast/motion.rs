@@ -78,7 +78,7 @@ impl Fields<'_> {
 pub(super) fn value(dynamics: &Dynamics, forcing: f64, t: f64, x: f64) -> f64 {
     match dynamics {
         Dynamics::Affine(affine) => affine.slope() * x + forcing,
-        Dynamics::Expression(expression) => expression.component(0, t, &[x]),
+        Dynamics::Expression(_) | Dynamics::Hosted(_) => dynamics.value(t, x),
     }
 }
 

@@ -106,7 +106,7 @@ pub(super) fn along(
         rates.clear();
         let by_time = nodes.clone().zip(&forcing.rate).map(|(field, rate)| match field {
             Dynamics::Affine(_) => *rate,
-            Dynamics::Expression(expression) => expression.rate_of(0, t, &[xi]),
+            Dynamics::Expression(_) | Dynamics::Hosted(_) => field.rate(t, xi),
         });
         rates.extend(slopes.iter().zip(by_time).map(|(slope, rate)| slope * velocity + rate));
         relative_widths(scenario, widths, t, &mut relative);

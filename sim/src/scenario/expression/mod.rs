@@ -14,6 +14,7 @@ mod token;
 
 use super::Sine;
 use super::inputs::Series;
+use super::steepest::steepest;
 use compile::Compiler;
 use dual::Dual;
 use funnelnet_law::math::Real;
@@ -109,7 +110,8 @@ impl Expression {
     /// `end` (s).
     #[must_use]
     pub fn explored(mut self, size: f64, end: f64) -> Self {
-        self.steepness = self.steepest(size, end);
+        let slope = |row: usize, column: usize, t: f64, x: &[f64]| self.slope_of(row, column, t, x);
+        self.steepness = steepest(self.components.len(), size, end, slope);
         self
     }
 
@@ -149,34 +151,6 @@ impl Expression {
     fn run<F: Number>(&self, component: usize, constants: &[F], x: &[F], t: F) -> F {
         let operations = self.components.get(component).map_or(&[][..], Vec::as_slice);
         run(operations, constants, x, &At { t, expression: self })
-    }
-
-    /// The steepest of so many points, spread evenly (Weyl's sequence).
-    fn steepest(&self, size: f64, end: f64) -> f64 {
-        const POINTS: usize = 256;
-        /// Steps whose multiples fill the unit interval evenly: roots of primes.
-        const STEPS: [f64; 9] = [
-            0.414_213_562,
-            0.732_050_808,
-            0.236_067_977,
-            0.645_751_311,
-            0.316_624_79,
-            0.605_551_275,
-            0.123_105_626,
-            0.358_898_944,
-            0.795_831_523,
-        ];
-        let n = self.components.len();
-        let at = |point: usize, axis: usize| (point as f64 * STEPS[axis]).fract();
-        let row_sum = |row: usize, t: f64, x: &[f64]| {
-            (0..n).map(|column| self.slope_of(row, column, t, x).abs()).sum::<f64>()
-        };
-        let points = (0..POINTS).map(|point| {
-            let x: Vec<_> = (0..n).map(|axis| size * (2.0 * at(point, axis) - 1.0)).collect();
-            let t = end * at(point, 8);
-            crate::extremes::largest(0.0, (0..n).map(|row| row_sum(row, t, &x)))
-        });
-        crate::extremes::largest(0.0, points)
     }
 }
 
