@@ -98,6 +98,7 @@ fn options(
         image: Path::new("").to_owned(),
         bench: None,
         bus_logs: BusLogs { log: true, capture: false },
+        mcap: false,
         verbosity: Verbosity::Quiet,
         interrupt: trouble.interrupt().clone(),
         repeat: command.to_owned(),

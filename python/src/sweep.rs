@@ -54,6 +54,7 @@ pub fn sweep(
         resumes: resume,
         jobs: jobs.unwrap_or_else(cores).max(1),
         may_refuse: allow_refused,
+        parquet: false,
         is_quiet: true,
         interrupt: trouble.interrupt().clone(),
         command,
