@@ -63,7 +63,7 @@ fn written(at: u32) -> [u8; AT_ONCE] {
 async fn differing<S: NorFlash>(
     flash: &mut S,
     page: Range<u32>,
-    expected: fn(u32) -> [u8; AT_ONCE],
+    expected: impl Fn(u32) -> [u8; AT_ONCE],
 ) -> Result<u32, S::Error> {
     let (mut count, mut bytes) = (0, [0; AT_ONCE]);
     for at in page.step_by(AT_ONCE) {
