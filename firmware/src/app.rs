@@ -13,9 +13,9 @@ use funnelnet_protocol::service::{Identity, ResetCause};
 use static_cell::StaticCell;
 
 #[cfg(not(feature = "_nrf52840"))]
-use crate::clock::Embassy as BoardClock;
+pub(crate) use crate::clock::Embassy as BoardClock;
 #[cfg(feature = "_nrf52840")]
-use crate::nrf::clock::Micros as BoardClock;
+pub(crate) use crate::nrf::clock::Micros as BoardClock;
 use crate::reset::Start;
 
 pub use funnelnet_app::SessionOf;

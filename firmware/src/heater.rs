@@ -1,5 +1,6 @@
 //! Worked example: heaters that agree on a temperature (docs/book/src/your-own-node.md). Copy this file and
-//! change it: it is all that a node of your own needs beside the pins in `src/bin/heater.rs`.
+//! change it: it is all that a node of your own needs beside the pins in `src/bin/heater.rs` (Pico) or
+//! `src/bin/heater_g474.rs` (STM32).
 //!
 //! A heated block with a sensor of 10 mV/K on a converter of 12 bits, and a heater of 10 W on a duty cycle.
 //! The state is the temperature in degrees C, the input is in K/s.

@@ -8,10 +8,12 @@ import struct
 from core import Peripheral
 from fdcan import Frame, RECOVERY_NS
 
-MCR, MSR, TSR, RF0R, IER, ESR = 0x00, 0x04, 0x08, 0x0C, 0x14, 0x18
+MCR, MSR, TSR, RF0R, IER, ESR, BTR = 0x00, 0x04, 0x08, 0x0C, 0x14, 0x18, 0x1C
 MAILBOXES, RECEIVED, FM1R, FS1R, FFA1R, FA1R, BANKS = 0x180, 0x1B0, 0x204, 0x20C, 0x214, 0x21C, 0x240
 BANK_COUNT, DEPTH = 14, 3
 INRQ, SLEEP, ERROR = 1, 2, 4
+# Of BTR: it hears itself; nothing of it is on the bus, and nothing on the bus reaches it.
+LOOPED, SILENT = 1 << 30, 1 << 31
 OVERRUN = 1 << 4
 # Of IER: interrupts for the kind of the last error, and for errors at all. Of ESR: that kind; a form error, and what software writes.
 LECIE, ERRIE = 1 << 11, 1 << 15
@@ -22,6 +24,9 @@ TX_IRQ, RX0_IRQ, SCE_IRQ = 19, 20, 22
 
 class BxCan(Peripheral):
     """The controller. `sent` is what it has put on the bus; `receive` gives it a frame."""
+
+    # Whether a controller that is looped back hears itself.
+    loops_back = True
 
     def __init__(self, core, base):
         super().__init__(core, base)
@@ -86,9 +91,17 @@ class BxCan(Peripheral):
         at = MAILBOXES + 16 * mailbox
         length = self.get(at + 4) & 15
         data = struct.pack("<II", self.get(at + 8), self.get(at + 12))
-        self.sent_at.append(self.core.ns)
-        self.sent.append(Frame(identifier >> 21, data[:length]))
+        self.put(Frame(identifier >> 21, data[:length]))
         self.held[TSR] = self.get(TSR) | 0x03 << 8 * mailbox
+
+    def put(self, frame):
+        """A frame onto the bus, and to itself (RM0390, test mode)."""
+        mode = self.get(BTR)
+        if not mode & SILENT:
+            self.sent_at.append(self.core.ns)
+            self.sent.append(frame)
+        if mode & LOOPED and self.loops_back:
+            self.receive(frame)
 
     # --- receiving
 

@@ -47,12 +47,15 @@ class NrfPeripheral(Peripheral):
 
 
 class Clock(NrfPeripheral):
-    """CLOCK and POWER: crystals that run at once, and the cause of the last reset."""
+    """CLOCK and POWER: crystals that run at once where they are there, and the cause of the last reset."""
 
     IRQ = 0
     HFCLKSTAT, LFCLKSTAT, RESETREAS = 0x40C, 0x418, 0x400
     CAUSES = {"power": 0, "reset request": 1 << 2, "watchdog": 1 << 1}
     cause = 0
+    # Whether the board has its crystals; the chip's own oscillators are always there.
+    has_fast_crystal = has_slow_crystal = True
+    LFCLKSRC, XTAL = 0x518, 1
 
     def read(self, offset):
         if offset == self.RESETREAS:
@@ -66,9 +69,10 @@ class Clock(NrfPeripheral):
             super().write(offset, value)
 
     def task(self, offset):
-        started = {0x000: 0x100, 0x008: 0x104}.get(offset)
-        if started:
-            self.fire(started)
+        if offset == 0x000 and self.has_fast_crystal:
+            self.fire(0x100)
+        elif offset == 0x008 and (self.has_slow_crystal or self.get(self.LFCLKSRC) & 3 != self.XTAL):
+            self.fire(0x104)
 
 
 class Ppi(NrfPeripheral):
@@ -143,7 +147,7 @@ class Microseconds(NrfPeripheral):
     def count(self):
         if self.begin is None:
             return 0
-        counts = int((self.core.ns - self.begin) * self.HZ / 1e9) >> self.get(self.PRESCALER)
+        counts = int((self.core.time - self.begin) * self.HZ / 1e9) >> self.get(self.PRESCALER)
         return counts % (1 << self.BITS[self.get(self.BITMODE)])
 
     def task(self, offset):
@@ -232,6 +236,23 @@ class Uarte(NrfPeripheral):
         return self.sent_at
 
 
+class Gpio(NrfPeripheral):
+    """Outputs of port 1; `changes` counts those of pin PIN."""
+
+    OUTSET, OUTCLR, PIN = 0x808, 0x80C, 3
+
+    def __init__(self, core, base):
+        super().__init__(core, base)
+        self.changes, self.out = 0, 0
+
+    def write(self, offset, value):
+        before = self.out
+        self.out |= value if offset == self.OUTSET else 0
+        self.out &= ~value if offset == self.OUTCLR else -1
+        self.changes += (self.out ^ before) >> self.PIN & 1
+        self.held[offset] = value
+
+
 class Rtc(NrfPeripheral):
     """RTC 1 at 32,768 Hz: embassy's clock."""
 
@@ -306,10 +327,13 @@ class Nvmc(NrfPeripheral):
 
     READY, READY_NEXT, CONFIG, ERASEPAGE, WRITES = 0x400, 0x408, 0x504, 0x508, 1
     ERASE_NS = 85e6
+    # A word takes no time here, unless it is asked for.
+    program_ns = 0
 
     def __init__(self, core, base):
         super().__init__(core, base)
         self.operations, self.cut_at, self.unfinished, self.faults, self.broken = 0, None, None, [], set()
+        self.erase_ns = self.ERASE_NS
         core.on_flash_write(self.on_write)
 
     def read(self, offset):
@@ -317,10 +341,13 @@ class Nvmc(NrfPeripheral):
 
     def write(self, offset, value):
         if offset == self.ERASEPAGE:
-            self.core.uc.mem_write(value, b"\xff" * self.perform(PAGE))
-            self.core.stall(self.ERASE_NS)
+            self.wipe(value, self.perform(PAGE))
+            self.core.stall(self.erase_ns)
         else:
             super().write(offset, value)
+
+    def wipe(self, start, size):
+        self.core.uc.mem_write(start, b"\xff" * size)
 
     def on_write(self, uc, access, address, size, value, data):
         old = int.from_bytes(uc.mem_read(address, 4), "little")
@@ -329,6 +356,7 @@ class Nvmc(NrfPeripheral):
             return
         part = self.perform(size)
         self.unfinished = (address, part, old) if self.is_cut else None
+        self.core.stall(self.program_ns)
 
     def perform(self, size):
         self.is_cut = self.cut_at is not None and self.operations == self.cut_at[0]

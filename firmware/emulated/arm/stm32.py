@@ -1,4 +1,4 @@
-"""What the STM32 boards share: the timer behind embassy's clock, the independent watchdog, and the line that bytes come on.
+"""What the STM32 boards share: the timer behind embassy's clock, pins, the independent watchdog, and the line that bytes come on.
 
 From the reference manuals RM0440 and RM0390, and from what embassy's drivers touch: a reading of a manual that model and driver share is not
 found out here.
@@ -67,6 +67,24 @@ class Timer(Peripheral):
         waits = [(self.get(at) - now - 1) % self.period + 1 for i, at in enumerate(self.COMPARES) if enabled >> i + 1 & 1]
         waits += [self.period - now % self.period] if enabled & 1 else []
         return self.core.ns + min(waits) * 1e9 * self.prescaler / self.hz if waits else None
+
+
+class Gpio(Peripheral):
+    """Outputs of a port; `changes` counts those of pin PIN."""
+
+    ODR, BSRR, PIN = 0x14, 0x18, 5
+
+    def __init__(self, core, base):
+        super().__init__(core, base)
+        self.changes = 0
+
+    def write(self, offset, value):
+        if offset != self.BSRR:
+            self.held[offset] = value
+            return
+        before = self.get(self.ODR)
+        self.held[self.ODR] = before & ~(value >> 16) | value & 0xFFFF
+        self.changes += (self.held[self.ODR] ^ before) >> self.PIN & 1
 
 
 class Iwdg(Peripheral):

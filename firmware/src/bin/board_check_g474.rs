@@ -36,6 +36,7 @@ const FACTS: Facts = Facts {
     clock: "160 MHz of the crystal of 24 MHz",
     other_clock: "16 MHz of the RC oscillator, no crystal",
     spread_us: 50,
+    page: 2_048,
     program_us: 48_000,
     erase_us: 50_000,
     watchdog_us: (1_850_000, 2_150_000),

@@ -29,6 +29,7 @@ const FACTS: Facts = Facts {
     clock: "125 MHz of the crystal of 12 MHz",
     other_clock: "ring oscillator, no crystal",
     spread_us: 50,
+    page: 4_096,
     program_us: 53_000,
     erase_us: 440_000,
     watchdog_us: (1_980_000, 2_020_000),

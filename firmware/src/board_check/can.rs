@@ -6,7 +6,7 @@ use funnelnet_app::link::can::{Controller, Exchange};
 use funnelnet_link::Classic;
 use funnelnet_protocol::can::{CanFrame, MAX_DATA};
 
-use crate::clock::Embassy;
+use crate::app::BoardClock;
 
 /// How many.
 pub const FRAMES: u32 = 100;
@@ -51,9 +51,9 @@ impl<C: Controller<Format = Classic>> Looped<C> {
         if !self.0.offer(&frame) {
             return false;
         }
-        let end = Embassy.now() + LONGEST;
+        let end = BoardClock.now() + LONGEST;
         // What is late from before is not this one.
-        while let Either::First(exchange) = select(self.0.exchange(None), Embassy.wait_until(end)).await {
+        while let Either::First(exchange) = select(self.0.exchange(None), BoardClock.wait_until(end)).await {
             if let Exchange::Received(Some(came)) = exchange
                 && came.id == id
                 && usize::from(came.length) == length

@@ -4,7 +4,7 @@ use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use funnelnet_app::Clock;
 
-use crate::clock::Embassy;
+use crate::app::BoardClock;
 
 /// Each byte once.
 pub const BYTES: usize = 256;
@@ -21,11 +21,11 @@ pub struct Heard {
 
 /// Sends each byte once, and listens. The driver's buffers have room for all of them.
 pub async fn run(line: &mut (impl Read + Write)) -> Heard {
-    let end = Embassy.now() + LONGEST;
+    let end = BoardClock.now() + LONGEST;
     let sent: [u8; BYTES] = core::array::from_fn(byte);
     let mut rest = &sent[..];
     while !rest.is_empty() {
-        let Either::First(Ok(written)) = select(line.write(rest), Embassy.wait_until(end)).await else {
+        let Either::First(Ok(written)) = select(line.write(rest), BoardClock.wait_until(end)).await else {
             break;
         };
         rest = rest.get(written.max(1)..).unwrap_or(&[]);
@@ -37,7 +37,7 @@ async fn listen(line: &mut impl Read, end: u64) -> Heard {
     let (mut heard, mut wrong) = (0, 0);
     let mut bytes = [0; 32];
     while heard < BYTES {
-        match select(line.read(&mut bytes), Embassy.wait_until(end)).await {
+        match select(line.read(&mut bytes), BoardClock.wait_until(end)).await {
             Either::First(Ok(count)) => {
                 for came in bytes.iter().take(count) {
                     wrong += u32::from(*came != byte(heard));

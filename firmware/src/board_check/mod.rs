@@ -19,8 +19,7 @@ use funnelnet_app::watchdog::Watchdog;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::ResetCause;
 
-use crate::app::Chip;
-use crate::clock::Embassy;
+use crate::app::{BoardClock, Chip};
 use crate::reset;
 use crate::storage::flash::{InFlash, OnFlash};
 use can::{Can, FRAMES};
@@ -45,9 +44,11 @@ pub struct Facts {
     pub other_clock: &'static str,
     /// Of its ticks, us.
     pub spread_us: u32,
-    /// Of writing a whole page, us.
+    /// Bytes of its flash that are erased together: a page of the storage, or a half of it.
+    pub page: u32,
+    /// Of writing so many bytes, us.
     pub program_us: u32,
-    /// Of erasing a page, us.
+    /// Of erasing them, us.
     pub erase_us: u32,
     /// From the last feeding of its watchdog to the reset, us, at least and at most.
     pub watchdog_us: (u32, u32),
@@ -175,7 +176,7 @@ pub async fn run<H: Write, E: Read + Write, C: Can, F: NorFlash + 'static, P: Ou
     checks.report.end().await;
     loop {
         checks.watchdog.feed();
-        Embassy.wait_until(Embassy.now() + FEEDING).await;
+        BoardClock.wait_until(BoardClock.now() + FEEDING).await;
     }
 }
 
@@ -245,12 +246,12 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
     async fn storage<F: NorFlash>(&mut self, storage: &mut InFlash<F>, room: &mut Option<NodeConfig>) {
         self.begin(Step::Flash);
         let before = stored(storage, room).await;
-        let outcome = match storage.spare_page().await {
-            Some((flash, page)) => page::run(flash, page).await.ok(),
+        let outcome = match storage.spare_page(self.facts.page).await {
+            Some((flash, page)) => page::run(flash, page, &mut self.watchdog).await.ok(),
             None => None,
         };
         self.watchdog.feed();
-        self.page(outcome, F::ERASE_SIZE as u32).await;
+        self.page(outcome).await;
         let after = stored(storage, room).await;
         let measured = match after {
             Some((id, checksum)) => {
@@ -263,8 +264,8 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
             .await;
     }
 
-    async fn page(&mut self, outcome: Option<page::Outcome>, size: u32) {
-        let Facts { program_us, erase_us, .. } = self.facts;
+    async fn page(&mut self, outcome: Option<page::Outcome>) {
+        let Facts { page, program_us, erase_us, .. } = self.facts;
         let (program, erase) = match &outcome {
             None => {
                 let refused = (Verdict::Fail, Text::of("the driver refuses"));
@@ -278,7 +279,7 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
         for (name, (verdict, measured), most) in
             [("program", program, program_us), ("erase", erase, erase_us)]
         {
-            let limit = Text::of("at most ").number(most).text(" us for ").number(size).text(" bytes");
+            let limit = Text::of("at most ").number(most).text(" us for ").number(page).text(" bytes");
             self.report.row(name, verdict, &measured, &limit).await;
         }
     }
@@ -286,7 +287,7 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
     /// Stops feeding. It comes back only where nothing bites.
     async fn bite(&mut self) {
         self.begin(Step::Watchdog);
-        let begin = Embassy.now();
+        let begin = BoardClock.now();
         let most = self.facts.watchdog_us.1;
         loop {
             let elapsed = since(begin);
@@ -294,7 +295,7 @@ impl<H: Write, W: Watchdog> Checks<H, W> {
                 break;
             }
             self.keep(Step::Watchdog, elapsed);
-            Embassy.wait_until(Embassy.now() + NOTING).await;
+            BoardClock.wait_until(BoardClock.now() + NOTING).await;
         }
         self.watchdog.feed();
         let measured = Text::of("no reset within ").number(most.saturating_mul(2)).text(" us");
@@ -337,7 +338,7 @@ fn judged(took_us: u32, most_us: u32, errors: u32, of_what: &str) -> (Verdict, T
 
 /// Microseconds since `begin` (ns).
 fn since(begin: u64) -> u32 {
-    u32::try_from(Embassy.now().saturating_sub(begin) / 1000).unwrap_or(u32::MAX)
+    u32::try_from(BoardClock.now().saturating_sub(begin) / 1000).unwrap_or(u32::MAX)
 }
 
 /// Id and checksum of the stored configuration.

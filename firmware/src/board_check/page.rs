@@ -4,9 +4,10 @@ use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
 use funnelnet_app::Clock;
+use funnelnet_app::watchdog::Watchdog;
 
 use super::since;
-use crate::clock::Embassy;
+use crate::app::BoardClock;
 
 /// Bytes that are written or read at once: whole words of any flash here.
 const AT_ONCE: usize = 256;
@@ -27,17 +28,25 @@ pub struct Outcome {
 
 /// Writes a page and erases it; it is blank afterwards. An erase is measured on what was written: one of a page that is blank already shows nothing.
 ///
+/// The watchdog is fed before each part: together they may take longer than it waits.
+///
 /// # Errors
 /// Of the driver.
-pub async fn run<S: NorFlash>(flash: &mut S, page: Range<u32>) -> Result<Outcome, S::Error> {
+pub async fn run<S: NorFlash>(
+    flash: &mut S,
+    page: Range<u32>,
+    watchdog: &mut impl Watchdog,
+) -> Result<Outcome, S::Error> {
     flash.erase(page.start, page.end).await?;
-    let begin = Embassy.now();
+    watchdog.feed();
+    let begin = BoardClock.now();
     for at in page.clone().step_by(AT_ONCE) {
         flash.write(at, &written(at)).await?;
     }
     let program_us = since(begin);
     let wrong = differing(flash, page.clone(), written).await?;
-    let begin = Embassy.now();
+    watchdog.feed();
+    let begin = BoardClock.now();
     flash.erase(page.start, page.end).await?;
     let erase_us = since(begin);
     let left = differing(flash, page, |_| [BLANK; AT_ONCE]).await?;
@@ -54,7 +63,7 @@ fn written(at: u32) -> [u8; AT_ONCE] {
 async fn differing<S: NorFlash>(
     flash: &mut S,
     page: Range<u32>,
-    expected: fn(u32) -> [u8; AT_ONCE],
+    expected: impl Fn(u32) -> [u8; AT_ONCE],
 ) -> Result<u32, S::Error> {
     let (mut count, mut bytes) = (0, [0; AT_ONCE]);
     for at in page.step_by(AT_ONCE) {

@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 use funnelnet_app::Clock;
 use funnelnet_app::watchdog::Watchdog;
 
-use crate::clock::Embassy;
+use crate::app::BoardClock;
 
 /// How many; a second of them.
 pub const TICKS: u32 = 1000;
@@ -21,15 +21,15 @@ pub struct Lateness {
 
 /// Runs the ticks. The pin changes at each, for an oscilloscope, which sees what the clock itself does.
 pub async fn run(pin: &mut impl OutputPin, watchdog: &mut impl Watchdog) -> Lateness {
-    let begin = Embassy.now() + PERIOD;
+    let begin = BoardClock.now() + PERIOD;
     let (mut least, mut most) = (u64::MAX, 0);
     for tick in 0..TICKS {
         let due = begin + u64::from(tick) * PERIOD;
         // A wait may end before its time (`Clock::wait_until`).
-        while Embassy.now() < due {
-            Embassy.wait_until(due).await;
+        while BoardClock.now() < due {
+            BoardClock.wait_until(due).await;
         }
-        let late = Embassy.now() - due;
+        let late = BoardClock.now() - due;
         let _ = if tick % 2 == 0 { pin.set_high() } else { pin.set_low() };
         (least, most) = (least.min(late), most.max(late));
         watchdog.feed();

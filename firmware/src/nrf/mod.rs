@@ -1,6 +1,7 @@
 //! Number, clocks, reset cause, watchdog and serial lines of an nRF52840.
 
 pub mod clock;
+pub mod crystals;
 
 use embassy_nrf::buffered_uarte::Error;
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};

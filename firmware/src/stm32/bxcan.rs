@@ -51,12 +51,22 @@ pub struct BxCan {
 impl BxCan {
     /// Starts the controller with this bit timing. It takes part after 11 recessive bits, for which this does
     /// not wait.
-    pub fn start(mut can: Can<'static>, timing: NominalBitTiming) -> Self {
+    pub fn start(can: Can<'static>, timing: NominalBitTiming) -> Self {
+        Self::start_as(can, timing, false)
+    }
+
+    /// As [`BxCan::start`], but it hears itself alone, and nothing of it is on the bus.
+    pub fn start_looped(can: Can<'static>, timing: NominalBitTiming) -> Self {
+        Self::start_as(can, timing, true)
+    }
+
+    fn start_as(mut can: Can<'static>, timing: NominalBitTiming, is_looped: bool) -> Self {
         begin_filters();
         // Frames of one identifier leave in order. Retransmission stays as it is, on: embassy's setter for it
         // is inverted.
         can.set_tx_fifo_scheduling(true);
-        drop(can.modify_config().set_bit_timing(timing));
+        let config = can.modify_config().set_bit_timing(timing);
+        drop(if is_looped { config.set_loopback(true).set_silent(true) } else { config });
         // Its receiving half would leave frames in the controller until the task has time; [`TakeFrames`]
         // does not.
         let (transmit, _) = can.split();

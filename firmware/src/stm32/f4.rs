@@ -8,7 +8,7 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::BufferedUart;
-use embassy_stm32::{Config, Peri, Peripherals, peripherals};
+use embassy_stm32::{Config, Peri, Peripherals, pac, peripherals};
 use funnelnet_store::split::Split;
 
 use super::bxcan::{BxCan, timing};
@@ -46,10 +46,41 @@ fn clocks() -> Config {
 
 /// The chip with [`clocks`], its flash read through caches, and what keeps its time right over an erase. Called once.
 pub fn begin() -> Peripherals {
-    let chip = embassy_stm32::init(clocks());
+    begin_with(clocks())
+}
+
+fn begin_with(clocks: Config) -> Peripherals {
+    let chip = embassy_stm32::init(clocks);
     use_caches();
     stalls::begin();
     chip
+}
+
+/// Readings of a register to wait for the ST-LINK's clock at most: 10 ms or more. The watchdog bites after 0.5 s.
+const LONGEST_WAIT: u32 = 20_000;
+
+/// Whether the ST-LINK gives its clock; it stays on. Before [`begin_check`].
+pub fn has_clock() -> bool {
+    pac::RCC.cr().modify(|reg| reg.set_hsebyp(true));
+    pac::RCC.cr().modify(|reg| reg.set_hseon(true));
+    (0..LONGEST_WAIT).any(|_| pac::RCC.cr().read().hserdy())
+}
+
+/// As [`begin`]; without that clock with one of the same rate from the RC oscillator: for a look at the rest of the board, not for a node. Called once.
+pub fn begin_check(has_clock: bool) -> Peripherals {
+    let mut config = clocks();
+    if !has_clock {
+        config.rcc.hse = None;
+        config.rcc.pll_src = PllSource::HSI;
+        // Of 16 MHz.
+        config.rcc.pll = config.rcc.pll.map(|pll| Pll { prediv: PllPreDiv::DIV8, ..pll });
+    }
+    begin_with(config)
+}
+
+/// CAN 1, which hears itself alone.
+pub fn looped_can(can: Can<'static>) -> BxCan {
+    BxCan::start_looped(can, TIMING)
 }
 
 /// CAN 1 at 1 Mbit/s, with [`clocks`].

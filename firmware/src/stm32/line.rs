@@ -30,7 +30,7 @@ macro_rules! count_errors {
 #[cfg(feature = "_g4")]
 count_errors!(LPUART1 isr, USART1 isr, USART3 isr, UART4 isr, UART5 isr);
 #[cfg(feature = "_f4")]
-count_errors!(USART2 sr);
+count_errors!(USART1 sr, USART2 sr);
 
 /// The line to the debugger's virtual COM port: 115,200 bit/s.
 pub fn service_plane() -> usart::Config {

@@ -76,13 +76,13 @@ impl<S: NorFlash> InFlash<S> {
         }
     }
 
-    /// The driver, and a page that nothing stored is in, to be tried; `None` where the storage is not open or cannot tell.
-    pub async fn spare_page(&mut self) -> Option<(&mut S, Range<u32>)> {
+    /// The driver, and so many bytes that nothing stored is in, to be tried; `None` where the storage is not open, cannot tell, or has not so many.
+    pub async fn spare_page(&mut self, bytes: u32) -> Option<(&mut S, Range<u32>)> {
         if !self.is_open {
             return None;
         }
         let half = self.store.spare().await.inspect_err(failed).ok()?;
-        let begin = half.end.checked_sub(S::ERASE_SIZE as u32)?;
+        let begin = half.end.checked_sub(bytes).filter(|begin| *begin >= half.start)?;
         Some((self.store.flash(), begin..half.end))
     }
 
