@@ -60,6 +60,10 @@ impl Callable {
 
     /// The same where what goes wrong ends the run; not a number then.
     fn answer(&self, t: f64, x: &[f64]) -> Vec<f64> {
+        // Whoever wants to stop waits for no more calls.
+        if self.trouble.interrupt().is_set() {
+            return vec![f64::NAN; x.len()];
+        }
         self.rates(t, x).unwrap_or_else(|error| {
             self.trouble.of_field(error);
             vec![f64::NAN; x.len()]

@@ -57,6 +57,7 @@ fn executed(
 ) -> Result<Summary, RunError> {
     let wanted = Wanted {
         scenario: &scenario.path,
+        sets: &[],
         bench: None,
         out: options.out.as_deref(),
         json: None,
@@ -64,7 +65,9 @@ fn executed(
         command,
     };
     let claim = Claim::take(&wanted)?;
-    claim.guard(|claim| execute_with(claim, scenario, options, columns)).map(|(summary, _)| summary)
+    claim
+        .guard(|claim| execute_with(claim, scenario, options, columns, &mut |_| ()))
+        .map(|(summary, _)| summary)
 }
 
 fn fidelity(on: &str) -> PyResult<Fidelity> {

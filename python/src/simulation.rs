@@ -155,7 +155,7 @@ impl Simulation {
         watched(py, &self.trouble, |_| Ok(()), wait)?.ok_or_else(broken)
     }
 
-    /// The last tick that is not after `t` (s); half a tick of rounding is allowed for.
+    /// The last tick that is not after `t` (s); a millionth of a tick of rounding is allowed for.
     fn tick_at(&self, t: f64) -> PyResult<u64> {
         if !(t.is_finite() && t >= 0.0) {
             return Err(PyValueError::new_err(format!("until = {t}: must be a time in seconds, at least 0")));

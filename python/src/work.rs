@@ -23,11 +23,15 @@ pub fn watched<T: Send>(
         thread::scope(|scope| {
             let (send, receive) = sync_channel(1);
             // Attached once for all callables: a thread that attaches for each of them makes its state anew.
-            scope.spawn(move || send.send(Python::attach(|py| py.detach(work))));
+            let worker = scope.spawn(move || send.send(Python::attach(|py| py.detach(work))));
             loop {
                 match receive.recv_timeout(LOOK) {
                     Ok(done) => return Some(done),
-                    Err(RecvTimeoutError::Disconnected) => return None,
+                    Err(RecvTimeoutError::Disconnected) => {
+                        // A thread that is not joined hands its panic on to this one.
+                        let _ = worker.join();
+                        return None;
+                    }
                     Err(RecvTimeoutError::Timeout) => {}
                 }
                 let looked = Python::attach(|py| py.check_signals().and_then(|()| look(py)));

@@ -120,3 +120,14 @@ def test_what_is_no_field_is_refused(five):
         funnelnet.run(five, set=SETS, fields={1: lambda t, x: "fast"})
     with pytest.raises(TypeError):
         funnelnet.run(five, set=SETS, fields=[1.0])
+
+
+@pytest.mark.parametrize("id", [1, 2])
+def test_a_sensor_fails_beside_fields_in_a_run_and_in_a_simulation(five, id):
+    event = [{"at": "100ms", "kind": "sensor", "node": 2, "offset": 0.5, "for": "200ms"}]
+    arguments = {"set": {**SETS, "event": event}, "fields": {id: lambda t, x: -x}}
+    r = funnelnet.run(five, **arguments, every="1ms")
+    ticks = funnelnet.Simulation(five, **arguments).step(until=0.5)
+    assert np.array_equal(r.x, ticks["x"]) and np.ptp(r.x[:, 1]) > 0.1
+    calm = funnelnet.run(five, **{**arguments, "set": SETS}, every="1ms")
+    assert np.abs(r.x - calm.x)[110:290].max() > 0.1

@@ -142,12 +142,12 @@ pub(crate) fn with_plant<V: VectorField<f32>>(
 pub fn engine_with_host<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M, NodeField>, Refused> {
     engine_of(scenario, medium, |drive| {
         let configs = node_configs(scenario, drive)?;
-        let node = |(config, spec): (&NodeConfig, &NodeSpec)| {
-            let params = node_params(config, spec);
+        let node = |(index, (config, spec)): (usize, (&NodeConfig, &NodeSpec))| {
+            let params = node_params(config, spec).and_then(|params| with_plant(params, scenario, index));
             let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
             Ok(Node::new(params, &config.neighbours))
         };
-        configs.iter().zip(&scenario.nodes).map(node).collect()
+        configs.iter().zip(&scenario.nodes).enumerate().map(node).collect()
     })
 }
 

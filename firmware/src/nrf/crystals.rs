@@ -27,8 +27,9 @@ pub fn look() -> Crystals {
     CLOCK.tasks_lfclkstart().write_value(1);
     let fast = comes(|| CLOCK.events_hfclkstarted().read() != 0);
     let slow = comes(|| CLOCK.events_lfclkstarted().read() != 0);
-    if !slow {
-        // Its source cannot be chosen while it runs.
+    // Its source cannot be chosen while it runs, and it can be stopped only once it does: by the chip's own oscillator, until the crystal comes
+    // (nRF52840 product specification, CLOCK).
+    if !slow && comes(|| CLOCK.lfclkstat().read().state()) {
         CLOCK.tasks_lfclkstop().write_value(1);
     }
     Crystals { fast, slow }

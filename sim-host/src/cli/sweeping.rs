@@ -7,8 +7,9 @@ use crate::exit::Exit;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
 use crate::run::files_named_in;
-use crate::scenario::{Source, is_standard_input};
+use crate::scenario::{Override, Source, is_standard_input};
 use crate::sweep::{Design, Done, HAS_PARQUET, List, Method, Plan, Quoting, Request, execute};
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::num::NonZero;
 use std::path::PathBuf;
@@ -33,7 +34,7 @@ pub(super) fn sweep_command(args: &SweepArgs, arguments: &[OsString]) -> Result<
         seeds: args.seeds,
         is_independent: args.independent,
     };
-    let request = request(args, arguments)?;
+    let request = request(args, &plan, arguments)?;
     let done = execute(&plan, &request)?;
     tell(&done, &request)
 }
@@ -58,10 +59,21 @@ fn design(args: &SweepArgs) -> Result<Design, String> {
     }
 }
 
-fn request(args: &SweepArgs, arguments: &[OsString]) -> Result<Request, Failure> {
+/// Points that are looked at for names of files; more are refused.
+const MOST_POINTS: u64 = 10_000_000;
+
+/// Everything that replaces a value and may name a file, of the points too.
+fn settings(plan: &Plan) -> Vec<Override> {
+    let points = (0..plan.design.points().min(MOST_POINTS)).flat_map(|index| plan.design.point(index));
+    let texts: BTreeSet<_> = points.map(|setting| format!("{}={}", setting.key, setting.value)).collect();
+    let named = texts.iter().filter(|text| text.contains("file"));
+    plan.settings.iter().cloned().chain(named.filter_map(|text| Override::parse(text).ok())).collect()
+}
+
+fn request(args: &SweepArgs, plan: &Plan, arguments: &[OsString]) -> Result<Request, Failure> {
     let scenario = &args.source.scenario;
     let scenario = if is_standard_input(scenario) { PathBuf::from("/dev/stdin") } else { scenario.clone() };
-    let read = files_named_in(&args.source.scenario, &args.source.settings.set);
+    let read = files_named_in(&args.source.scenario, &settings(plan));
     let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
     let program =
         arguments.first().map_or("sim-host".into(), |program| program.to_string_lossy().into_owned());

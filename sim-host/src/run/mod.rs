@@ -78,8 +78,9 @@ pub fn execute(scenario: &Scenario, options: &RunOptions) -> Result<Summary, Run
 /// # Errors
 /// See [`RunError`]; outputs appear whole or not at all.
 pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) -> Result<Summary, RunError> {
-    let (summary, outcome) = execute_with(claim, scenario, options, &mut Nobody)?;
-    tell_events(scenario, &outcome, options);
+    // Before the outputs, which may fail.
+    let mut tell = |outcome: &Outcome| tell_events(scenario, outcome, options);
+    let (summary, outcome) = execute_with(claim, scenario, options, &mut Nobody, &mut tell)?;
     if let Some(early) = &outcome.ended_early {
         // What the nodes had to say for themselves; the check says the rest.
         let is_written = options.out.is_some() || options.json.is_some() || options.junit.is_some();
@@ -88,7 +89,7 @@ pub fn execute_in(claim: &mut Claim, scenario: &Scenario, options: &RunOptions) 
     Ok(summary)
 }
 
-/// The same for who takes the rows as well, and says himself what there is to say.
+/// The same for who takes the rows as well, and says himself what there is to say: `ended` sees the outcome before it is written.
 ///
 /// # Errors
 /// See [`RunError`], and those of `also`; outputs appear whole or not at all.
@@ -97,11 +98,13 @@ pub fn execute_with(
     scenario: &Scenario,
     options: &RunOptions,
     also: &mut dyn Rows,
+    ended: &mut dyn FnMut(&Outcome),
 ) -> Result<(Summary, Outcome), RunError> {
     let begin = Instant::now();
     fits(scenario)?;
     let mut outputs = Outputs::open(scenario, options)?;
     let outcome = simulate_into(scenario, options, &mut Both(&mut outputs, also))?;
+    ended(&outcome);
     let mut summary = outcome.judge(scenario, options.on);
     summary.version = env!("CARGO_PKG_VERSION");
     summary.command = claim.command().to_owned();

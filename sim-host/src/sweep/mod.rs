@@ -35,7 +35,7 @@ pub use verdict::{Tally, Verdict};
 use crate::exit::Exit;
 use crate::interrupt::Interrupt;
 use crate::printable::printable;
-use crate::record::{RecordError, remove_abandoned, write_atomic};
+use crate::record::{RecordError, remove_abandoned, remove_earlier, write_atomic};
 use crate::run::{
     Access, Folder, Lock, LockError, RunError, SCENARIO_FILE, SWEEP_FILE, is_ours, overwritten,
 };
@@ -134,6 +134,10 @@ pub fn execute(plan: &Plan, request: &Request) -> Result<Done, RunError> {
     let runs: Vec<u64> = (1..=plan.runs()).filter(|number| mine(*number) && !done.contains(number)).collect();
     let load = work::read_all(plan, &runs, request)?;
     begin(plan, &identity, &folder, request, is_new)?;
+    if !runs.is_empty() {
+        // Of the same runs or of others: it says less than the table will.
+        remove_earlier(&request.out.join(PARQUET))?;
+    }
     let tally = if request.interrupt.is_set() {
         tally
     } else {

@@ -32,9 +32,11 @@ impl Kind {
     fn of(rows: &[Row], name: &str) -> Self {
         let all =
             |is: fn(&str) -> bool| rows.iter().all(|row| row.cells.get(name).is_none_or(|text| is(text)));
-        if all(|text| text.parse::<bool>().is_ok()) {
+        if TEXTS.contains(&name) {
+            Kind::Text
+        } else if all(|text| text.parse::<bool>().is_ok()) {
             Kind::Bool
-        } else if all(|text| text.parse::<i64>().is_ok()) {
+        } else if all(is_whole) {
             Kind::Whole
         } else if all(is_real) {
             Kind::Real
@@ -53,10 +55,23 @@ impl Kind {
     }
 }
 
-/// Whether a text is a number that an `f64` has all digits of, as far as can be seen: not a whole one of 64 bits.
+/// Columns that are text, though their values may look like numbers.
+const TEXTS: [&str; 4] = ["trace_hash", "stopped", "verdict", "why"];
+
+/// Whether a text is a whole number as it would be written: `007` is a name.
+fn is_whole(text: &str) -> bool {
+    text.parse::<i64>().is_ok_and(|number| number.to_string() == text)
+}
+
+/// Whether a text is a number that an `f64` has all digits of: a whole one has no more than 53 bits. Words such as `inf` are text.
 fn is_real(text: &str) -> bool {
-    let is_whole = text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
-    text.parse::<f64>().is_ok() && (!is_whole || text.parse::<i64>().is_ok())
+    let digits = text.strip_prefix('-').unwrap_or(text);
+    match digits.bytes().all(|byte| byte.is_ascii_digit()) {
+        true => is_whole(text) && digits.parse::<u64>().is_ok_and(|number| number <= 1 << 53),
+        false => {
+            digits.starts_with(|c: char| c.is_ascii_digit()) && text.parse::<f64>().is_ok_and(f64::is_finite)
+        }
+    }
 }
 
 /// Writes the table of the sweep in `folder`.
@@ -186,6 +201,20 @@ mod tests {
             assert_eq!(*read, expected);
         }
         assert_eq!(read.len(), 2);
+    }
+
+    #[test]
+    fn what_looks_like_a_number_and_is_none_stays_as_it_is() {
+        let kind = |name: &str, values: &[&str]| {
+            let rows: Vec<_> = (1..).zip(values).map(|(n, value)| row(n, &[(name, value)])).collect();
+            Kind::of(&rows, name)
+        };
+        assert_eq!(kind("trace_hash", &["0000123456789012", "12345678901234e5"]), Kind::Text);
+        assert_eq!(kind("stopped", &["3"]), Kind::Text);
+        assert_eq!((kind("a", &["7", "-1"]), kind("a", &["007"])), (Kind::Whole, Kind::Text));
+        assert_eq!((kind("a", &["7", "0.5", "-1e-7"]), kind("a", &["inf", "nan"])), (Kind::Real, Kind::Text));
+        assert_eq!(kind("a", &["9007199254740993", "0.5"]), Kind::Text);
+        assert_eq!(kind("a", &["9007199254740992", "0.5"]), Kind::Real);
     }
 
     #[test]

@@ -25,8 +25,8 @@ enum Fails {
     Gives(Lie),
     Noise(f64, Pcg64),
     Loss(f64, Pcg64),
-    /// So many samples ago, and those since.
-    Age(usize, VecDeque<State<f32>>),
+    /// What was so long ago (ns), and samples since with their times (ns).
+    Age(u64, VecDeque<(u64, State<f32>)>),
     Actuator(ActuatorFault),
 }
 
@@ -43,10 +43,7 @@ impl Malfunctions {
                     Fails::Noise(deviation, stream(Purpose::SensorNoise))
                 }
                 Detail::Sensor(SensorFault::Loss(share)) => Fails::Loss(share, stream(Purpose::SensorLoss)),
-                Detail::Sensor(SensorFault::Age(age)) => {
-                    let ticks = usize::try_from(age / scenario.time.tick_ns).unwrap_or(usize::MAX);
-                    Fails::Age(ticks, VecDeque::new())
-                }
+                Detail::Sensor(SensorFault::Age(age)) => Fails::Age(age, VecDeque::new()),
                 Detail::Actuator(fault) => Fails::Actuator(fault),
                 _ => return None,
             };
@@ -61,8 +58,9 @@ impl Malfunctions {
         let (mut given, mut is_lost) = (x.clone(), false);
         for Malfunction { during, fails, first } in &mut self.0 {
             if let Fails::Age(age, past) = fails {
-                past.push_back(given.clone());
-                if past.len() > age.saturating_add(1) {
+                past.push_back((now, given.clone()));
+                // A node that was away has taken no samples meanwhile; what is older than it should be is gone.
+                while past.front().is_some_and(|(at, _)| at.saturating_add(*age) < now) {
                     past.pop_front();
                 }
             }
@@ -80,7 +78,7 @@ impl Malfunctions {
                     given.iter_mut().for_each(|x| *x = noisy(*x, random::gaussian(stream)));
                 }
                 Fails::Loss(share, stream) => is_lost |= random::happens(stream, *share),
-                Fails::Age(_, past) => given = past.front().cloned().unwrap_or(given),
+                Fails::Age(_, past) => given = past.front().map_or(given, |(_, x)| x.clone()),
                 Fails::Actuator(_) => {}
             }
         }

@@ -1,11 +1,27 @@
 //! The line of a record of CSV. The reader gives where it began to look for the record, which is before empty lines
 //! and comments.
 
-use csv::StringRecord;
+use csv::{Error, ErrorKind, Position, StringRecord};
 
 /// Line of `record` in `text`, from 1.
 pub(super) fn line_of(text: &str, record: &StringRecord) -> u64 {
-    let Some(position) = record.position() else { return 1 };
+    record.position().map_or(1, |position| line_at(text, position))
+}
+
+/// What is wrong with a text of CSV itself, as the end of a sentence that begins with its file.
+pub(super) fn malformed(text: &str, error: &Error) -> String {
+    match error.kind() {
+        ErrorKind::UnequalLengths { pos: Some(position), expected_len, len } => {
+            format!(
+                ", line {}: has {len} fields, and the first line has {expected_len}",
+                line_at(text, position)
+            )
+        }
+        _ => format!(": {error}"),
+    }
+}
+
+fn line_at(text: &str, position: &Position) -> u64 {
     let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or("");
     // Where lines end in two characters the reader has taken the first and counts lines by the second, which is an empty line here.
     let skipped = rest.lines().take_while(|line| line.is_empty() || line.starts_with('#')).count();

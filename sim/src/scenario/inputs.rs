@@ -251,7 +251,8 @@ fn read_column(path: &Path, time: &str, column: &str) -> Column {
     let (time_at, column_at) = (find(time)?, find(column)?);
     let mut points: Vec<(f64, f64)> = Vec::new();
     for record in reader.records() {
-        let record = record.map_err(|error| format!("{shown}: {error}"))?;
+        let record =
+            record.map_err(|error| format!("{shown}{}", super::csv_line::malformed(&text, &error)))?;
         let line = super::csv_line::line_of(&text, &record);
         let number = |at: usize| {
             let text = record.get(at).unwrap_or("");

@@ -2,6 +2,7 @@
 
 use super::read_frames::{SAID, SLOPE};
 use super::{ActuatorFault, Detail, Lie, SensorFault};
+use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::{Range, Section};
 
 /// Standard deviation of a sensor's noise (state units).
@@ -47,9 +48,14 @@ pub(super) fn actuator(section: &mut Section<'_>) -> Detail {
 fn only<T>(section: &Section<'_>, given: impl IntoIterator<Item = Option<T>>, allowed: &str) -> Option<T> {
     let mut given = given.into_iter().flatten();
     let first = given.next();
-    let one = first.filter(|_| given.next().is_none());
-    if one.is_none() {
+    if first.is_none() {
         section.missing("constant", allowed);
+    } else if given.next().is_some() {
+        if let Some(item) = section.known("kind") {
+            let allowed = "must have one key that says how it fails, and has more";
+            section.log().report(item.diagnostic(Problem::Value, allowed));
+        }
+        return None;
     }
-    one
+    first
 }

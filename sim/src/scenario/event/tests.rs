@@ -259,7 +259,11 @@ fn sensors_and_actuators_fail_in_one_way_each() {
     assert_eq!([0, 1, 2, 3, 4].map(|index| scenario.has_plant(index)), [true, true, true, true, false]);
     for (event, words) in [
         ("kind = 'sensor', node = 1", "missing key 'constant' in [event[0]] of kind 'sensor'"),
-        ("kind = 'sensor', node = 1, noise = 1, age = '5ms'", "one of them"),
+        (
+            "kind = 'sensor', node = 1, noise = 1, age = '5ms'",
+            "event[0].kind = 'sensor': must have one key that says how it fails, and has more",
+        ),
+        ("kind = 'actuator', node = 1, constant = 1, limit = 1", "must have one key that says how it fails"),
         ("kind = 'sensor', offset = 1", "missing key 'node'"),
         ("kind = 'sensor', node = 1, offset = 0", "event[0].offset = 0: must not be zero: that is no fault"),
         ("kind = 'sensor', node = 1, noise = 0", "event[0].noise = 0: "),

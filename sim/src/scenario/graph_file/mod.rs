@@ -3,7 +3,7 @@
 #[cfg(feature = "graphml")]
 mod graphml;
 
-use super::csv_line::line_of;
+use super::csv_line::{line_of, malformed};
 use super::graph::Edge;
 use super::network::{EDGE_WEIGHT, MAX_NODES};
 use std::collections::BTreeMap;
@@ -82,7 +82,7 @@ fn csv_edges(text: &str) -> Found {
     let (from, to, weight) = (need("from")?, need("to")?, at("weight"));
     let (mut nodes, mut edges) = (0, Vec::new());
     for record in reader.records() {
-        let record = record.map_err(|error| format!(": {error}"))?;
+        let record = record.map_err(|error| malformed(text, &error))?;
         let line = line_of(text, &record);
         let field = |at: usize| record.get(at).unwrap_or("");
         let edge = edge(line, field(from), field(to), weight.map(field).filter(|text| !text.is_empty()))?;
@@ -181,6 +181,8 @@ mod tests {
     fn what_is_wrong_with_csv_names_line_and_value() {
         let wrong = |text: &str| csv(text).unwrap_err();
         assert_eq!(wrong("1,2\n2,3\n"), "F, line 1: has no column 'from', as in from,to,weight; it has 1, 2");
+        let unequal = "F, line 5: has 3 fields, and the first line has 2";
+        assert_eq!(wrong("from,to\n1,2\n# c\n\n2,3,9\n"), unequal);
         assert!(wrong("# a\n\nto\n1\n").starts_with("F, line 3: has no column 'from'"));
         assert!(wrong("# a\nfrom,to\n# b\n1,2\n\n0,1\n").starts_with("F, line 6: '0' must be"));
         assert_eq!(
