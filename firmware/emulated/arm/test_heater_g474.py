@@ -9,6 +9,7 @@ from heater import Heater, stuck, unwired
 from words import CONFIGURED, REPORT, words
 
 SCENARIO, NODES, BROKEN = "firmware/heaters.toml", 3, 1
+LONG = "half a minute: FUNNEL_EXTENDED=1"
 # All of the scenario takes minutes; a funnel that closes faster has closed as far by then.
 SHORTER = () if settings.EXTENDED else ("coupling.funnel.rate=0.03", "time.duration=200s")
 # Largest difference of two blocks at the end, K.
@@ -79,9 +80,11 @@ class Heaters(unittest.TestCase):
     def test_a_converter_that_is_stuck_is_seen_in_the_blocks(self):
         self.assertIn("K apart", self.run_all(spoil=stuck))
 
+    @unittest.skipUnless(settings.EXTENDED, LONG)
     def test_a_heater_whose_wire_is_off_leaves_the_funnel(self):
         self.assertIn("a funnel was left", self.run_all(spoil=unwired))
 
+    @unittest.skipUnless(settings.EXTENDED, LONG)
     def test_without_the_law_they_stay_apart(self):
         self.assertIn("K apart", self.run_all("coupling.kind=none"))
 
