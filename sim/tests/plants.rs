@@ -1,6 +1,7 @@
 //! Sensors and actuators that fail by an event: what a node does then, and that it is judged by what is so.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
+use funnelnet_law::math;
 use funnelnet_node::{Event, Phase};
 use funnelnet_protocol::message::FaultCode;
 use funnelnet_sim::loopback::{can_bus, engine_on, ideal_bus, uart_bus};
@@ -68,6 +69,19 @@ fn an_offset_moves_the_true_state_by_as_much_and_the_verdict_sees_it() {
     assert!(events.during.max_ratio > 2.0, "{}", events.during.max_ratio);
     assert!(events.recovery.after_s().is_some_and(|s| s < 0.1), "{:?}", events.recovery);
     assert!(verdict.holds(), "{verdict}");
+}
+
+/// Its field drives it on, with its actuator in its safe position.
+#[test]
+fn the_plant_of_a_node_that_has_stopped_goes_on_and_is_judged() {
+    let (states, verdict) = played("at = '1s', kind = 'sensor', node = 3, for = '200ms', loss = 1");
+    assert_eq!(verdict.stops.len(), 1);
+    let (stopped, end) = (states[1011][2], states[2000][2]);
+    assert!((stopped - end).abs() > 0.3, "{stopped} {end}");
+    // x' = -x + 1 + 2 sin 3t, of which the part that dies out has 1 s for it.
+    let free = |t: f64| 1.0 + 2.0 * (math::sin(3.0 * t) - 3.0 * math::cos(3.0 * t)) / 10.0;
+    let gone = (f64::from(stopped) - free(1.011)) * math::exp(-0.989);
+    assert!((f64::from(end) - free(2.0) - gone).abs() < 2e-3, "{end}");
 }
 
 #[test]

@@ -99,6 +99,22 @@ impl<V: VectorField<f32> + Clone> Devices<V> {
         }
     }
 
+    /// Whether all nodes are virtual.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Lets the field of a node that has stopped go on to tick `k`, and puts its state in the place of the last that the node knew. A plant of
+    /// the user's own is looked at by samples alone.
+    #[cold]
+    pub(super) fn go_on_to(&mut self, index: usize, k: u32, seen: &mut [Observation<f32>]) {
+        let Some(Some(device)) = self.0.get_mut(index) else { return };
+        let (Kind::Field(field), Some(failing)) = (&mut device.plant, &mut device.failing) else { return };
+        field.go_on_to(k.into());
+        failing.x = field.state();
+        self.tell(index, seen);
+    }
+
     /// Puts what is so in the place of what a node believes of its state and its input.
     pub(super) fn tell(&self, index: usize, seen: &mut [Observation<f32>]) {
         let Some(Some(device)) = self.0.get(index) else { return };

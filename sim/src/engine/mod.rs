@@ -192,7 +192,24 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 self.poll(index, now);
             }
         }
+        self.look_at_stopped();
         Some(&self.observations)
+    }
+
+    /// Plants go on when their nodes have stopped.
+    fn look_at_stopped(&mut self) {
+        if self.devices.is_empty() {
+            return;
+        }
+        // A node that is off has no tick.
+        let ticks = self.observations.iter().map(|seen| seen.tick);
+        let newest = ticks.filter(|&tick| tick != NOTHING.tick).max().unwrap_or(0);
+        let components = self.nodes.first().map_or(1, Node::components);
+        for (index, slots) in self.observations.chunks_mut(components).enumerate() {
+            if slots.iter().any(|seen| seen.tick < newest) {
+                self.devices.go_on_to(index, newest, slots);
+            }
+        }
     }
 
     /// Observations of the nodes at their last tick, by index and then by component.
@@ -209,7 +226,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let of = |(index, seen): (usize, &[Observation<f32>])| match seen.first() {
             _ if !self.is_on(index) => Presence::Off,
             Some(seen) if u64::from(seen.tick) == k => Presence::Ran,
-            // Its state is what it stopped with.
+            // Its state is what it stopped with, or where its plant has gone since.
             _ => Presence::Stopped,
         };
         self.observations.chunks(components).enumerate().map(of).collect()

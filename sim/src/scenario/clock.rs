@@ -190,7 +190,8 @@ pub(super) fn make_sense(
             .filter_map(|event| useless(event, clocks, sync.as_ref()))
             .for_each(|allowed| refuse(item, &allowed));
     }
-    let Some(item) = root.get("clock").or(root.get("sync")).filter(|_| !clocks.is_empty()) else { return };
+    let of_clocks = ["clock", "sync", "node"].into_iter().find_map(|key| root.get(key));
+    let Some(item) = of_clocks.filter(|_| !clocks.is_empty()) else { return };
     if coupling == Coupling::WeaklyCentralised {
         refuse(item, "must not be there with weakly-centralised coupling, which is simulated without nodes");
     }

@@ -274,6 +274,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         graph: &graph,
         coupling: coupling.kind,
         bus: bus.model,
+        clocks: !clocks.0.is_empty(),
         root,
         log: &log,
     };

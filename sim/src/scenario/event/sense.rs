@@ -26,6 +26,8 @@ pub(in crate::scenario) struct Setting<'a> {
     pub graph: &'a Graph,
     pub coupling: Coupling<f64>,
     pub bus: BusModel,
+    /// Whether nodes have clocks of their own.
+    pub clocks: bool,
     pub root: &'a Item,
     pub log: &'a Log,
 }

@@ -578,3 +578,20 @@ fn faults_that_cannot_be_drawn_are_refused() {
         assert!(found.contains(words), "{keys}\n{found}");
     }
 }
+
+#[test]
+fn faults_beside_clocks_are_refused_by_their_kinds_whatever_the_seed_draws() {
+    for clocks in ["clock = { drift_ppm = 50 }", "[[node]]\nid = 1\nclock = { drift_ppm = 50 }"] {
+        for kind in ["bounce", "partition", "sensor", "actuator"] {
+            // So few that none is drawn.
+            let found = refused(&chance(&format!("rate = 1e-6\nkinds = ['burst', '{kind}']"), clocks));
+            let words = format!("must be without {kind} beside [clock], [sync] or a clock of a [[node]]");
+            assert!(found.contains(&words), "{kind} {clocks}\n{found}");
+        }
+        read(&chance("rate = 1e-6\nkinds = ['burst', 'liar']", clocks));
+    }
+    let named =
+        "event = [{ at = '1s', kind = 'crash', node = 2 }]\n[[node]]\nid = 1\nclock = { drift_ppm = 50 }";
+    let found = refused(named);
+    assert!(found.contains("takes nodes or links away"), "{found}");
+}
