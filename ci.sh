@@ -165,6 +165,7 @@ cmd_setup() { #: find or install what the other commands need
     setup_emulated
     setup_readers
     setup_package_tools
+    setup_browser
     # Not fatal: clippy says where it is skipped.
     target_has_clippy || [[ $(toolchain) != debian ]] || (apt_install rust-web-clippy) || true
     read_boards
@@ -239,6 +240,25 @@ install_package_tools() {
         python3 -m venv "$PACKAGE" \
             && timeout 600 "$PACKAGE/bin/pip" install --no-deps --only-binary :all: --require-hashes -r python/requirements.txt
     } >"$log" 2>&1 || { tail -n 5 "$log" >&2; fail "the tools of the Python package cannot be installed (the whole output: $log)"; }
+}
+
+# A browser, and what drives it, from npm in the versions of the lock file.
+has_browser() { have node && have chromium && [[ -d tests/browser/node_modules/puppeteer-core && -d tests/browser/node_modules/axe-core ]]; }
+
+setup_browser() {
+    has_browser || (install_browser) || say "no browser, so no report is looked at in one"
+}
+
+install_browser() {
+    local missing=() log=$ROOT/target/browser.log
+    have node || missing+=(nodejs)
+    have npm || missing+=(npm)
+    have chromium || missing+=(chromium)
+    (( ${#missing[@]} == 0 )) || apt_install "${missing[@]}"
+    say "installing what drives a browser from npm"
+    mkdir -p "$ROOT/target"
+    (cd tests/browser && timeout 300 npm ci --no-audit --no-fund) >"$log" 2>&1 \
+        || { tail -n 5 "$log" >&2; fail "what drives a browser cannot be installed (the whole output: $log)"; }
 }
 
 cmd_fmt() { #: check the format of every Rust file
@@ -703,6 +723,12 @@ same_bits() { # SCENARIO BUILD...
     rm -rf "$folder"
 }
 
+cmd_browser() { #: look at reports in headless Chromium: on a phone, on a desk, on paper; SCREENSHOTS=FOLDER keeps pictures
+    has_browser || { say "SKIPPED reports in a browser: no chromium, node and tests/browser/node_modules; ./ci.sh setup installs them where they can be had"; return; }
+    cargo build --locked --quiet --package sim-host --bin sim-host
+    (cd tests/browser && CHROMIUM=$(command -v chromium) node --test --test-reporter=spec)
+}
+
 cmd_gallery() { #: draw the book's figures and compute its table of scenarios anew
     cargo run --release --locked --quiet --package sim-host --example gallery
 }
@@ -717,15 +743,45 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
     say "the book: target/book/index.html"
 }
 
-cmd_test() { #: set up, then every check, cheap ones first
-    local name began
-    for name in setup fmt clippy doc python unit python-package package deny semver thumb firmware boards panics stack selftest parity boards-run socketcan scenarios gallery-check cost fuzz book; do
-        say "--- $name"
-        began=$SECONDS
-        "cmd_$name"
-        say "$name took $((SECONDS - began)) s"
-    done
+# What `test` does. FIRST and LAST run alone: what compares emulators and benches tick by tick fails where something else has the processors.
+readonly FIRST="setup fmt"
+readonly ON_HOST="clippy doc python unit python-package scenarios gallery-check browser"
+readonly ON_TARGET="firmware boards panics stack thumb cost package fuzz deny semver book"
+readonly LAST="selftest parity boards-run socketcan"
+
+cmd_test() { #: set up, then every check: those of the host and those of the target beside each other
+    local name target log
+    for name in $FIRST; do timed "$name"; done
+    log=$(mktemp)
+    # In a process group of its own, so that all of it can be ended.
+    set -m
+    (for name in $ON_TARGET; do timed "$name"; done) >"$log" 2>&1 </dev/null &
+    target=$!
+    set +m
+    # shellcheck disable=SC2064 # as they are now
+    trap "kill -- -$target 2>/dev/null; rm -f '$log'" EXIT
+    for name in $ON_HOST; do timed "$name"; done
+    local status=0
+    wait "$target" || status=$?
+    say "what ran beside: $ON_TARGET"
+    cat "$log"
+    (( status == 0 )) || fail "the checks beside ended with exit code $status"
+    for name in $LAST; do timed "$name"; done
     say "all checks passed"
+}
+
+timed() { # NAME
+    local began=$SECONDS me=$BASHPID before
+    before=$(processor_seconds "$me")
+    say "--- $1"
+    "cmd_$1"
+    say "$1 took $((SECONDS - began)) s, $(($(processor_seconds "$me") - before)) s of processor time"
+}
+
+# Of what a shell has started and waited for; 0 where the system does not say.
+processor_seconds() { # PID
+    [[ -r /proc/$1/stat ]] || { echo 0; return; }
+    awk -v ticks="$(getconf CLK_TCK)" '{ sub(/.*\) /, ""); printf "%d", ($14 + $15) / ticks }' "/proc/$1/stat"
 }
 
 cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where it is installed, against the same in one process
