@@ -44,15 +44,35 @@ fn usual(values: &[f64]) -> Option<[f64; 2]> {
 
 /// A decimal label without trailing zeros, `1e-7` style where that is shorter.
 pub(super) fn label(value: &f64) -> String {
-    let value = *value;
+    within(*value, DECIMALS, EXPONENT_DECIMALS)
+}
+
+/// Labels of the ticks of an axis: like [`label`], with as many digits as tell them apart.
+pub(super) fn labels(range: &Range<f64>) -> impl Fn(&f64) -> String + use<> {
+    // Ticks are at least a hundredth of the range apart.
+    let finest = 2 - math::log10(range.end - range.start).floor() as i32;
+    move |value| {
+        let places =
+            |digits: i32, usual: usize| usize::try_from(digits).unwrap_or(0).clamp(usual, MOST_DECIMALS);
+        let magnitude = math::log10(value.abs().max(f64::MIN_POSITIVE)).floor() as i32;
+        within(*value, places(finest, DECIMALS), places(finest + magnitude, EXPONENT_DECIMALS))
+    }
+}
+
+/// Digits behind the point of a decimal label, of one with an exponent, and of any at most.
+const DECIMALS: usize = 4;
+const EXPONENT_DECIMALS: usize = 3;
+const MOST_DECIMALS: usize = 12;
+
+fn within(value: f64, decimals: usize, exponent_decimals: usize) -> String {
     if value == 0.0 || value.abs() < 1e-12 {
         return "0".into();
     }
     if (1e-3..1e5).contains(&value.abs()) {
-        let text = format!("{value:.4}");
+        let text = format!("{value:.decimals$}");
         return text.trim_end_matches('0').trim_end_matches('.').replace('-', "\u{2212}");
     }
-    format!("{value:.3e}").replace(".000e", "e").replace('-', "\u{2212}")
+    format!("{value:.exponent_decimals$e}").replace(".000e", "e").replace('-', "\u{2212}")
 }
 
 /// The label of a power of ten on a logarithmic axis.
@@ -72,6 +92,20 @@ mod tests {
         let labels = [0.0, -2.5, 1e-7, 40.0, 2.5e6].map(|v| label(&v));
         assert_eq!(labels, ["0", "\u{2212}2.5", "1e\u{2212}7", "40", "2.500e6"]);
         assert_eq!([1e-10, 0.01, 1000.0].map(|v| decade(&v)), ["1e\u{2212}10", "0.01", "1000"]);
+    }
+
+    #[test]
+    fn labels_of_an_axis_differ_from_tick_to_tick() {
+        for range in
+            [0.0..1.0, 0.43238..0.43246, 7.60790..7.60792, 1e6..1e6 + 2.0, 2e-5..2.0001e-5, -3e-7..4e-7]
+        {
+            let (label, step) = (labels(&range), (range.end - range.start) / 10.0);
+            let all: std::collections::BTreeSet<_> =
+                (0..10).map(|k| label(&(range.start + f64::from(k) * step))).collect();
+            assert_eq!(all.len(), 10, "{range:?} {all:?}");
+        }
+        let whole = labels(&(0.0..10.0));
+        assert_eq!([2.5, 10.0].map(|value| whole(&value)), ["2.5", "10"]);
     }
 
     #[test]

@@ -66,7 +66,7 @@ impl Lines {
                 .margin_bottom(px(8))
                 .x_label_area_size(px(46))
                 .y_label_area_size(px(80))
-                .build_cartesian_2d(first.at..last.at, heights)
+                .build_cartesian_2d(first.at..last.at, heights.clone())
                 .map_err(PlotError::new)?;
             let band = high.iter().chain(low.iter().rev()).copied().collect::<Vec<_>>();
             chart.draw_series([Polygon::new(band, INSIDE.filled())]).map_err(PlotError::new)?;
@@ -80,8 +80,8 @@ impl Lines {
                 .axis_desc_style(font(17).color(&INK))
                 .x_desc(text::fit(&text::plain(&self.parameter), 17, SIZE.0 - 300))
                 .y_desc(text::fit(&text::plain(&self.figure), 17, SIZE.1 - 100))
-                .x_label_formatter(&axis::label)
-                .y_label_formatter(&axis::label)
+                .x_label_formatter(&axis::labels(&(first.at..last.at)))
+                .y_label_formatter(&axis::labels(&heights))
                 .draw()
                 .map_err(PlotError::new)?;
             for edge in [low, high] {

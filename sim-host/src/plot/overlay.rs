@@ -59,7 +59,7 @@ impl Overlay {
                 .x_desc("time t in s")
                 .y_desc("state x")
                 .x_label_formatter(&axis::label)
-                .y_label_formatter(&axis::label)
+                .y_label_formatter(&axis::labels(&heights))
                 .draw()
                 .map_err(PlotError::new)?;
             for (curves, style) in [(&self.below, below()), (&self.above, above())] {

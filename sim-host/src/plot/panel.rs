@@ -133,7 +133,7 @@ impl<'a> Panel<'a> {
         self.inside(&mut chart, &self.node.psi, heights, |psi| -psi)?;
         mesh(&mut chart.configure_mesh(), &self.trace.axis("\u{3BD}"), 7)
             .x_label_formatter(&|_| String::new())
-            .y_label_formatter(&axis::label)
+            .y_label_formatter(&axis::labels(heights))
             .draw()
             .map_err(PlotError::new)?;
         let whole = |y: f64| y;

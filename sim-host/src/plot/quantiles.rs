@@ -63,7 +63,7 @@ pub fn quantiles_svg(title: &str, unit: Option<&str>, rows: &[Row]) -> Result<St
             .x_desc("time t in s")
             .y_desc(format!("states{unit}"))
             .x_label_formatter(&axis::label)
-            .y_label_formatter(&axis::label)
+            .y_label_formatter(&axis::labels(&heights))
             .draw()
             .map_err(PlotError::new)?;
         for (place, style, stroke) in curves() {

@@ -111,7 +111,7 @@ impl Plot<'_> {
             .x_desc("time t in s")
             .y_desc(self.name())
             .x_label_formatter(&axis::label)
-            .y_label_formatter(&axis::label)
+            .y_label_formatter(&axis::labels(&heights))
             .draw()
             .map_err(PlotError::new)?;
         self.mark(&mut chart, &heights)?;
