@@ -209,9 +209,21 @@ macro_rules! real {
     };
 }
 
+// IEEE 754 rounds a square root correctly, so there is one.
+#[cfg(feature = "std")]
+use core::primitive::{f32 as root_f32, f64 as root_f64};
+#[cfg(not(feature = "std"))]
+mod root_f32 {
+    pub use libm::sqrtf as sqrt;
+}
+#[cfg(not(feature = "std"))]
+mod root_f64 {
+    pub use libm::sqrt;
+}
+
 real!(
     f32,
-    libm::sqrtf,
+    root_f32::sqrt,
     libm::expf,
     libm::expm1f,
     libm::log1pf,
@@ -225,7 +237,7 @@ real!(
 );
 real!(
     f64,
-    libm::sqrt,
+    root_f64::sqrt,
     libm::exp,
     libm::expm1,
     libm::log1p,

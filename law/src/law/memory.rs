@@ -46,6 +46,13 @@ impl<F: Real> Memory<F> {
         Self { last, before, dnu, depth: Depth::All }
     }
 
+    /// What [`Self::settled`] takes, where all of the memory means something.
+    #[inline]
+    #[must_use]
+    pub fn as_settled(&self) -> Option<[F; 3]> {
+        (self.depth == Depth::All).then_some([self.last, self.before, self.dnu])
+    }
+
     /// Replaces the last input by what an actuator really did (law.md 6).
     pub fn feed_back(&mut self, u: F) {
         (self.last, self.depth) = (u, Depth::Input);

@@ -2,6 +2,7 @@
 //! `funnelnet-node`, in the same order (node/src/node/tick.rs).
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "what is not a number is outside")]
 
+use super::batch::{self, Batch, TOGETHER};
 use super::columns::{Columns, Own};
 use super::findings::{Findings, Halt};
 use super::kinds::{Kind, Shared, Width};
@@ -27,10 +28,10 @@ pub struct Seen {
 
 /// What a node keeps for itself.
 #[derive(Clone, Copy, Debug, Default)]
-struct Moving {
+pub(super) struct Moving {
     /// What rounding has left behind in the state.
-    carry: f32,
-    memory: Memory<f32>,
+    pub carry: f32,
+    pub memory: Memory<f32>,
 }
 
 /// A tick, as all blocks see it.
@@ -55,19 +56,18 @@ pub(super) struct Block {
     believed_bar: f32,
 }
 
-/// Nodes whose sums are made before anything else of them: states of neighbours are all over the memory, and the processor fetches
-/// many at once where nothing waits for one.
-const TOGETHER: usize = 64;
-
 /// Sums over the edges of a node.
 #[derive(Clone, Copy, Default)]
-struct Sums {
-    nu: f32,
-    dnu: f32,
-    largest: f32,
+pub(super) struct Sums {
+    pub nu: f32,
+    pub dnu: f32,
+    pub largest: f32,
     /// The same as `nu`, in f64.
-    truth: f64,
+    pub truth: f64,
 }
+
+/// What all blocks read.
+pub(super) type Parts<'a, G> = (&'a Columns, &'a [Kind<G>], &'a Shared);
 
 /// What a bar is below the largest ratio, for the rounding of the products that are compared with it.
 const BELOW: f64 = 1.0 - 1e-12;
@@ -97,7 +97,7 @@ impl Block {
     /// The share of its funnel that the true term of each node with a neighbour takes at the last tick, as it is judged.
     pub fn ratios<G>(
         &self,
-        (columns, kinds, shared): (&Columns, &[Kind<G>], &Shared),
+        (columns, kinds, shared): Parts<'_, G>,
         now: &[Seen],
         widths: &[Width],
     ) -> Vec<f32> {
@@ -114,25 +114,98 @@ impl Block {
     /// Runs a tick of all nodes.
     pub fn tick<G: GainFunction<f32>>(
         &mut self,
-        (columns, kinds, shared): (&Columns, &[Kind<G>], &Shared),
+        parts: Parts<'_, G>,
         now: &[Seen],
         next: &mut [Seen],
         at: &Instant<'_>,
     ) {
+        self.findings.last = (f32::INFINITY, f32::NEG_INFINITY);
+        let nodes = self.nodes.len();
+        let (mut ahead, mut batch) = ([Sums::default(); TOGETHER], Batch::default());
+        for (offset, next) in (0..nodes).step_by(TOGETHER).zip(next.chunks_mut(TOGETHER)) {
+            let (first, last) = (self.first + offset, self.first + offset + next.len());
+            // States of neighbours are all over the memory, and the processor fetches many at once where nothing waits for one.
+            let some = parts.0.own[first..last].iter().zip(&now[first..last]);
+            ahead.iter_mut().zip(some).for_each(|(slot, (own, &me))| *slot = sums(parts.0, own, me, now));
+            if !self.tick_at_once(offset, parts, (&mut batch, &ahead, now), next, at) {
+                self.tick_one_by_one(offset, parts, (&ahead, now), next, at);
+            }
+        }
+        self.findings.judged += nodes as u64;
+    }
+
+    /// Runs a tick of the nodes from `offset` on with nothing out of the ordinary, all at once. Where something of
+    /// them is, nothing has happened.
+    fn tick_at_once<G: GainFunction<f32>>(
+        &mut self,
+        offset: usize,
+        parts: Parts<'_, G>,
+        (batch, ahead, now): (&mut Batch, &[Sums; TOGETHER], &[Seen]),
+        next: &mut [Seen],
+        at: &Instant<'_>,
+    ) -> bool {
+        let (columns, kinds, shared) = parts;
+        let first = self.first + offset;
+        let range = first..first + TOGETHER;
+        let is_watched = self.watched.iter().any(|index| range.contains(index));
+        let (Ok(next), Some(own), Some(me), Some(nodes)) = (
+            <&mut [Seen; TOGETHER]>::try_from(next),
+            columns.own.get(range.clone()).and_then(|own| own.try_into().ok()),
+            now.get(range).and_then(|now| now.try_into().ok()),
+            self.nodes.get_mut(offset..).and_then(|nodes| nodes.first_chunk_mut()),
+        ) else {
+            return false;
+        };
+        let Some(kind) = batch::kind(own, columns, kinds, shared).filter(|_| !is_watched) else {
+            return false;
+        };
+        let Width { widths, judged } = at.widths[kind.funnel];
+        if !batch.take(nodes, me, own, ahead) || !batch.tick(kind, shared, (at.k, widths)) {
+            return false;
+        }
+        batch.put(nodes, next);
+        me.iter().for_each(|seen| self.hash.push(seen.x));
+        let (low, high) = self.findings.last;
+        self.findings.last = (batch::lowest(low, &batch.x), batch::highest(high, &batch.x));
+        self.findings.max_input = batch::highest(self.findings.max_input, &batch.u.map(f32::abs));
+        let believed_bar = self.believed_bar * widths.now;
+        if !ahead.iter().all(|sums| sums.nu.abs() < believed_bar) {
+            for sums in ahead {
+                let size = sums.nu.abs();
+                if !(size < self.believed_bar * widths.now) {
+                    believe(&mut self.findings, &mut self.believed_bar, size / widths.now);
+                }
+            }
+        }
+        let bar = self.bar * judged;
+        if !ahead.iter().all(|sums| sums.truth.abs() < bar) {
+            for (index, sums) in (first..).zip(ahead) {
+                if !(sums.truth.abs() < self.bar * judged) {
+                    judge(&mut self.findings, &mut self.bar, (sums.truth.abs(), judged), (at.k, index));
+                }
+            }
+        }
+        true
+    }
+
+    /// Runs a tick of the nodes from `offset` on, one after the other.
+    fn tick_one_by_one<G: GainFunction<f32>>(
+        &mut self,
+        offset: usize,
+        (columns, kinds, shared): Parts<'_, G>,
+        (ahead, now): (&[Sums; TOGETHER], &[Seen]),
+        next: &mut [Seen],
+        at: &Instant<'_>,
+    ) {
         let mut hash = self.hash;
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        let mut watched = 0;
+        let (mut low, mut high) = self.findings.last;
         let stride = Stride { tick: shared.tick, half: 1 };
         let from = u64::from(at.k) << 1;
-        let last = self.first + self.nodes.len();
-        let own = &columns.own[self.first..last];
-        let mut ahead = [Sums::default(); TOGETHER];
-        for (offset, (own, next)) in own.iter().zip(next).enumerate() {
-            let index = self.first + offset;
-            if offset % TOGETHER == 0 {
-                let some = columns.own[index..last].iter().zip(&now[index..last]);
-                ahead.iter_mut().zip(some).for_each(|(slot, (own, &me))| *slot = sums(columns, own, me, now));
-            }
+        let first = self.first + offset;
+        let mut watched = self.watched.partition_point(|&index| index < first);
+        let own = &columns.own[first..first + next.len()];
+        for (place, (own, next)) in own.iter().zip(next).enumerate() {
+            let index = first + place;
             let me = now[index];
             hash.push(me.x);
             // No state is a NaN: the run would have ended.
@@ -142,10 +215,10 @@ impl Block {
             if me.x > high {
                 high = me.x;
             }
-            let sums = ahead[offset % TOGETHER];
+            let sums = ahead[place];
             let kind = &kinds[own.kind as usize];
             let Width { widths, judged } = at.widths[kind.funnel];
-            let node = &mut self.nodes[offset];
+            let node = &mut self.nodes[offset + place];
             let before = node.memory.last_input().map_or(0.0, f32::abs);
             let floor = kind.floor.width(sums.largest, before);
             let psi = match widths.clears(floor) {
@@ -227,7 +300,6 @@ impl Block {
         }
         self.hash = hash;
         self.findings.last = (low, high);
-        self.findings.judged += self.nodes.len() as u64;
     }
 }
 

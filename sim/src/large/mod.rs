@@ -21,6 +21,7 @@
 //! assert!(findings.max_ratio < 1.0 && findings.breaches == 0);
 //! ```
 
+mod batch;
 mod block;
 mod columns;
 mod findings;

@@ -158,6 +158,30 @@ fn a_key_that_is_added_changes_no_other_draw_and_a_node_keeps_what_it_says() {
 }
 
 /// Blocks, threads and their borders leave no trace: against one loop over all nodes with the law's own functions.
+/// A batch with a node that is watched runs one by one.
+#[test]
+fn nodes_at_once_have_the_figures_of_nodes_one_by_one() {
+    let tight = "coupling.funnel = { kind = 'exponential', start = 60, end = 1e-8, rate = 400 }";
+    let open = "coupling.funnel = { kind = 'constant', width = 20 }";
+    for (list, is_tight) in [(vec![], false), (vec![tight], true), (vec![open], false)] {
+        let list: Vec<_> = list.iter().map(|text: &&str| text.replacen(" = ", "=", 1)).collect();
+        let list: Vec<_> = list.iter().map(String::as_str).collect();
+        let scenario =
+            large_of(&of_text("kind = 'random-regular', nodes = 300, degree = 4", DRAWN), &list).unwrap();
+        let figures = |watched: &[usize]| {
+            let mut network = Network::watching(&scenario, 1, watched).unwrap();
+            let mut rows = Vec::new();
+            while network.step().is_some() {
+                rows.push(network.row());
+            }
+            (network.hash(), network.findings().clone(), rows)
+        };
+        let (at_once, one_by_one) = (figures(&[]), figures(&[0, 64, 128, 192, 256]));
+        assert_eq!(at_once, one_by_one);
+        assert_eq!(at_once.1.floored > 0, is_tight, "{:?}", at_once.1);
+    }
+}
+
 #[test]
 fn blocks_are_one_network_for_any_number_of_threads() {
     let nodes = 9_001;
