@@ -226,8 +226,7 @@ impl Conductor {
     /// Says `message` once on each bus with nodes that run.
     pub(super) async fn say_on_can(&mut self, message: &Message) -> Result<(), HubError> {
         let nodes = &self.nodes;
-        let runs =
-            |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.away.is_none() && !node.stopped);
+        let runs = |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.is_here() && !node.stopped);
         for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus)) {
             side.say(message).await?;
         }
