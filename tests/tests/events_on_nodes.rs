@@ -43,8 +43,16 @@ struct Ran {
 
 /// Runs it, where the host has the power of the boards or not.
 fn on_boards(scenario: &Scenario, has_power: bool) -> Ran {
-    let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE);
-    let mut world = World::new(scenario.nodes.len(), TRAVEL, Peace);
+    on_buses(scenario, has_power, &[], false)
+}
+
+/// The same with nodes on these buses, of CAN FD if `fd`; the others are on lines.
+fn on_buses(scenario: &Scenario, has_power: bool, buses: &[&[usize]], fd: bool) -> Ran {
+    let interfaces = (0..buses.len()).map(|bus| (format!("can{bus}"), fd)).collect();
+    let bus_of = |node| buses.iter().position(|bus| bus.contains(&node));
+    let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE).with_can(interfaces, bus_of);
+    let world = World::new(scenario.nodes.len(), TRAVEL, Peace);
+    let mut world = buses.iter().fold(world, |world, nodes| world.with_bus(nodes, fd));
     world.has_power = has_power;
     world.run(conductor.meet()).unwrap();
     world.run(conductor.start()).unwrap();
@@ -70,8 +78,12 @@ fn on_boards(scenario: &Scenario, has_power: bool) -> Ran {
 
 /// Compares a scenario on boards with loopback, and gives both.
 fn assert_same_bits(scenario: &Scenario, has_power: bool) -> (Outcome, Ran) {
-    let loopback = run(scenario, Fidelity::Loopback);
     let boards = on_boards(scenario, has_power);
+    assert_as_loopback(scenario, boards)
+}
+
+fn assert_as_loopback(scenario: &Scenario, boards: Ran) -> (Outcome, Ran) {
+    let loopback = run(scenario, Fidelity::Loopback);
     let events: Vec<_> = scenario.events.iter().map(ToString::to_string).collect();
     assert_eq!(boards.contradictions, [""; 0], "{events:?}");
     for (k, row) in loopback.rows.iter().enumerate() {
@@ -165,6 +177,22 @@ fn also_with_vectors_and_without_coupling() {
     let events = "event=[{at='50ms',kind='bounce',node=2,for='60ms'},{at='200ms',kind='leave',node=1}]";
     assert_same_bits(&scenario("vector-oscillators.toml", &["time.duration=300ms", events]), true);
     assert_same_bits(&five("{at='50ms',kind='bounce',node=2,for='60ms'}", &["coupling.kind=none"]), true);
+}
+
+#[test]
+fn nodes_on_can_leave_crash_and_come() {
+    // A goodbye on CAN is heard at once: at the time of a tick it would be a tick earlier than in loopback.
+    let events = "{at='100.5ms',kind='leave',node=2},{at='200ms',kind='bounce',nodes=[3,5],for='60ms'},{at='300ms',kind='join',node=2},\
+                  {at='0s',kind='crash',node=1},{at='250ms',kind='join',node=1},{at='800.5ms',kind='leave',node=1}";
+    for fd in [false, true] {
+        for buses in [vec![&[0, 1, 2, 3, 4][..]], vec![&[0, 1, 2][..]], vec![&[0, 2][..], &[1, 4][..]]] {
+            let five = five(events, &[]);
+            assert_as_loopback(&five, on_buses(&five, false, &buses, fd));
+        }
+    }
+    let vectors = "event=[{at='50ms',kind='bounce',node=2,for='60ms'},{at='200.5ms',kind='leave',node=1}]";
+    let vectors = scenario("vector-oscillators.toml", &["time.duration=300ms", vectors]);
+    assert_as_loopback(&vectors, on_buses(&vectors, false, &[&[0, 1]], true));
 }
 
 /// Worlds that the comparison must not take for loopback's: nothing is made, or it is made a tick late.

@@ -132,7 +132,11 @@ impl Conductor {
         }
         loop {
             let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
-            let fault = node.contact.wait_until(deadline, "goodbye", fault).await?;
+            let fault = match node.on_can {
+                // There its neighbours have heard it before the next SYNC.
+                Some(_) => self.wait_on_its_bus(index, (deadline, "goodbye on CAN")).await?,
+                None => node.contact.wait_until(deadline, "goodbye", fault).await?,
+            };
             let Message::Fault { code, severity, .. } = fault else { continue };
             if code == FaultCode::LEAVES {
                 self.events.push(NodeEvent { at, node: index, event: Event::Stopped });
@@ -162,6 +166,7 @@ impl Conductor {
     /// Brings a node that is off: its stored configuration, and a start that says that the others run.
     async fn bring(&mut self, index: usize, at: u64) -> Result<(), HubError> {
         let patience = self.patience;
+        self.forget_heard(index).await?;
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         if self.outside.switch(index, true).await? {
             node.contact.forget();
@@ -186,7 +191,10 @@ impl Conductor {
         let deadline = Deadline::after(patience.answer, self.outside.now());
         for _ in &config.initial_state {
             let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
-            let state = node.contact.wait_until(deadline, "state", state).await?;
+            let state = match node.on_can {
+                Some(_) => self.wait_on_its_bus(index, (deadline, "state on CAN")).await?,
+                None => node.contact.wait_until(deadline, "state", state).await?,
+            };
             self.put_on_bus(index, state, at);
         }
         Ok(())

@@ -172,7 +172,7 @@ impl Conductor {
         (node.states, node.telemetries, node.refused) = (0, 0, false);
         let state = node.shadow.as_ref().map_or_else(|| node.next_state.clone(), Shadow::x);
         let deadline = Deadline::after(self.patience.answer, self.outside.now());
-        if node.on_can.is_some() {
+        if node.on_can.is_some() && !node.says_nothing() {
             self.take_states_on_can(index, now, deadline).await?;
         }
         loop {
@@ -194,7 +194,7 @@ impl Conductor {
                 Received::Message(message) => self.take_message(index, message, now),
                 Received::Reply(Reply::Telemetry(telemetry)) => {
                     if self.take_telemetry(index, &state, &telemetry)? {
-                        self.end_listening(index);
+                        self.end_listening(index, now);
                         return Ok(());
                     }
                 }
@@ -280,8 +280,15 @@ impl Conductor {
 
 impl Conductor {
     /// Goes on without what was expected of a newcomer, once it has said a state.
-    fn end_listening(&mut self, index: usize) {
-        let Some(node) = self.nodes.get_mut(index).filter(|node| node.listens) else { return };
+    fn end_listening(&mut self, index: usize, now: u64) {
+        if !self.nodes.get(index).is_some_and(|node| node.listens) {
+            return;
+        }
+        // One that is not as expected may have spoken already.
+        while let Some((message, _)) = self.next_on_its_bus(index) {
+            self.take_message(index, message, now);
+        }
+        let Some(node) = self.nodes.get_mut(index) else { return };
         if node.has_told_its_state() {
             (node.listens, node.shadow) = (false, None);
         }

@@ -90,6 +90,11 @@ impl Member {
         self.config.coupling != Coupling::None && !self.config.neighbours.is_empty()
     }
 
+    /// Whether it is not expected to say a state in this tick.
+    pub(super) fn says_nothing(&self) -> bool {
+        self.listens && !self.shadow.as_ref().is_some_and(Shadow::speaks)
+    }
+
     /// Takes it that it is as its configuration makes it.
     pub(super) fn begin_anew(&mut self) {
         (self.off, self.stopped, self.warned) = (false, false, None);

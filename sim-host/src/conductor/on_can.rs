@@ -292,6 +292,26 @@ impl Conductor {
         }
     }
 
+    /// Waits for the next message of a node on its bus, whatever it says on its line: the others there have
+    /// heard it, too.
+    pub(super) async fn wait_on_its_bus(
+        &mut self,
+        index: usize,
+        (deadline, awaited): (Deadline, &'static str),
+    ) -> Result<Message, HubError> {
+        loop {
+            if let Some((message, _)) = self.next_on_its_bus(index) {
+                return Ok(message);
+            }
+            let now = self.outside.now();
+            let Some((node, side)) = self.on_its_bus(index) else { return Err(HubError::Interrupted) };
+            if deadline.is_over(now) {
+                return Err(HubError::NoAnswer { node: node.contact.id(), awaited, waited: deadline.limit });
+            }
+            side.listen(Deadline::after(LISTEN, now).until()).await?;
+        }
+    }
+
     /// Forgets what a node has said on CAN.
     pub(super) async fn forget_heard(&mut self, index: usize) -> Result<(), HubError> {
         let now = self.outside.now();

@@ -61,13 +61,14 @@ impl Reach {
     /// Why an event cannot be made by itself, if it cannot.
     fn why_not(&self, event: &EventSpec, scenario: &Scenario) -> Option<&'static str> {
         let own_ways = || event.targets.nodes().iter().any(|&node| self.has_own_way(node));
+        let wired = || event.targets.nodes().iter().any(|&node| self.is_wired(node));
         let links = || event.targets.frames(&scenario.graph);
         match event.kind {
             EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join if self.own_clock => {
                 Some(OWN_CLOCK)
             }
             EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join => {
-                own_ways().then_some(ON_ITS_OWN_WAY)
+                wired().then_some("a node with lines to others passes on what it is told")
             }
             EventKind::Partition | EventKind::Burst | EventKind::Hold => {
                 links().iter().any(|&link| !self.is_relayed(link)).then_some(ON_ITS_OWN_WAY)
@@ -92,7 +93,11 @@ impl Reach {
 
     /// Whether a node's states reach a neighbour without this program.
     fn has_own_way(&self, node: usize) -> bool {
-        self.on_can.contains(&node) || self.wires.iter().any(|&(a, b)| node == a || node == b)
+        self.on_can.contains(&node) || self.is_wired(node)
+    }
+
+    fn is_wired(&self, node: usize) -> bool {
+        self.wires.iter().any(|&(a, b)| node == a || node == b)
     }
 
     /// Whether the frames of a link pass this program, and nobody else hears them.
@@ -173,7 +178,7 @@ mod tests {
 
     #[test]
     fn what_a_node_is_taken_off_and_brought_back_by_is_made_together() {
-        let reach = Reach { on_can: [4].into(), ..Reach::default() };
+        let reach = Reach { wires: [(3, 4)].into(), ..Reach::default() };
         // Node 5 cannot be switched, so nodes 1 and 5 stay on; then node 1 cannot come, and neither can node 2 with it.
         let events = "{ at = '1ms', kind = 'crash', node = 2 }, { at = '1ms', kind = 'crash', nodes = [1, 5] }, \
                       { at = '2ms', kind = 'join', nodes = [1, 2] }, { at = '3ms', kind = 'crash', node = 3 }";
