@@ -111,8 +111,18 @@ fn a_node_that_does_not_confirm_that_it_leaves_is_named() {
         said => vec![said],
     });
     let boards = [Board::good(1), mute, Board::good(3)];
-    let ended = bench_with(&event("50ms", "leave", "node = 2"), &entries(&boards)).run(&[]);
+    let leaves = event("50ms", "leave", "node = 2");
+    let ended = bench_with(&leaves, &entries(&boards)).run(&[]);
     ended.fell_short(&["node 2 did not answer: no goodbye within 1 s"]);
+    // From then on it is the event that keeps it off.
+    let bench = bench_with(&leaves, &entries(&boards)).with("on_loss = \"go-on\"");
+    bench.run(&[]).fell_short(&[
+        "failed: absent: node 2 was away from tick 50 to tick 50: node 2 did not answer: no goodbye",
+    ]);
+    assert_eq!(
+        (bench.failed_checks(), &bench.summary()["bench"]["unrecorded"]),
+        (vec!["absent".to_owned()], &json!(0))
+    );
 }
 
 #[test]
@@ -139,6 +149,19 @@ fn what_a_bench_cannot_make_is_skipped_by_its_kind_and_the_rest_is_made() {
     let made = Bench::new(&format!("{SCENARIO}{CUT_AND_MENDED}"), &[]);
     assert_eq!(summary["trace_hash"], loopback_hash(&made.path("scenario.toml")));
     assert!(!fs::read_to_string(bench.path("out/events.txt")).unwrap().contains("event sensor"));
+}
+
+/// Drifting clocks would be another loopback beside.
+#[test]
+fn clocks_of_a_scenario_are_skipped() {
+    let boards = three();
+    let bench = Bench::of(&boards.each_ref());
+    let ended = bench.run(&["--set", "clock={drift_ppm=1000}"]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(ended.err.contains("skipped: clock: the clocks of a bench are its own"), "{}", ended.err);
+    let summary = bench.summary();
+    assert_eq!(summary["bench"]["skipped"], json!(["clock"]));
+    assert_eq!(summary["bench"]["bit_for_bit"], true);
 }
 
 #[test]

@@ -159,6 +159,8 @@ fn nodes_that_leave_crash_and_come() {
             "{at='0s',kind='leave',node=1},{at='150ms',kind='join',node=1}",
             // Nobody hears it, and it speaks when it has waited long enough.
             "{at='100ms',kind='partition',groups=[[3],[1,2,4,5]]},{at='150ms',kind='bounce',node=3},{at='700ms',kind='repair'}",
+            // What the false one says next is lost with it.
+            "{at='150ms',kind='impostor',node=2,as=4,constant=0.5},{at='200.25ms',kind='crash',node=2}",
             // Nobody is left.
             "{at='200ms',kind='crash',nodes=[1,2,3,4,5]},{at='400ms',kind='join',nodes=[1,2,3]}",
         ] {
@@ -170,6 +172,20 @@ fn nodes_that_leave_crash_and_come() {
         &five("{at='100ms',kind='bounce',node=3,for='120ms'},{at='700ms',kind='leave',node=1}", &late),
         true,
     );
+}
+
+/// A node that has just come has accepted fewer states than it was handed other frames before.
+#[test]
+fn a_node_that_has_just_come_has_heard_its_neighbours() {
+    assert_same_bits(&five("{at='800ms',kind='bounce',node=2,for='99ms'}", &["graph.kind=path"]), true);
+}
+
+#[test]
+fn events_happen_also_where_all_nodes_have_stopped_by_themselves() {
+    let stop = ["coupling.on_breach=stop", "coupling.funnel={kind='constant',width=0.5}"];
+    let (_, boards) = assert_same_bits(&five("{at='500ms',kind='bounce',node=2}", &stop), true);
+    assert_eq!(boards.presence[499], [Presence::Stopped; 5]);
+    assert_eq!((boards.presence[500][1], boards.presence[600][1]), (Presence::Off, Presence::Ran));
 }
 
 #[test]
@@ -220,4 +236,20 @@ fn an_event_that_is_not_made_or_comes_a_tick_late_differs() {
         assert_ne!(hash, Some(on_boards(&five(&late, &[]), true).hash), "{events}");
         assert_ne!(hash, Some(on_boards(&five("", &[]), true).hash), "{events}");
     }
+}
+
+/// Events by chance, of all kinds that the host makes and that can be drawn, several at a time.
+#[test]
+fn events_by_chance_have_the_bits_of_loopback() {
+    let faults = "faults={rate=15.0,kinds=['bounce','partition','burst','hold','liar','replayer'],loss=0.7,longest='150ms'}";
+    let (mut kinds, mut count) = (std::collections::BTreeSet::new(), 0);
+    for seed in 1..=20 {
+        let seed = format!("seed={seed}");
+        let late = if seed.ends_with('5') { "bus.jitter=1300us" } else { "bus.jitter=0ns" };
+        let drawn = scenario("five-agents.toml", &["time.duration=1s", faults, &seed, late]);
+        kinds.extend(drawn.events.iter().map(|event| event.kind.name()));
+        count += drawn.events.len();
+        assert_same_bits(&drawn, true);
+    }
+    assert!(kinds.len() == 6 && count > 150, "{count} of {kinds:?}");
 }

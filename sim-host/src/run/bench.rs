@@ -34,7 +34,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let (made, left_out) = reach.divide(scenario);
     tell_left_out(&left_out, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
-    let scenario = &Scenario { events: made, ..scenario.clone() };
+    let clocks = skipped_clocks(scenario, options);
+    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, ..scenario.clone() };
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
     let comparison = match scenario.bus.model {
@@ -80,7 +81,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
                 extrapolated: sum(|counters| counters.extrapolated),
                 late: sum(|counters| counters.late),
             });
-            let skipped = skipped.into_iter().map(str::to_owned).chain(kinds(&left_out)).collect();
+            let skipped =
+                skipped.into_iter().chain(clocks).map(str::to_owned).chain(kinds(&left_out)).collect();
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });
             Ok(Outcome { logs: hub.into_logs(), bench, bus, ..outcome })
         }
@@ -139,6 +141,18 @@ fn reach(scenario: &Scenario, file: &BenchFile) -> Reach {
         on_can: (0..scenario.nodes.len()).filter(is_on_can).collect(),
         wires: edges.filter(|&(a, b)| file.is_wired(id(a), id(b))).collect(),
     }
+}
+
+/// The keys of clocks, where a scenario has them: nodes of a bench have those that they have.
+fn skipped_clocks(scenario: &Scenario, options: &RunOptions) -> Vec<&'static str> {
+    let asked = [("clock", !scenario.clocks.is_empty()), ("sync", scenario.sync.is_some())];
+    let keys: Vec<_> = asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect();
+    if !keys.is_empty() && options.verbosity != Verbosity::Quiet {
+        // Nobody is left to tell where standard error is closed.
+        let _ =
+            writeln!(std::io::stderr(), "skipped: {}: the clocks of a bench are its own", keys.join(", "));
+    }
+    keys
 }
 
 /// The kinds of events that are left out, each once.
