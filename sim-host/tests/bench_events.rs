@@ -86,8 +86,11 @@ fn boards_go_and_come() {
 fn a_process_that_is_bounced_is_another_one_then() {
     let bench = bench_with(&event("50ms", "bounce", "node = 2\nfor = \"20ms\""), &three_processes());
     assert_bits_of_loopback(&bench, &["bounce node 2 for 20ms"]);
-    let long = bench_with(&event("50ms", "bounce", "node = 2\nfor = \"20ms\""), &three_processes());
-    let child = long.spawn(&["--set", "time.duration=120s"]);
+    // Late enough to be seen.
+    let late = format!("{SCENARIO}{}", event("10s", "bounce", "node = 2\nfor = \"20ms\""));
+    let late = late.replace("duration = \"200ms\"", "duration = \"120s\"");
+    let long = Bench::new(&late, &three_processes());
+    let child = long.spawn(&[]);
     let second = || children(child.id()).iter().copied().collect::<std::collections::BTreeSet<_>>();
     wait("three processes", || second().len() == 3);
     let before = second();
@@ -170,8 +173,9 @@ fn with_clocks_of_their_own_links_are_cut_and_no_node_is_switched() {
         + &event("500ms", "repair", "")
         + &event("600ms", "crash", "node = 3");
     let bench = bench_with(&events, &three_processes()).with("clock = \"own\"");
-    let ended =
-        bench.run(&["--set", "time.tick=10ms", "--set", "time.duration=800ms", "--set", "bus.latency=5ms"]);
+    // Who has lost all its neighbours stops; on this graph each has another one.
+    let sets = ["time.tick=10ms", "time.duration=800ms", "bus.latency=5ms", "graph.kind=complete"];
+    let ended = bench.run(&sets.map(|set| ["--set", set]).concat());
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert!(ended.took > Duration::from_millis(800), "{:?}", ended.took);
     assert!(ended.err.contains("event crash node 3: no node that ticks by its own clock"), "{}", ended.err);
