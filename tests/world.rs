@@ -7,6 +7,7 @@ use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::can::{Heard, PortFrame, Traffic};
 use sim_host::conductor::{Action, Conductor, HubError, Patience, Seat, Source, Step, Task};
 use sim_host::configure::{Drive, listeners, node_configs};
+use sim_host::engine::{Lies, Scene};
 use sim_host::noise::Noise;
 use sim_host::scenario::Scenario;
 use std::collections::VecDeque;
@@ -77,6 +78,8 @@ pub struct World<F: Fate = Peace> {
     now: u64,
     /// Time that a frame takes either way, ns.
     travel: u64,
+    /// The host can switch the boards off and on.
+    pub has_power: bool,
     /// What may happen.
     pub fate: F,
 }
@@ -92,6 +95,7 @@ impl<F: Fate> World<F> {
             ended: vec![false; nodes],
             now: 0,
             travel,
+            has_power: false,
             fate,
         }
     }
@@ -145,6 +149,16 @@ impl<F: Fate> World<F> {
                 if self.ended[node] {
                     self.ended[node] = false;
                     task.on_reopened(node);
+                }
+                Ok(())
+            }
+            Action::Switch { node, on } => {
+                if self.has_power {
+                    self.boards[node].restart();
+                    self.to_node[node].clear();
+                    self.to_host[node].clear();
+                    self.ended[node] = !on;
+                    task.on_switched(node);
                 }
                 Ok(())
             }
@@ -299,7 +313,10 @@ pub fn conductor(scenario: &Scenario, drive: Drive, patience: Patience) -> Condu
     let bus = IdealBus::new(params, scenario.seed, listeners(scenario)).with_links(
         scenario.seed,
         &scenario.links,
-        &[],
+        &scenario.spells(),
     );
-    Conductor::new(seats, &configs, bus, patience).with_noise(Noise::of(scenario))
+    let course = scenario.course().on_clock(&scenario.time);
+    let scene = || Scene::new(&course, scenario.time.tick_ns, listeners(scenario));
+    let conductor = Conductor::new(seats, &configs, bus, patience).with_noise(Noise::of(scenario));
+    conductor.with_events((!scenario.stays_whole()).then(scene), Lies::of(scenario))
 }

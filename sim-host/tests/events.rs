@@ -536,9 +536,11 @@ fn a_serial_line_refuses_events() {
 
 #[test]
 fn who_cannot_make_events_refuses_them() {
-    let scenario = ring("{ at = '400ms', kind = 'crash', node = 2 }", &[]);
-    for on in [Fidelity::Emulator, Fidelity::Reference] {
-        let error = simulate(&scenario, &options(on)).unwrap_err();
+    for (on, event) in [
+        (Fidelity::Emulator, "{ at = '400ms', kind = 'sensor', node = 2, offset = 1.0 }"),
+        (Fidelity::Reference, "{ at = '400ms', kind = 'crash', node = 2 }"),
+    ] {
+        let error = simulate(&ring(event, &[]), &options(on)).unwrap_err();
         assert_eq!(error.exit, Exit::BadInput);
         assert!(error.message.contains("[[event]]") && error.message.contains("--on loopback"), "{error}");
     }

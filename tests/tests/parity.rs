@@ -105,6 +105,67 @@ fn also_with_schedules_noise_and_breaches() {
     assert_eq!(stopped, 3, "{:?}", emulator.counters);
 }
 
+/// Runs both with events, and compares every bit that nodes show.
+fn assert_parity_with(events: &str, sets: &[&str]) -> Outcome {
+    let events = format!("event=[{events}]");
+    let scenario = scenario("five-agents.toml", &[&["time.duration=700ms", events.as_str()], sets].concat());
+    let loopback = run(&scenario, Fidelity::Loopback);
+    let emulator = run(&scenario, Fidelity::Emulator);
+    assert_same_rows(&loopback.rows, &emulator.rows);
+    assert_eq!(loopback.hash, emulator.hash, "{events}");
+    assert_eq!(loopback.happened, emulator.happened);
+    // As text: a state that is not there is not equal to itself.
+    assert_eq!(format!("{:?}", loopback.findings), format!("{:?}", emulator.findings));
+    assert_eq!((loopback.bus, &emulator.contradictions), (emulator.bus.clone(), &Vec::new()));
+    for (loopback, emulator) in loopback.counters.iter().zip(&emulator.counters) {
+        assert_eq!((emulator.ticks, emulator.breaches), (loopback.ticks, loopback.breaches), "{events}");
+        assert_eq!(emulator.extrapolated, loopback.extrapolated, "{events}");
+    }
+    emulator
+}
+
+const HALVES: &str = "{at='150ms',kind='partition',groups=[[1,2],[3,4,5]]},{at='300ms',kind='repair'}";
+
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_events_of_links_and_frames() {
+    let frames =
+        "{at='400ms',kind='burst',node=1,loss=0.5,for='50ms'},{at='500ms',kind='hold',link=[3,4],for='30ms'}";
+    let emulator = assert_parity_with(&format!("{HALVES},{frames}"), &["bus.jitter=300us"]);
+    assert_eq!(emulator.happened.len(), 4);
+    let lies = "{at='100ms',kind='liar',node=2,offset=0.5,for='50ms'},{at='300ms',kind='replayer',node=4,age='3ms',for='50ms'},\
+                {at='500ms',kind='impostor',node=5,as=3,constant=1.0,for='20ms'}";
+    assert_parity_with(lies, &[]);
+}
+
+/// An emulator that crashes or is bounced is a process that ends, and a new one that knows nothing.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_events_of_nodes() {
+    let events = "{at='150ms',kind='leave',node=2},{at='250ms',kind='bounce',nodes=[3,5],for='60ms'},\
+                  {at='400ms',kind='join',node=2},{at='500ms',kind='crash',node=4},{at='100ms',kind='join',node=1}";
+    let emulator = assert_parity_with(events, &[]);
+    let log = |id: u8| emulator.logs.iter().find(|(of, _)| *of == id).map_or("", |(_, log)| log.as_str());
+    let starts = [1, 2, 3, 4, 5].map(|id| log(id).matches("ready, wire version 3").count());
+    // Who comes is started anew, also after a goodbye.
+    assert_eq!(starts, [2, 2, 2, 1, 2], "{:?}", emulator.logs);
+}
+
+/// Worlds in which the comparison has to fail: an event that one of the two does not have, or has a tick later.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn an_event_that_is_missing_or_a_tick_late_differs() {
+    let hash = |events: &str, on: Fidelity| {
+        let events = format!("event=[{events}]");
+        run(&scenario("five-agents.toml", &["time.duration=350ms", &events]), on).hash
+    };
+    let emulated = hash(HALVES, Fidelity::Emulator);
+    assert_eq!(emulated, hash(HALVES, Fidelity::Loopback));
+    for other in ["", &HALVES.replace("150ms", "151ms"), &HALVES.replace("300ms", "301ms")] {
+        assert_ne!(emulated, hash(other, Fidelity::Loopback), "{other}");
+    }
+}
+
 /// Every function and operator that an expression can have, and the example of the documentation.
 const FIELDS: [&str; 5] = [
     "-x + 3*tanh(x) + 2*sin(0.5*t)",

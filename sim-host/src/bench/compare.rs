@@ -111,6 +111,10 @@ impl Difference {
         (bench, loopback): (&[Observation<f32>], &[Observation<f32>]),
         (here, there): (&Presence, Presence),
     ) {
+        // What is off has no bits.
+        if (*here, there) == (Presence::Off, Presence::Off) {
+            return;
+        }
         if !here.is_known() {
             self.unrecorded += 1;
             self.first.get_or_insert(k);

@@ -99,6 +99,16 @@ impl Device for HostProcess {
         Some(Box::new(line))
     }
 
+    fn switch(&mut self, on: bool) -> Result<Option<Box<dyn Stream>>, HubError> {
+        self.end();
+        if !on {
+            return Ok(Some(Box::new(std::io::empty())));
+        }
+        let (line, child) = start(&mut self.command)?;
+        self.child = child;
+        Ok(Some(Box::new(line)))
+    }
+
     fn into_log(mut self: Box<Self>) -> Option<String> {
         self.end();
         Some(self.words())

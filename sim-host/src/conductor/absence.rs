@@ -75,7 +75,7 @@ impl Conductor {
     /// # Errors
     /// The error itself, where the run has to end.
     pub(super) async fn lose(&mut self, index: usize, error: HubError) -> Result<(), HubError> {
-        let alone = self.nodes.iter().enumerate().all(|(other, node)| other == index || node.away.is_some());
+        let alone = self.nodes.iter().enumerate().all(|(other, node)| other == index || !node.is_here());
         if self.on_loss == OnLoss::Stop || alone || matches!(error, HubError::Interrupted) {
             return Err(error);
         }
@@ -102,7 +102,7 @@ impl Conductor {
             let Some(away) = node.away.as_mut().filter(|away| away.next_look <= now) else { continue };
             away.next_look = now.saturating_add(ns(LOOK_EVERY));
             match self.bring_back(index).await {
-                Ok(()) => self.note_return(index),
+                Ok(()) => self.end_absence(index),
                 Err(HubError::Interrupted) => return Err(HubError::Interrupted),
                 Err(_) => {}
             }
@@ -110,7 +110,8 @@ impl Conductor {
         Ok(())
     }
 
-    fn note_return(&mut self, index: usize) {
+    /// Takes note that a node is not lost any more.
+    pub(super) fn end_absence(&mut self, index: usize) {
         let Some(node) = self.nodes.get_mut(index) else { return };
         node.away = None;
         let (id, tick) = (node.contact.id(), self.tick);
@@ -162,7 +163,7 @@ impl Conductor {
         let node = self.nodes.get(index)?;
         let mut config = node.config.clone();
         let present = |id: u8| {
-            self.nodes.iter().find(|other| other.contact.id() == id && other.away.is_none() && !other.stopped)
+            self.nodes.iter().find(|other| other.contact.id() == id && other.is_here() && !other.stopped)
         };
         let neighbours: Vec<_> = config
             .neighbours

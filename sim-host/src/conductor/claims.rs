@@ -11,7 +11,8 @@ impl Conductor {
     /// Whether what a node reports is of the whole run: it has not been away.
     pub fn was_there_throughout(&self, index: usize) -> bool {
         let id = self.nodes.get(index).map(|node| node.contact.id());
-        self.absences.iter().all(|absence| Some(absence.node) != id)
+        self.nodes.get(index).is_some_and(|node| !node.was_off)
+            && self.absences.iter().all(|absence| Some(absence.node) != id)
     }
 
     /// Ticks that a node may have run beside those that were told of: those with clocks of their own go on

@@ -217,7 +217,8 @@ impl Contact {
         Ok(())
     }
 
-    fn forget(&mut self) {
+    /// Forgets what an old line to the same node has left.
+    pub(super) fn forget(&mut self) {
         let _ = self.outside.take_bytes(self.index);
         self.line.replace();
         self.queued.clear();

@@ -32,15 +32,13 @@ impl Conductor {
 
     async fn tell_to_stop(&mut self, index: usize) -> Result<(), HubError> {
         match self.nodes.get_mut(index) {
-            Some(node) if node.away.is_none() && !node.stopped => {
-                node.contact.write(&serial::encode(&STOP)).await
-            }
+            Some(node) if node.is_here() && !node.stopped => node.contact.write(&serial::encode(&STOP)).await,
             _ => Ok(()),
         }
     }
 
     async fn ask_for_report(&mut self, index: usize) -> Result<Option<Report>, HubError> {
-        let Some(node) = self.nodes.get_mut(index).filter(|node| node.away.is_none()) else {
+        let Some(node) = self.nodes.get_mut(index).filter(|node| node.is_here()) else {
             return Ok(None);
         };
         let mut faults = Vec::new();

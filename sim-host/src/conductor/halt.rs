@@ -36,7 +36,7 @@ impl Conductor {
             // Whether or not it is there any more; their lines are told, too.
             let _ = self.stop_on_can().await;
             let mut waiting = Vec::new();
-            for (index, node) in self.nodes.iter_mut().enumerate() {
+            for (index, node) in self.nodes.iter_mut().enumerate().filter(|(_, node)| !node.off) {
                 waiting.push(Waiting { index, listening: ask(&mut node.contact).await.is_ok() });
             }
             self.hear_who_stopped(waiting).await
@@ -46,7 +46,7 @@ impl Conductor {
     /// Listens in turns: a node that is silent must not use up the time of the others.
     async fn hear_who_stopped(&mut self, mut waiting: Vec<Waiting>) -> Halted {
         let end = self.outside.now().saturating_add(ns(CONFIRM));
-        let mut halted = Halted { reports: vec![None; waiting.len()], ..Halted::default() };
+        let mut halted = Halted { reports: vec![None; self.nodes.len()], ..Halted::default() };
         while waiting.iter().any(|node| node.listening) && self.outside.now() < end {
             for mut node in std::mem::take(&mut waiting) {
                 let Some(contact) = self.nodes.get_mut(node.index).map(|node| &mut node.contact) else {

@@ -32,6 +32,13 @@ impl Hearing {
         }
     }
 
+    /// Forgets what was handed to a node before it came.
+    pub(super) fn forget(&mut self, to: usize) {
+        if let Some(handed) = self.handed.get_mut(to) {
+            *handed = (0, 0);
+        }
+    }
+
     fn last(&self, from: usize, to: usize) -> Option<u32> {
         self.last.get(from * self.nodes + to).copied().flatten()
     }
@@ -60,8 +67,7 @@ impl Conductor {
     /// Ids of nodes that run to the end, and whose states reach none of the neighbours that do so, too, any
     /// more; `reports` by index.
     pub fn silent(&self, reports: &[Option<Report>]) -> Vec<u16> {
-        let runs =
-            |index: usize| self.nodes.get(index).is_some_and(|node| node.away.is_none() && !node.stopped);
+        let runs = |index: usize| self.nodes.get(index).is_some_and(|node| node.is_here() && !node.stopped);
         let has_lost = |from: usize, to: usize| {
             let (Some(node), Some(Some(report))) = (self.nodes.get(to), reports.get(to)) else {
                 return false;
@@ -77,12 +83,18 @@ impl Conductor {
         })
     }
 
-    /// Ids of nodes for which something holds of their index and those of their neighbours.
+    /// Ids of nodes for which something holds of their index and those of their neighbours. Nobody hears anybody
+    /// over a link that an event keeps cut at the end, or a node that it keeps off.
     fn those_who(&self, holds: impl Fn(usize, &[usize]) -> bool) -> Vec<u16> {
         let index = |id: u8| self.nodes.iter().position(|node| node.config.id == id);
         let of = |(from, node): (usize, &super::member::Member)| {
-            let neighbours: Vec<_> =
-                node.config.neighbours.iter().filter_map(|edge| index(edge.id)).collect();
+            let neighbours: Vec<_> = node
+                .config
+                .neighbours
+                .iter()
+                .filter_map(|edge| index(edge.id))
+                .filter(|&near| self.are_joined(from, near))
+                .collect();
             (!neighbours.is_empty() && holds(from, &neighbours)).then_some(u16::from(node.config.id))
         };
         self.nodes.iter().enumerate().filter_map(of).collect()

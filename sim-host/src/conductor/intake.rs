@@ -140,8 +140,14 @@ impl Conductor {
             *tick = self.rebuilt(index, *tick).map_or(*tick, TickStamp::full);
         }
         let message = self.noise.disturb(index, message);
+        let message = self.lie(index, message, now);
+        self.send(index, &message, now);
+    }
+
+    /// Sends it as it is.
+    pub(super) fn send(&mut self, index: usize, message: &Message, now: u64) {
         let is_state = matches!(message, Message::State { .. });
-        self.bus.send(now, index, Relayed { from: index, is_state, bytes: serial::encode(&message) });
+        self.bus.send(now, index, Relayed { from: index, is_state, bytes: serial::encode(message) });
     }
 
     /// Takes note of what lines have refused.

@@ -2,6 +2,7 @@
 
 use super::deadline::{Deadline, ns};
 use super::on_can::FrameBytes;
+use super::shadow::Shadow;
 use super::task::Action;
 use super::{Conductor, HubError, Received, START, Stamps, measure, observation};
 use crate::presence::Presence;
@@ -14,22 +15,30 @@ use std::time::Duration;
 impl Conductor {
     pub(super) async fn announce(&mut self) -> Result<(), HubError> {
         self.begin = self.outside.now();
+        self.begin_events().await?;
+        // Who has come before the start was started so.
+        let starts: Vec<bool> =
+            (0..self.nodes.len()).map(|index| self.is_on(index) && !self.has_come(index)).collect();
         self.say_on_can(&START).await?;
-        for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none()) {
+        for (node, _) in
+            self.nodes.iter_mut().zip(&starts).filter(|(node, starts)| **starts && node.on_can.is_none())
+        {
             node.contact.write(&serial::encode(&START)).await?;
         }
-        for index in 0..self.nodes.len() {
+        for (index, _) in starts.iter().enumerate().filter(|(_, starts)| **starts) {
             self.take_announcement(index).await?;
         }
         Ok(())
     }
 
     pub(super) async fn run_tick(&mut self) -> Result<(), HubError> {
-        // As in loopback, nothing is delivered any more once all nodes have stopped by themselves.
-        if self.nodes.iter().any(|node| !node.stopped) {
+        // As in loopback, nothing is delivered any more once all nodes have stopped by themselves, but where
+        // events may happen.
+        if self.scene.is_some() || self.nodes.iter().any(|node| !node.stopped) {
             self.look_for_lost().await?;
-            self.note_presence();
             let now = (u64::from(self.tick) + 1) * self.tick_ns;
+            self.happen(now).await?;
+            self.note_presence();
             self.deliver_before(now).await?;
             self.settle().await?;
             self.say_on_can(&self.sync()).await?;
@@ -57,7 +66,7 @@ impl Conductor {
     async fn settle(&mut self) -> Result<(), HubError> {
         let Some(settle) = self.settle else { return Ok(()) };
         for index in 0..self.nodes.len() {
-            let Some(node) = self.nodes.get_mut(index).filter(|node| node.away.is_none()) else { continue };
+            let Some(node) = self.nodes.get_mut(index).filter(|node| node.is_here()) else { continue };
             if let Err(error) = node.contact.flush().await {
                 self.lose(index, error).await?;
             }
@@ -75,32 +84,51 @@ impl Conductor {
     /// Writes what is queued for a node, and a SYNC if it runs and is on no CAN.
     async fn send_sync(&mut self, index: usize) -> Result<(), HubError> {
         let since_start = self.since_start();
-        let sync = serial::encode(&self.sync());
+        let sync = self.sync();
+        let encoded = serial::encode(&sync);
         let (Some(node), Some(stamps)) = (self.nodes.get_mut(index), self.stamps.get_mut(index)) else {
             return Ok(());
         };
         *stamps = Stamps::default();
-        if node.away.is_some() {
+        if !node.is_here() {
             return Ok(());
         }
         if !node.stopped {
             if node.on_can.is_none() {
-                node.contact.queue(&sync);
+                node.contact.queue(&encoded);
+            }
+            if let Some(shadow) = &mut node.shadow {
+                shadow.take(&sync);
             }
             stamps.sync = Some(since_start);
         }
         node.contact.flush().await
     }
 
-    /// Hands over the frames that arrive before `now`.
+    /// Hands over the frames that arrive before `now`, those among them that are said until then.
     pub(super) async fn deliver_before(&mut self, now: u64) -> Result<(), HubError> {
+        loop {
+            // What is said at a time goes before what arrives then.
+            let until = self.next_later().map_or(now, |at| at.min(now));
+            self.hand_over_before(until).await?;
+            if until == now {
+                return Ok(());
+            }
+            self.say_later();
+        }
+    }
+
+    async fn hand_over_before(&mut self, now: u64) -> Result<(), HubError> {
         while self.bus.next_arrival().is_some_and(|at| at < now) {
             // Several receivers on a bus are one.
             let mut for_can: Vec<(usize, FrameBytes)> = Vec::new();
             let (nodes, hearing, tick) = (&mut self.nodes, &mut self.hearing, self.tick);
             self.bus.deliver(|receiver, frame| {
-                let Some(node) = nodes.get_mut(receiver).filter(|node| node.away.is_none()) else { return };
+                let Some(node) = nodes.get_mut(receiver).filter(|node| node.is_here()) else { return };
                 hearing.hand(frame.from, receiver, frame.is_state, tick);
+                if let Some(shadow) = &mut node.shadow {
+                    shadow.hear(&frame.bytes);
+                }
                 match node.on_can {
                     None => node.contact.queue(&frame.bytes),
                     Some(bus) if for_can.iter().any(|&(other, _)| other == bus) => {}
@@ -137,14 +165,14 @@ impl Conductor {
     /// Waits for everything that a node says about a tick: its state (of the tick after the one that ran) or
     /// a fault, perhaps an edge, and its telemetry, which ends it.
     async fn take_tick(&mut self, index: usize, now: u64) -> Result<(), HubError> {
-        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped && node.away.is_none()) else {
+        let Some(node) = self.nodes.get_mut(index).filter(|node| !node.stopped && node.is_here()) else {
             return Ok(());
         };
         node.ticked = false;
         (node.states, node.telemetries, node.refused) = (0, 0, false);
-        let state = node.next_state.clone();
+        let state = node.shadow.as_ref().map_or_else(|| node.next_state.clone(), Shadow::x);
         let deadline = Deadline::after(self.patience.answer, self.outside.now());
-        if node.on_can.is_some() {
+        if node.on_can.is_some() && !node.says_nothing() {
             self.take_states_on_can(index, now, deadline).await?;
         }
         loop {
@@ -166,6 +194,7 @@ impl Conductor {
                 Received::Message(message) => self.take_message(index, message, now),
                 Received::Reply(Reply::Telemetry(telemetry)) => {
                     if self.take_telemetry(index, &state, &telemetry)? {
+                        self.end_listening(index, now);
                         return Ok(());
                     }
                 }
@@ -209,6 +238,10 @@ impl Conductor {
             return Err(HubError::OutOfStep { node: id, tick, found: telemetry.tick });
         }
         let measured = measure::refusal(telemetry, state.len());
+        // Without a state of its own it is known only where it is as it should be.
+        let is_known = !node.listens || node.shadow.as_ref().is_some_and(|shadow| shadow.agrees(telemetry));
+        // It has to say one once it should have spoken.
+        let must_speak = !node.listens || is_known && node.shadow.as_ref().is_some_and(Shadow::speaks);
         if let Some((what, value)) = &measured {
             self.doubts.note(id, what, tick, || value.clone());
             if component >= state.len() {
@@ -217,7 +250,7 @@ impl Conductor {
         }
         // Without its state nobody knows any more what it is.
         let lost = match () {
-            () if !node.stopped && !node.has_told_its_state() => Some("state"),
+            () if must_speak && !node.stopped && !node.has_told_its_state() => Some("state"),
             () if component != node.telemetries => Some("telemetry"),
             () => None,
         };
@@ -225,7 +258,7 @@ impl Conductor {
             return Err(HubError::Lost { node: id, tick, what });
         }
         node.telemetries += 1;
-        node.refused |= measured.is_some();
+        node.refused |= measured.is_some() || !is_known;
         let (is_last, refused) = (node.telemetries >= state.len(), node.refused);
         if let Some(stamps) = self.stamps.get_mut(index) {
             stamps.telemetry = Some(since_start);
@@ -242,6 +275,23 @@ impl Conductor {
             self.set_presence(index, Presence::Ran);
         }
         Ok(is_last)
+    }
+}
+
+impl Conductor {
+    /// Goes on without what was expected of a newcomer, once it has said a state.
+    fn end_listening(&mut self, index: usize, now: u64) {
+        if !self.nodes.get(index).is_some_and(|node| node.listens) {
+            return;
+        }
+        // One that is not as expected may have spoken already.
+        while let Some((message, _)) = self.next_on_its_bus(index) {
+            self.take_message(index, message, now);
+        }
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        if node.has_told_its_state() {
+            (node.listens, node.shadow) = (false, None);
+        }
     }
 }
 

@@ -2,10 +2,11 @@
 
 use super::absence::Away;
 use super::contact::{Contact, Seat, TIMES};
+use super::shadow::Shadow;
 use super::task::Outside;
 use super::{HubError, Received};
 use crate::presence::Presence;
-use funnelnet_protocol::config::NodeConfig;
+use funnelnet_protocol::config::{Coupling, NodeConfig};
 use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::service::{Identity, Reply, Request};
 use funnelnet_protocol::{WIRE_VERSION, serial};
@@ -20,6 +21,14 @@ pub(super) struct Member {
     pub(super) config: NodeConfig,
     /// Set while it is lost and the others go on.
     pub(super) away: Option<Away>,
+    /// An event keeps it off.
+    pub(super) off: bool,
+    /// One has kept it off, so that what it reports is not of the whole run.
+    pub(super) was_off: bool,
+    /// It has come to a network that runs, and has not said a state yet.
+    pub(super) listens: bool,
+    /// What it should be like meanwhile, where this program can know.
+    pub(super) shadow: Option<Shadow>,
     /// The bus that its states travel on, by index; `None` for one that is on its line only.
     pub(super) on_can: Option<usize>,
     /// State at the tick that comes next, by component.
@@ -51,6 +60,10 @@ impl Member {
             identity: None,
             config: config.clone(),
             away: None,
+            off: false,
+            was_off: false,
+            listens: false,
+            shadow: None,
             on_can: None,
             next_state: config.initial_state.to_vec(),
             stopped: false,
@@ -67,6 +80,27 @@ impl Member {
         self.states.count_ones() as usize >= self.next_state.len()
     }
 
+    /// Whether it is there: neither lost nor kept off by an event.
+    pub(super) fn is_here(&self) -> bool {
+        self.away.is_none() && !self.off
+    }
+
+    /// Whether it listens before it speaks where it comes to a network that runs.
+    pub(super) fn listens_first(&self) -> bool {
+        self.config.coupling != Coupling::None && !self.config.neighbours.is_empty()
+    }
+
+    /// Whether it is not expected to say a state in this tick.
+    pub(super) fn says_nothing(&self) -> bool {
+        self.listens && !self.shadow.as_ref().is_some_and(Shadow::speaks)
+    }
+
+    /// Takes it that it is as its configuration makes it.
+    pub(super) fn begin_anew(&mut self) {
+        (self.off, self.stopped, self.warned) = (false, false, None);
+        self.next_state = self.config.initial_state.to_vec();
+    }
+
     /// Whether it had a configuration when it was asked who it is.
     pub(super) fn is_configured(&self) -> bool {
         self.identity.is_some_and(|identity| identity.id != serial::HOST)
@@ -75,6 +109,7 @@ impl Member {
     /// What is known of it at a tick of which it has said nothing.
     pub(super) fn presence(&self) -> Presence {
         match self {
+            Self { off: true, .. } => Presence::Off,
             Self { away: Some(_), .. } => Presence::Absent,
             Self { stopped: true, .. } => Presence::Stopped,
             Self { .. } => Presence::Unrecorded,

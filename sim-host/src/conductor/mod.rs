@@ -16,6 +16,7 @@ mod deadline;
 mod doubles;
 pub(crate) mod doubt;
 mod error;
+mod events;
 mod finish;
 mod halt;
 mod hearing;
@@ -27,6 +28,7 @@ mod member;
 mod on_can;
 mod own_clock;
 pub(crate) mod recording;
+mod shadow;
 mod sound;
 mod task;
 pub(crate) mod watch;
@@ -44,10 +46,11 @@ pub(crate) use task::Outside;
 
 use crate::bus::Traffic;
 use crate::bus::ideal::IdealBus;
-use crate::engine::NodeEvent;
+use crate::engine::{Lies, NodeEvent, Scene};
 use crate::noise::Noise;
 use crate::presence::Presence;
 use doubt::Doubts;
+use events::Later;
 use funnelnet_node::Observation;
 use funnelnet_protocol::config::NodeConfig;
 use funnelnet_protocol::message::{Command, Message, Target};
@@ -58,6 +61,7 @@ use hearing::Hearing;
 use member::Member;
 use on_can::Bus;
 use own_clock::OwnClock;
+use std::collections::VecDeque;
 use std::time::Duration;
 
 /// What a node does that names a component which no state has.
@@ -98,6 +102,12 @@ pub struct Conductor {
     nodes: Vec<Member>,
     bus: IdealBus<Relayed>,
     noise: Noise,
+    /// Where events take nodes and links away.
+    scene: Option<Scene>,
+    /// Where nodes say what is not so.
+    lies: Option<Box<Lies>>,
+    /// What they say later, in the order of time.
+    later: VecDeque<Later>,
     patience: Patience,
     on_loss: OnLoss,
     absences: Vec<Absence>,
@@ -139,6 +149,9 @@ impl Conductor {
             nodes,
             bus,
             noise: Noise::default(),
+            scene: None,
+            lies: None,
+            later: VecDeque::new(),
             patience,
             on_loss: OnLoss::default(),
             absences: Vec::new(),

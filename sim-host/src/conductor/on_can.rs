@@ -226,8 +226,7 @@ impl Conductor {
     /// Says `message` once on each bus with nodes that run.
     pub(super) async fn say_on_can(&mut self, message: &Message) -> Result<(), HubError> {
         let nodes = &self.nodes;
-        let runs =
-            |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.away.is_none() && !node.stopped);
+        let runs = |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.is_here() && !node.stopped);
         for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus)) {
             side.say(message).await?;
         }
@@ -290,6 +289,26 @@ impl Conductor {
             {
                 return Ok((message, side.outside.now()));
             }
+        }
+    }
+
+    /// Waits for the next message of a node on its bus, whatever it says on its line: the others there have
+    /// heard it, too.
+    pub(super) async fn wait_on_its_bus(
+        &mut self,
+        index: usize,
+        (deadline, awaited): (Deadline, &'static str),
+    ) -> Result<Message, HubError> {
+        loop {
+            if let Some((message, _)) = self.next_on_its_bus(index) {
+                return Ok(message);
+            }
+            let now = self.outside.now();
+            let Some((node, side)) = self.on_its_bus(index) else { return Err(HubError::Interrupted) };
+            if deadline.is_over(now) {
+                return Err(HubError::NoAnswer { node: node.contact.id(), awaited, waited: deadline.limit });
+            }
+            side.listen(Deadline::after(LISTEN, now).until()).await?;
         }
     }
 

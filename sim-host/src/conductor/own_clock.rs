@@ -77,6 +77,7 @@ impl Conductor {
     pub(super) async fn start_clocks(&mut self) -> Result<(), HubError> {
         let start = serial::encode(&START);
         self.begin = self.outside.now();
+        self.begin_events().await?;
         for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none()) {
             node.contact.write(&start).await?;
         }
@@ -114,10 +115,12 @@ impl Conductor {
         closed
     }
 
-    /// When a frame is due, or it is time to look around, if nothing is read before.
+    /// When a frame or an event is due, or it is time to look around, if nothing is read before.
     fn look_around(&self) -> u64 {
         let later = self.outside.now().saturating_add(ns(LOOK_AROUND));
-        self.bus.next_arrival().map_or(later, |due| later.min(self.begin.saturating_add(due)))
+        let due =
+            [self.bus.next_arrival(), self.next_later(), self.next_change()].into_iter().flatten().min();
+        due.map_or(later, |due| later.min(self.begin.saturating_add(due)))
     }
 
     fn take_reading(&mut self, Reading { from, at }: Reading) -> Result<(), HubError> {
@@ -278,9 +281,11 @@ impl Conductor {
         Err(HubError::RanApart { node: id(odd), tick, other: id(even), other_tick })
     }
 
-    /// Hands over the frames that are due.
+    /// Hands over the frames that are due, after the events that are.
     async fn forward(&mut self) -> Result<(), HubError> {
-        self.deliver_before(self.now_ns().saturating_add(1)).await?;
+        let now = self.now_ns();
+        self.happen(now).await?;
+        self.deliver_before(now.saturating_add(1)).await?;
         for node in &mut self.nodes {
             node.contact.flush().await?;
         }

@@ -54,6 +54,14 @@ pub enum Action {
         /// The node.
         node: usize,
     },
+    /// To switch what the node runs on, where that can be done from here, and to tell so by
+    /// [`Task::on_switched`].
+    Switch {
+        /// The node.
+        node: usize,
+        /// On, or off.
+        on: bool,
+    },
 }
 
 /// What is read.
@@ -126,6 +134,13 @@ impl<'a, T> Task<'a, T> {
         slot(&mut desk.bytes, node).clear();
         desk.reopened = true;
     }
+
+    /// Takes note that what a node runs on was switched, and that it has another line now.
+    pub fn on_switched(&mut self, node: usize) {
+        let mut desk = self.outside.desk();
+        slot(&mut desk.bytes, node).clear();
+        desk.switched = true;
+    }
 }
 
 /// That something was read.
@@ -142,6 +157,7 @@ struct Desk {
     asked: Option<Action>,
     failed: Option<HubError>,
     reopened: bool,
+    switched: bool,
     /// Read and not taken, by node.
     bytes: Vec<Vec<u8>>,
     /// The same by bus, each with its bus time.
@@ -161,7 +177,8 @@ impl Outside {
     /// Forgets what a task has left that was not polled to its end.
     fn begin(&self) {
         let mut desk = self.desk();
-        (desk.asked, desk.failed, desk.reopened, desk.last) = (None, None, false, None);
+        (desk.asked, desk.failed, desk.last) = (None, None, None);
+        (desk.reopened, desk.switched) = (false, false);
     }
 
     /// Time of the last poll, ns.
@@ -203,6 +220,15 @@ impl Outside {
     pub(super) async fn reopen(&self, node: usize) -> Result<bool, HubError> {
         self.act(Action::Reopen { node }).await?;
         Ok(std::mem::take(&mut self.desk().reopened))
+    }
+
+    /// Switches what a node runs on; whether that can be done from here.
+    ///
+    /// # Errors
+    /// It does not start, or the user wants to stop.
+    pub(super) async fn switch(&self, node: usize, on: bool) -> Result<bool, HubError> {
+        self.act(Action::Switch { node, on }).await?;
+        Ok(std::mem::take(&mut self.desk().switched))
     }
 
     /// What has come from the line of a node.

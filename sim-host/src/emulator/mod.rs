@@ -7,7 +7,7 @@ mod sockets;
 pub use log::decode as decode_log;
 pub use sockets::Sockets;
 
-use crate::hub::{Attached, Device, HubError, Link, Patience};
+use crate::hub::{Attached, Device, HubError, Link, Patience, Stream};
 use crate::interrupt::Interrupt;
 use process::Process;
 use std::path::PathBuf;
@@ -37,8 +37,11 @@ pub struct EmulatorOptions {
 
 /// What an emulated node runs on.
 struct Emulated {
+    id: u8,
     process: Process,
-    image: PathBuf,
+    options: EmulatorOptions,
+    /// The log of its emulators that were switched off.
+    earlier: String,
 }
 
 /// Starts one emulator per id, all at once, and connects their serial lines.
@@ -75,14 +78,15 @@ fn check_image(options: &EmulatorOptions) -> Result<(), HubError> {
 fn connect(id: u8, mut process: Process, options: &EmulatorOptions) -> Result<Attached, HubError> {
     let stream = process.connect(PATIENCE.boot, &options.interrupt)?;
     let link = Link::new(id, "the emulator".to_owned(), Box::new(stream), options.interrupt.clone());
-    let device = Box::new(Emulated { process, image: options.image.clone() });
+    let device = Box::new(Emulated { id, process, options: options.clone(), earlier: String::new() });
     Ok(Attached { link, device, uid: None })
 }
 
 impl Emulated {
     /// The log so far; without the image it cannot be read.
     fn log(&self) -> String {
-        decode_log(&std::fs::read(&self.image).unwrap_or_default(), &self.process.log())
+        let image = std::fs::read(&self.options.image).unwrap_or_default();
+        self.earlier.clone() + &decode_log(&image, &self.process.log())
     }
 }
 
@@ -96,6 +100,17 @@ impl Device for Emulated {
             words.push("an image of another version? Build it with: ./ci.sh firmware".to_owned());
         }
         words
+    }
+
+    fn switch(&mut self, on: bool) -> Result<Option<Box<dyn Stream>>, HubError> {
+        self.process.end();
+        if !on {
+            return Ok(Some(Box::new(std::io::empty())));
+        }
+        self.earlier = self.log();
+        self.process = Process::start(self.id, &[], &self.options)?;
+        let stream = self.process.connect(PATIENCE.boot, &self.options.interrupt)?;
+        Ok(Some(Box::new(stream)))
     }
 
     fn into_log(mut self: Box<Self>) -> Option<String> {

@@ -23,6 +23,7 @@ pub use talk::Talk;
 use crate::bus::ideal::IdealBus;
 use crate::can::Heard;
 use crate::conductor::{Conductor, Task};
+use crate::engine::{Lies, Scene};
 use crate::noise::Noise;
 use funnelnet_node::Observation;
 use funnelnet_protocol::config::NodeConfig;
@@ -42,6 +43,15 @@ pub trait Device {
     /// where there is nothing to open.
     fn reopen(&mut self) -> Option<Box<dyn Stream>> {
         None
+    }
+
+    /// Switches it off, or starts it anew as after power-on, and gives its line then; `None` where this
+    /// program does not have its power.
+    ///
+    /// # Errors
+    /// It does not start.
+    fn switch(&mut self, _on: bool) -> Result<Option<Box<dyn Stream>>, HubError> {
+        Ok(None)
     }
 
     /// The node's log as text, where this program has it. Ends the device.
@@ -90,6 +100,11 @@ impl Hub {
     /// With lines between nodes, on which their states may take so long.
     pub fn with_wires(self, settle: Duration) -> Self {
         Self { conductor: self.conductor.with_wires(settle), ..self }
+    }
+
+    /// With events that take nodes and links away and bring them back, and with nodes that say what is not so.
+    pub fn with_events(self, scene: Option<Scene>, lies: Option<Box<Lies>>) -> Self {
+        Self { conductor: self.conductor.with_events(scene, lies), ..self }
     }
 
     /// What to do when a node is lost from now on.

@@ -111,6 +111,15 @@ impl Outlets {
                 }
                 Ok(())
             }
+            Action::Switch { node: index, on } => {
+                if let Some(node) = self.nodes.get_mut(index)
+                    && let Some(stream) = node.device.switch(on)?
+                {
+                    node.link.replace(stream);
+                    task.on_switched(index);
+                }
+                Ok(())
+            }
         }
     }
 

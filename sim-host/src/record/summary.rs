@@ -260,8 +260,8 @@ pub struct BenchSummary {
     pub unrecorded: u64,
     /// Nodes that were away for a time, in the order in which they were lost.
     pub absences: Vec<AbsenceSummary>,
-    /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay, and events.
-    pub skipped: Vec<&'static str>,
+    /// Keys of the scenario that this bench did not do: what a real bus does not lose or delay, and kinds of events.
+    pub skipped: Vec<String>,
     /// What nodes that ticked by their own clock did with it; left out where they ticked by SYNC.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub own_clock: Option<OwnClockSummary>,

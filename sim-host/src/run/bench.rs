@@ -3,6 +3,7 @@
 use super::bench_buses::Logged;
 use super::error::RunError;
 use super::fidelity::{LOCKSTEP, can_engine, lockstep, needs_no_can};
+use super::makes::{Reach, Skipped};
 use super::network::Network;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
@@ -11,6 +12,7 @@ use super::rows::Rows;
 use crate::bench::{BenchFile, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides};
 use crate::conductor::Conductor;
 use crate::configure::node_configs;
+use crate::engine::Lies;
 use crate::hub::{Absence, CanCounts, Contact, Hub};
 use crate::judge::AbsenceSummary;
 use crate::loopback::{engine, ideal_bus_between};
@@ -19,6 +21,7 @@ use crate::record::{BenchNodeSummary, BenchSummary, BusSummary, CanSummary, PerI
 use crate::scenario::{BusModel, Scenario};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::Identity;
+use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::io::Write;
 
@@ -27,9 +30,12 @@ use std::io::Write;
 pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     let file = options.bench.as_ref().ok_or_else(|| RunError::defect("a bench without a bench file"))?;
     fits_the_bus(scenario, file)?;
-    let events = skipped_events(scenario, options);
+    let reach = reach(scenario, file);
+    let (made, left_out) = reach.divide(scenario);
+    tell_left_out(&left_out, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
-    let scenario = &Scenario { events: Vec::new(), ..scenario.clone() };
+    let clocks = skipped_clocks(scenario, options);
+    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, ..scenario.clone() };
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
     let comparison = match scenario.bus.model {
@@ -51,6 +57,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let hub = Hub::new(attached, &configs, bus, file.patience())?;
     let hub = if wired > 0 { hub.with_wires(file.settle) } else { hub };
     let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
+    let hub = hub.with_events(reach.scene(scenario), Lies::of(scenario));
     let interfaces = file.interfaces(&ids);
     let hub = hub.with_can(can, |index| {
         let interface = ids.get(index).and_then(|&id| file.node(id))?.can.as_ref()?;
@@ -74,7 +81,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
                 extrapolated: sum(|counters| counters.extrapolated),
                 late: sum(|counters| counters.late),
             });
-            let skipped = skipped.into_iter().chain(events).collect();
+            let skipped =
+                skipped.into_iter().chain(clocks).map(str::to_owned).chain(kinds(&left_out)).collect();
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });
             Ok(Outcome { logs: hub.into_logs(), bench, bus, ..outcome })
         }
@@ -123,14 +131,41 @@ fn skipped(scenario: &Scenario) -> Vec<&'static str> {
     asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect()
 }
 
-/// The key of events, where a scenario has some: no bench makes them yet.
-fn skipped_events(scenario: &Scenario, options: &RunOptions) -> Option<&'static str> {
-    let count = scenario.events.len();
-    if count > 0 && options.verbosity != Verbosity::Quiet {
-        // Nobody is left to tell where standard error is closed.
-        let _ = writeln!(std::io::stderr(), "skipped: {count} of [[event]], which a bench does not make yet");
+/// How the nodes of a scenario are reached.
+fn reach(scenario: &Scenario, file: &BenchFile) -> Reach {
+    let id = |index: usize| u8::try_from(index + 1).unwrap_or(0);
+    let is_on_can = |&index: &usize| file.node(id(index)).is_some_and(|node| node.can.is_some());
+    let edges = scenario.graph.edges.iter().map(|edge| (edge.a.min(edge.b), edge.a.max(edge.b)));
+    Reach {
+        own_clock: file.clock == Clock::Own,
+        on_can: (0..scenario.nodes.len()).filter(is_on_can).collect(),
+        wires: edges.filter(|&(a, b)| file.is_wired(id(a), id(b))).collect(),
     }
-    (count > 0).then_some("event")
+}
+
+/// The keys of clocks, where a scenario has them: nodes of a bench have those that they have.
+fn skipped_clocks(scenario: &Scenario, options: &RunOptions) -> Vec<&'static str> {
+    let asked = [("clock", !scenario.clocks.is_empty()), ("sync", scenario.sync.is_some())];
+    let keys: Vec<_> = asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect();
+    if !keys.is_empty() && options.verbosity != Verbosity::Quiet {
+        // Nobody is left to tell where standard error is closed.
+        let _ =
+            writeln!(std::io::stderr(), "skipped: {}: the clocks of a bench are its own", keys.join(", "));
+    }
+    keys
+}
+
+/// The kinds of events that are left out, each once.
+fn kinds(left_out: &[Skipped]) -> BTreeSet<String> {
+    left_out.iter().map(|skipped| format!("event.{}", skipped.event.kind.name())).collect()
+}
+
+fn tell_left_out(left_out: &[Skipped], options: &RunOptions) {
+    for Skipped { event, why } in left_out.iter().filter(|_| options.verbosity != Verbosity::Quiet) {
+        let at = event.at_ns as f64 / 1e9;
+        // Nobody is left to tell where standard error is closed.
+        let _ = writeln!(std::io::stderr(), "skipped: {at} s, event {event}: {why}");
+    }
 }
 
 fn tell_skipped(skipped: &[&str], options: &RunOptions) {

@@ -2,6 +2,7 @@
 
 use super::drive::{Cut, Record, drive};
 use super::error::RunError;
+use super::makes::{Reach, Skipped};
 use super::network::Network;
 use super::options::RunOptions;
 use super::outcome::{EarlyEnd, Outcome};
@@ -12,7 +13,7 @@ use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
 use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
-use crate::engine::Engine;
+use crate::engine::{Engine, Lies};
 use crate::hub::Hub;
 use crate::loopback::{
     LOOPBACK, accepted, can_bus, engine, engine_on, engine_with_host, ideal_bus, uart_bus,
@@ -206,10 +207,11 @@ fn with_reports(
 /// Fidelity `emulator`.
 pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Result<Outcome, RunError> {
     needs_no_can(scenario)?;
-    if !scenario.events.is_empty() {
-        return Err(RunError::bad_input(
-            "emulated nodes have no [[event]] yet; run this scenario with --on loopback",
-        ));
+    let reach = Reach::default();
+    if let Some(Skipped { event, why }) = reach.divide(scenario).1.first() {
+        return Err(RunError::bad_input(format!(
+            "emulated nodes cannot have this [[event]]: {event}: {why}; run this scenario with --on loopback, or leave the event out"
+        )));
     }
     if !scenario.clocks.is_empty() {
         return Err(RunError::bad_input(
@@ -220,7 +222,8 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let attached = emulator::attach(&ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, ideal_bus(scenario), emulator::PATIENCE)?;
-    let mut hub = hub.with_noise(Noise::of(scenario));
+    let hub = hub.with_noise(Noise::of(scenario));
+    let mut hub = hub.with_events(reach.scene(scenario), Lies::of(scenario));
     let outcome = lockstep("emulator", (scenario, options), &mut hub, rows, |_, _| Ok(()))?;
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
 }
@@ -238,7 +241,8 @@ pub(super) fn lockstep(
     let closed = close(scenario, hub, cut);
     hub.tell(&mut log);
     let (events, more_events) = log.finish();
-    Ok(Outcome { events, more_events, ..with_words_of(hub, closed, outcome) })
+    let happened = scenario.events.clone();
+    Ok(Outcome { events, more_events, happened, ..with_words_of(hub, closed, outcome) })
 }
 
 /// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error

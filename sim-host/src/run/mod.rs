@@ -13,6 +13,7 @@ mod fidelity;
 mod folder;
 mod large;
 mod lock;
+mod makes;
 pub(crate) mod names;
 mod network;
 mod options;

@@ -195,7 +195,7 @@ impl Outcome {
         }
     }
 
-    /// What each event did; on a bench none happens.
+    /// What each event did that was made.
     fn events(&self) -> Vec<EventSummary> {
         let of = |(event, figures): (&EventSpec, &EventFigures)| EventSummary {
             event: event.to_string(),

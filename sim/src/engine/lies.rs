@@ -65,12 +65,13 @@ impl Lies {
     }
 
     /// How much later than its own states a node says what is old or in another name, ns.
-    pub(super) fn later_ns(&self) -> u64 {
+    #[must_use]
+    pub fn later_ns(&self) -> u64 {
         self.later_ns
     }
 
     /// What node `index` says at `now` (ns) in place of `message`, and what it says later.
-    pub(super) fn tell(&mut self, index: usize, now: u64, message: Message) -> (Message, Vec<Message>) {
+    pub fn tell(&mut self, index: usize, now: u64, message: Message) -> (Message, Vec<Message>) {
         let (mut said, mut later) = (message, Vec::new());
         let Message::State { source, component, tick, x } = message else { return (said, later) };
         for Tale { during, says } in self.nodes.get_mut(index).into_iter().flatten() {

@@ -11,6 +11,7 @@ mod lies;
 mod malfunctions;
 mod own_field;
 mod plants;
+mod scene;
 mod world;
 
 pub use clocks::{Clocks, Skew};
@@ -18,6 +19,7 @@ pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use lies::Lies;
 pub use own_field::{COAST_TICKS, setup as setup_of_own_field};
 pub use plants::{Driven, Plants};
+pub use scene::Scene;
 pub use world::World;
 
 use crate::bus::ideal::IdealBus;
@@ -50,7 +52,7 @@ pub struct NodeEvent {
 const NEVER: u64 = u64::MAX;
 
 /// What is seen of a node that is off. Not a number, so that nothing is judged by it unnoticed.
-const NOTHING: Observation<f32> =
+pub const NOTHING: Observation<f32> =
     Observation { tick: u32::MAX, x: f32::NAN, nu: f32::NAN, psi: f32::NAN, ratio: f32::NAN, u: f32::NAN };
 
 /// Nodes on a bus, an ideal one if no other is said.
@@ -146,7 +148,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
 
     /// Adds the events of a world.
     pub fn with_world(mut self, world: World<V>) -> Self {
-        self.bus.set_listeners(world.listeners());
+        self.bus.set_listeners(world.scene.listeners());
         self.world = Some(world);
         let absent: Vec<usize> = (0..self.nodes.len()).filter(|&index| !self.is_on(index)).collect();
         for index in absent {
@@ -234,13 +236,12 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
 
     /// Whether no event keeps a node off, by index.
     pub fn is_on(&self, index: usize) -> bool {
-        self.world.as_ref().is_none_or(|world| world.is_on(index))
+        self.world.as_ref().is_none_or(|world| world.scene.is_on(index))
     }
 
     /// Whether two nodes that are on can hear each other: no event has cut their link.
     pub fn are_joined(&self, a: usize, b: usize) -> bool {
-        let world = self.world.as_ref();
-        world.is_none_or(|world| world.is_on(a) && world.is_on(b) && !world.is_cut(a, b))
+        self.world.as_ref().is_none_or(|world| world.scene.are_joined(a, b))
     }
 
     /// What the nodes report since they were last switched on, by index; `None` for one that is off.
@@ -286,13 +287,15 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
 
     /// Does what events do up to `now`, each at its time.
     fn happen(&mut self, now: u64) {
-        while let Some(at) = self.world.as_ref().and_then(World::next_change).filter(|&at| at <= now) {
+        while let Some(at) =
+            self.world.as_ref().and_then(|world| world.scene.next_change()).filter(|&at| at <= now)
+        {
             self.deliver_before(at);
-            while let Some(change) = self.world.as_mut().and_then(|world| world.take_change(at)) {
+            while let Some(change) = self.world.as_mut().and_then(|world| world.scene.take_change(at)) {
                 self.change(change, at);
             }
             if let Some(world) = &self.world {
-                self.bus.set_listeners(world.listeners());
+                self.bus.set_listeners(world.scene.listeners());
             }
         }
     }
@@ -303,7 +306,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             self.command(node, Command::Stop, now);
         }
         if let Some(world) = &mut self.world {
-            world.make(change);
+            world.scene.make(change);
         }
         match change {
             Change::Off { node, told } => {
@@ -335,7 +338,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// Gives a command to one node, and does what follows.
     fn command(&mut self, index: usize, command: Command, now: u64) {
         let joins =
-            command == Command::Start && self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
+            command == Command::Start && self.world.as_ref().is_some_and(|world| world.scene.has_come(index));
         let at_tick = if joins { JOIN } else { 0 };
         let target = if command == Command::Stop { self.target(index) } else { Target::All };
         let message = Message::Ctrl { target, command, arg: 0, at_tick };
@@ -354,7 +357,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let previous_tick = TickStamp::full((tick as u32).wrapping_sub(1));
         let sync = Message::Sync { source: None, previous_tick, phase_us: 0 };
         for index in 0..self.nodes.len() {
-            let by_sync = self.world.as_ref().is_some_and(|world| world.ticks_by_sync(index));
+            let by_sync = self.world.as_ref().is_some_and(|world| world.scene.has_come(index));
             if by_sync && self.nodes.get(index).map(Node::phase) == Some(Phase::Running) {
                 receive(&mut self.nodes, index, Ok(sync), now);
                 if let Some(wake) = self.wakes.get_mut(index) {

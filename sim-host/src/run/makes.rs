@@ -1,0 +1,202 @@
+//! Which events of a scenario a host can make on nodes that are not in its program (docs/book/src/faults.md).
+//!
+//! An event is made whole or not at all. What belongs together is made together: a node that is not taken off does not
+//! come, and a link that is not cut is not mended.
+
+use crate::configure::listeners;
+use crate::engine::Scene;
+use crate::scenario::{EventKind, EventSpec, Scenario};
+use std::collections::BTreeSet;
+
+/// How the nodes of a scenario are reached, by index.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Reach {
+    /// They tick by clocks of their own.
+    pub own_clock: bool,
+    /// Nodes whose states travel on CAN.
+    pub on_can: BTreeSet<usize>,
+    /// Lines from node to node, the lower index first.
+    pub wires: BTreeSet<(usize, usize)>,
+}
+
+/// An event that is not made.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Skipped {
+    pub event: EventSpec,
+    /// The rest of a sentence about it.
+    pub why: &'static str,
+}
+
+const ON_ITS_OWN_WAY: &str = "states travel without this program, on CAN or on a line from node to node";
+const OWN_CLOCK: &str =
+    "no node that ticks by its own clock is taken off or brought back yet: a start cannot tell it the tick";
+
+impl Reach {
+    /// The events of a scenario that are made, and those that are not; both in their order.
+    pub fn divide(&self, scenario: &Scenario) -> (Vec<EventSpec>, Vec<Skipped>) {
+        let mut why: Vec<Option<&'static str>> =
+            scenario.events.iter().map(|event| self.why_not(event, scenario)).collect();
+        leave_nodes_whole(&scenario.events, &mut why);
+        leave_links_whole(scenario, &mut why);
+        let (mut made, mut skipped) = (Vec::new(), Vec::new());
+        for (event, why) in scenario.events.iter().cloned().zip(why) {
+            match why {
+                None => made.push(event),
+                Some(why) => skipped.push(Skipped { event, why }),
+            }
+        }
+        (made, skipped)
+    }
+
+    /// Who is on and which links are cut, where events change that.
+    pub fn scene(&self, scenario: &Scenario) -> Option<Scene> {
+        let mut listeners = listeners(scenario);
+        for (from, list) in listeners.iter_mut().enumerate() {
+            list.retain(|&to| !self.wires.contains(&(from.min(to), from.max(to))));
+        }
+        let course = scenario.course().on_clock(&scenario.time);
+        (!scenario.stays_whole()).then(|| Scene::new(&course, scenario.time.tick_ns, listeners))
+    }
+
+    /// Why an event cannot be made by itself, if it cannot.
+    fn why_not(&self, event: &EventSpec, scenario: &Scenario) -> Option<&'static str> {
+        let own_ways = || event.targets.nodes().iter().any(|&node| self.has_own_way(node));
+        let wired = || event.targets.nodes().iter().any(|&node| self.is_wired(node));
+        let links = || event.targets.frames(&scenario.graph);
+        match event.kind {
+            EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join if self.own_clock => {
+                Some(OWN_CLOCK)
+            }
+            EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join => {
+                wired().then_some("a node with lines to others passes on what it is told")
+            }
+            EventKind::Partition | EventKind::Burst | EventKind::Hold => {
+                links().iter().any(|&link| !self.is_relayed(link)).then_some(ON_ITS_OWN_WAY)
+            }
+            // That of what they end.
+            EventKind::Repair | EventKind::Release => None,
+            EventKind::Corrupt => Some(
+                "a serial line has a checksum, by which a wrong bit is a lost frame; the simulated bus has none",
+            ),
+            EventKind::Liar | EventKind::Replayer | EventKind::Impostor => {
+                own_ways().then_some(ON_ITS_OWN_WAY)
+            }
+            EventKind::Clock => Some("a node's clock is its own"),
+            EventKind::SyncLoss if self.own_clock => Some("no SYNC keeps the clocks of a bench together"),
+            EventKind::SyncLoss => Some("nodes tick by this program's SYNC, and would stand still"),
+            EventKind::Noise | EventKind::Cut | EventKind::Short | EventKind::Babble => {
+                Some("it happens to the wire of a bus, which this program does not have in its hands")
+            }
+            EventKind::Sensor | EventKind::Actuator => Some("it happens in the node"),
+        }
+    }
+
+    /// Whether a node's states reach a neighbour without this program.
+    fn has_own_way(&self, node: usize) -> bool {
+        self.on_can.contains(&node) || self.is_wired(node)
+    }
+
+    fn is_wired(&self, node: usize) -> bool {
+        self.wires.iter().any(|&(a, b)| node == a || node == b)
+    }
+
+    /// Whether the frames of a link pass this program, and nobody else hears them.
+    fn is_relayed(&self, (a, b): (usize, usize)) -> bool {
+        !self.wires.contains(&(a, b)) && !self.on_can.contains(&a) && !self.on_can.contains(&b)
+    }
+}
+
+/// What takes a node off and what brings it back is made together.
+fn leave_nodes_whole(events: &[EventSpec], why: &mut [Option<&'static str>]) {
+    let mut skipped = BTreeSet::new();
+    loop {
+        let before = skipped.len();
+        for (event, why) in events.iter().zip(why.iter_mut()).filter(|(event, _)| event.kind.is_of_presence())
+        {
+            let nodes = event.targets.nodes();
+            if why.is_none() && nodes.iter().any(|node| skipped.contains(node)) {
+                *why = Some("another event that takes its node off or brings it back is skipped");
+            }
+            if why.is_some() {
+                skipped.extend(nodes.iter().copied());
+            }
+        }
+        if skipped.len() == before {
+            return;
+        }
+    }
+}
+
+/// A link is mended where it was cut, and let go where it was held.
+fn leave_links_whole(scenario: &Scenario, why: &mut [Option<&'static str>]) {
+    let (mut cut, mut held) = (BTreeSet::new(), BTreeSet::new());
+    for (event, why) in scenario.events.iter().zip(why) {
+        let links = event.targets.frames(&scenario.graph);
+        let touched = match event.kind {
+            EventKind::Partition | EventKind::Repair => &mut cut,
+            EventKind::Hold | EventKind::Release => &mut held,
+            _ => continue,
+        };
+        if matches!(event.kind, EventKind::Partition | EventKind::Hold) {
+            touched.extend(links.into_iter().filter(|_| why.is_none()));
+        } else {
+            // It may name more links than those: they are whole, and stay so.
+            let ends = links.iter().any(|link| touched.contains(link));
+            *why = (!ends).then_some("what it ends is skipped");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    const RING: &str = "version = 1\ntime = { tick = '1ms', duration = '1s' }\ngraph = { kind = 'ring', nodes = 5 }\nagent = { dynamics = { kind = 'affine' } }\n\
+                        coupling = { kind = 'node-wise', gain = { kind = 'reciprocal', scale = 1.0 }, funnel = { kind = 'constant', width = 2.0 } }";
+
+    fn ring(events: &str) -> Scenario {
+        Scenario::parse(&format!("event = [{events}]\n{RING}"), Path::new("ring.toml"), &[]).unwrap()
+    }
+
+    /// The kinds of the events that are made, and of those that are not.
+    fn kinds(reach: &Reach, events: &str) -> (Vec<&'static str>, Vec<&'static str>) {
+        let (made, skipped) = reach.divide(&ring(events));
+        let name = |event: &EventSpec| event.kind.name();
+        (made.iter().map(name).collect(), skipped.iter().map(|skipped| name(&skipped.event)).collect())
+    }
+
+    #[test]
+    fn where_all_frames_pass_all_is_made_but_what_happens_in_nodes_and_to_wrong_bits() {
+        let events = "{ at = '1ms', kind = 'crash', node = 1 }, { at = '2ms', kind = 'partition', link = [3, 4] }, \
+                      { at = '3ms', kind = 'corrupt', probability = 0.1, for = '1ms' }, { at = '4ms', kind = 'join', node = 1 }, \
+                      { at = '5ms', kind = 'liar', node = 2, constant = 3.0 }, { at = '6ms', kind = 'sensor', node = 2, offset = 1.0 }, \
+                      { at = '7ms', kind = 'repair' }, { at = '8ms', kind = 'hold', for = '5ms' }";
+        let made = ["crash", "partition", "join", "liar", "repair", "hold"];
+        assert_eq!(kinds(&Reach::default(), events), (made.into(), vec!["corrupt", "sensor"]));
+    }
+
+    #[test]
+    fn what_a_node_is_taken_off_and_brought_back_by_is_made_together() {
+        let reach = Reach { wires: [(3, 4)].into(), ..Reach::default() };
+        // Node 5 cannot be switched, so nodes 1 and 5 stay on; then node 1 cannot come, and neither can node 2 with it.
+        let events = "{ at = '1ms', kind = 'crash', node = 2 }, { at = '1ms', kind = 'crash', nodes = [1, 5] }, \
+                      { at = '2ms', kind = 'join', nodes = [1, 2] }, { at = '3ms', kind = 'crash', node = 3 }";
+        assert_eq!(kinds(&reach, events), (vec!["crash"], vec!["crash", "crash", "join"]));
+    }
+
+    #[test]
+    fn a_link_that_is_not_cut_is_not_mended_and_one_that_is_cut_is() {
+        let reach = Reach { wires: [(0, 1)].into(), ..Reach::default() };
+        let events = "{ at = '1ms', kind = 'partition', link = [1, 2] }, { at = '2ms', kind = 'repair', link = [1, 2] }, \
+                      { at = '3ms', kind = 'partition', link = [3, 4] }, { at = '4ms', kind = 'repair' }";
+        assert_eq!(kinds(&reach, events), (vec!["partition", "repair"], vec!["partition", "repair"]));
+    }
+
+    #[test]
+    fn a_node_with_a_clock_of_its_own_is_not_switched() {
+        let reach = Reach { own_clock: true, ..Reach::default() };
+        let events = "{ at = '1ms', kind = 'bounce', node = 1 }, { at = '2ms', kind = 'burst', loss = 1.0, for = '9ms' }";
+        assert_eq!(kinds(&reach, events), (vec!["burst"], vec!["bounce"]));
+    }
+}

@@ -1,0 +1,274 @@
+//! Events that the host makes on nodes: sessions behind serial lines that the real conductor drives in virtual
+//! time have the bits of loopback with the same events.
+#![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
+
+use sim_host::conductor::Patience;
+use sim_host::configure::Drive;
+use sim_host::presence::Presence;
+use sim_host::record::TraceHash;
+use sim_host::run::{Fidelity, Outcome};
+use sim_host::scenario::Scenario;
+use std::time::Duration;
+use system_tests::world::{Peace, World, conductor};
+use system_tests::{run, scenario};
+
+const LOCKSTEP: Drive = Drive {
+    tick_source: funnelnet_protocol::config::TickSource::Sync,
+    telemetry_every: 1,
+    is_simulated: false,
+};
+const PATIENCE: Patience = Patience { boot: Duration::from_secs(1), answer: Duration::from_secs(1) };
+/// Time that a frame takes, ns.
+const TRAVEL: u64 = 100_000;
+/// What the hash takes for a state that is not there.
+const NO_STATE: f32 = f32::from_bits(0x7fc0_0000);
+
+/// Five agents with these events.
+fn five(events: &str, sets: &[&str]) -> Scenario {
+    let events = format!("event=[{events}]");
+    scenario("five-agents.toml", &[&["time.duration=900ms", events.as_str()], sets].concat())
+}
+
+/// What came of a scenario on boards in memory.
+struct Ran {
+    hash: TraceHash,
+    /// By tick and node.
+    presence: Vec<Vec<Presence>>,
+    /// The same with components, state units.
+    x: Vec<Vec<f32>>,
+    lost: u64,
+    contradictions: Vec<String>,
+    /// Ids of nodes that nobody has heard, or that all have lost.
+    unheard: (Vec<u16>, Vec<u16>),
+    breaches: Vec<Option<u32>>,
+}
+
+/// Runs it, where the host has the power of the boards or not.
+fn on_boards(scenario: &Scenario, has_power: bool) -> Ran {
+    on_buses(scenario, has_power, &[], false)
+}
+
+/// The same with nodes on these buses, of CAN FD if `fd`; the others are on lines.
+fn on_buses(scenario: &Scenario, has_power: bool, buses: &[&[usize]], fd: bool) -> Ran {
+    let interfaces = (0..buses.len()).map(|bus| (format!("can{bus}"), fd)).collect();
+    let bus_of = |node| buses.iter().position(|bus| bus.contains(&node));
+    let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE).with_can(interfaces, bus_of);
+    let world = World::new(scenario.nodes.len(), TRAVEL, Peace);
+    let mut world = buses.iter().fold(world, |world, nodes| world.with_bus(nodes, fd));
+    world.has_power = has_power;
+    world.run(conductor.meet()).unwrap();
+    world.run(conductor.start()).unwrap();
+    let (mut hash, mut all, mut x) = (TraceHash::new(), Vec::new(), Vec::new());
+    let components = scenario.components();
+    for _ in 0..=scenario.time.ticks {
+        world.run(conductor.advance()).unwrap();
+        for (seen, presence) in conductor.observations().chunks(components).zip(conductor.presence()) {
+            hash.extend(seen.iter().map(|seen| if presence.is_known() { seen.x } else { NO_STATE }));
+        }
+        all.push(conductor.presence().to_vec());
+        x.push(conductor.observations().iter().map(|seen| seen.x).collect());
+    }
+    let reports = world.run(conductor.finish()).unwrap();
+    Ran {
+        hash,
+        presence: all,
+        x,
+        lost: conductor.traffic().lost,
+        contradictions: conductor.contradictions(),
+        unheard: (conductor.unheard(&reports), conductor.silent(&reports)),
+        breaches: reports.iter().map(|report| Some(report.as_ref()?.counters.breaches)).collect(),
+    }
+}
+
+/// Compares a scenario on boards with loopback, and gives both.
+fn assert_same_bits(scenario: &Scenario, has_power: bool) -> (Outcome, Ran) {
+    let boards = on_boards(scenario, has_power);
+    assert_as_loopback(scenario, boards)
+}
+
+fn assert_as_loopback(scenario: &Scenario, boards: Ran) -> (Outcome, Ran) {
+    let loopback = run(scenario, Fidelity::Loopback);
+    let events: Vec<_> = scenario.events.iter().map(ToString::to_string).collect();
+    assert_eq!(boards.contradictions, [""; 0], "{events:?}");
+    for (k, row) in loopback.rows.iter().enumerate() {
+        let known: Vec<bool> = row.x.chunks(scenario.components()).map(|x| !x[0].is_nan()).collect();
+        let here: Vec<bool> = boards.presence[k].iter().map(|presence| presence.is_known()).collect();
+        assert_eq!(here, known, "tick {k}: {events:?}");
+        for (node, (there, here)) in row.x.iter().zip(&boards.x[k]).enumerate() {
+            assert!(
+                there.to_bits() == f64::from(*here).to_bits() || there.is_nan(),
+                "state {node} at tick {k}: {there} and {here}: {:?}",
+                scenario.events
+            );
+        }
+    }
+    assert_eq!(loopback.hash, Some(boards.hash), "{events:?}");
+    assert_eq!(boards.lost, loopback.bus.as_ref().unwrap().lost);
+    assert_eq!(boards.unheard, (loopback.unheard.clone(), loopback.silent.clone()), "{events:?}");
+    let breaches: Vec<_> = loopback.counters.iter().map(|counters| counters.breaches).collect();
+    for (here, there) in
+        boards.breaches.iter().zip(breaches).filter_map(|(here, there)| Some(((*here)?, there)))
+    {
+        assert_eq!(here, there, "{events:?}");
+    }
+    (loopback, boards)
+}
+
+const HALVES: &str = "{at='200ms',kind='partition',groups=[[1,2],[3,4,5]]},{at='420ms',kind='repair'}";
+
+#[test]
+fn links_that_are_cut_and_mended() {
+    let (_, calm) = assert_same_bits(&five("", &[]), false);
+    let (_, cut) = assert_same_bits(&five(HALVES, &[]), false);
+    assert_ne!(calm.hash, cut.hash);
+    assert_same_bits(&five("{at='0s',kind='partition',link=[1,2]},{at='300.5ms',kind='repair'}", &[]), false);
+    // Frames are on their way meanwhile.
+    let late = ["bus.latency=700us", "bus.jitter=900us", "bus.loss=0.1"];
+    assert_same_bits(&five(HALVES, &late), false);
+}
+
+#[test]
+fn frames_that_are_lost_and_held_back() {
+    let burst = "{at='200ms',kind='burst',loss={good=0.1,bad=0.9,to_bad=0.05,to_good=0.05},for='300ms'}";
+    let (loopback, _) = assert_same_bits(&five(burst, &[]), false);
+    assert!(loopback.bus.unwrap().lost > 300);
+    let held = "{at='200ms',kind='hold',link=[1,2]},{at='300ms',kind='hold',node=4,for='50ms'},{at='380ms',kind='release'}";
+    let (calm, held) =
+        (on_boards(&five("", &[]), false), assert_same_bits(&five(held, &["bus.jitter=400us"]), false).1);
+    assert_ne!(calm.hash, held.hash);
+}
+
+#[test]
+fn nodes_that_say_what_is_not_so() {
+    for lie in [
+        "{at='200ms',kind='liar',node=2,ramp=3.0,for='200ms'}",
+        "{at='200ms',kind='liar',nodes=[1,4],offset=0.5}",
+        "{at='200ms',kind='replayer',node=2,age='1ms',for='200ms'}",
+        "{at='200ms',kind='impostor',node=2,as=3,offset=0.5,for='10ms'}",
+        "{at='200ms',kind='impostor',node=2,as=4,constant=0.5,for='200ms'}",
+    ] {
+        let (_, told) = assert_same_bits(&five(lie, &[]), false);
+        let honest = on_boards(&five("", &[]), false);
+        // An old state is refused by who has the newer one.
+        assert_eq!(told.hash == honest.hash, lie.contains("replayer"), "{lie}");
+        assert_same_bits(&five(lie, &["bus.jitter=1300us", "agent.noise=0.001"]), false);
+    }
+}
+
+#[test]
+fn nodes_that_leave_crash_and_come() {
+    for has_power in [true, false] {
+        for events in [
+            "{at='200ms',kind='leave',node=2}",
+            "{at='200ms',kind='crash',nodes=[2,4]}",
+            "{at='200ms',kind='bounce',node=3}",
+            "{at='200.25ms',kind='bounce',node=3,for='500us'}",
+            "{at='200.25ms',kind='bounce',node=3,for='100us'}",
+            "{at='200ms',kind='leave',node=2},{at='300ms',kind='join',node=2},{at='850ms',kind='leave',node=2}",
+            "{at='300ms',kind='join',node=2}",
+            "{at='0s',kind='crash',node=1},{at='150ms',kind='join',node=1},{at='151ms',kind='crash',node=1}",
+            "{at='0s',kind='leave',node=1},{at='150ms',kind='join',node=1}",
+            // Nobody hears it, and it speaks when it has waited long enough.
+            "{at='100ms',kind='partition',groups=[[3],[1,2,4,5]]},{at='150ms',kind='bounce',node=3},{at='700ms',kind='repair'}",
+            // What the false one says next is lost with it.
+            "{at='150ms',kind='impostor',node=2,as=4,constant=0.5},{at='200.25ms',kind='crash',node=2}",
+            // Nobody is left.
+            "{at='200ms',kind='crash',nodes=[1,2,3,4,5]},{at='400ms',kind='join',nodes=[1,2,3]}",
+        ] {
+            assert_same_bits(&five(events, &[]), has_power);
+        }
+    }
+    let late = ["bus.latency=700us", "bus.jitter=900us", "bus.loss=0.1", "agent.noise=0.001"];
+    assert_same_bits(
+        &five("{at='100ms',kind='bounce',node=3,for='120ms'},{at='700ms',kind='leave',node=1}", &late),
+        true,
+    );
+}
+
+/// A node that has just come has accepted fewer states than it was handed other frames before.
+#[test]
+fn a_node_that_has_just_come_has_heard_its_neighbours() {
+    assert_same_bits(&five("{at='800ms',kind='bounce',node=2,for='99ms'}", &["graph.kind=path"]), true);
+}
+
+#[test]
+fn events_happen_also_where_all_nodes_have_stopped_by_themselves() {
+    // Unstable agents whose frames come late.
+    let slopes: Vec<_> = (1..=5).map(|id| format!("node.{id}.dynamics.slope={}.0", 50 + 5 * id)).collect();
+    let stop: Vec<_> = slopes.iter().map(String::as_str).chain(["bus.latency=1500us"]).collect();
+    let (_, boards) = assert_same_bits(&five("{at='500ms',kind='bounce',node=2}", &stop), true);
+    assert_eq!(boards.presence[499], [Presence::Stopped; 5]);
+    assert_eq!((boards.presence[500][1], boards.presence[600][1]), (Presence::Off, Presence::Ran));
+}
+
+#[test]
+fn also_with_vectors_and_without_coupling() {
+    let events = "event=[{at='50ms',kind='bounce',node=2,for='60ms'},{at='200ms',kind='leave',node=1}]";
+    assert_same_bits(&scenario("vector-oscillators.toml", &["time.duration=300ms", events]), true);
+    assert_same_bits(&five("{at='50ms',kind='bounce',node=2,for='60ms'}", &["coupling.kind=none"]), true);
+}
+
+#[test]
+fn nodes_on_can_leave_crash_and_come() {
+    // A goodbye on CAN is heard at once: at the time of a tick it would be a tick earlier than in loopback.
+    let events = "{at='100.5ms',kind='leave',node=2},{at='200ms',kind='bounce',nodes=[3,5],for='60ms'},{at='300ms',kind='join',node=2},\
+                  {at='0s',kind='crash',node=1},{at='250ms',kind='join',node=1},{at='800.5ms',kind='leave',node=1}";
+    for fd in [false, true] {
+        for buses in [vec![&[0, 1, 2, 3, 4][..]], vec![&[0, 1, 2][..]], vec![&[0, 2][..], &[1, 4][..]]] {
+            let five = five(events, &[]);
+            assert_as_loopback(&five, on_buses(&five, false, &buses, fd));
+        }
+    }
+    let vectors = "event=[{at='50ms',kind='bounce',node=2,for='60ms'},{at='200.5ms',kind='leave',node=1}]";
+    let vectors = scenario("vector-oscillators.toml", &["time.duration=300ms", vectors]);
+    assert_as_loopback(&vectors, on_buses(&vectors, false, &[&[0, 1]], true));
+}
+
+/// Worlds that the comparison must not take for loopback's: nothing is made, or it is made a tick late.
+#[test]
+fn an_event_that_is_not_made_or_comes_a_tick_late_differs() {
+    for (events, late) in [
+        (HALVES, HALVES.replace("200ms", "201ms")),
+        (HALVES, HALVES.replace("420ms", "421ms")),
+        (
+            "{at='200ms',kind='burst',loss=1.0,for='9ms'}",
+            "{at='201ms',kind='burst',loss=1.0,for='9ms'}".to_owned(),
+        ),
+        ("{at='200ms',kind='hold',for='9ms'}", "{at='201ms',kind='hold',for='9ms'}".to_owned()),
+        ("{at='200ms',kind='leave',node=2}", "{at='201ms',kind='leave',node=2}".to_owned()),
+        ("{at='200ms',kind='leave',node=2}", "{at='200ms',kind='crash',node=2}".to_owned()),
+        ("{at='200ms',kind='crash',node=2}", "{at='201ms',kind='crash',node=2}".to_owned()),
+        ("{at='200ms',kind='bounce',node=2}", "{at='200ms',kind='bounce',node=2,for='101ms'}".to_owned()),
+        (
+            "{at='200ms',kind='liar',node=2,offset=1.0}",
+            "{at='201ms',kind='liar',node=2,offset=1.0}".to_owned(),
+        ),
+    ] {
+        let hash = run(&five(events, &[]), Fidelity::Loopback).hash;
+        assert_eq!(hash, Some(on_boards(&five(events, &[]), true).hash), "{events}");
+        assert_ne!(hash, Some(on_boards(&five(&late, &[]), true).hash), "{events}");
+        assert_ne!(hash, Some(on_boards(&five("", &[]), true).hash), "{events}");
+    }
+}
+
+/// Events by chance, of all kinds that the host makes and that can be drawn, several at a time.
+#[test]
+fn events_by_chance_have_the_bits_of_loopback() {
+    let faults = |kind: &str| {
+        format!(
+            "faults={{rate=15.0,kinds=['{kind}','partition','burst','hold','liar'],loss=0.7,longest='150ms'}}"
+        )
+    };
+    // Not both: a node that was off says once more what is older than the eight bits of the ideal bus can tell.
+    let faults = [faults("bounce"), faults("replayer")];
+    let (mut kinds, mut count) = (std::collections::BTreeSet::new(), 0);
+    for (seed, faults) in (1..=20).zip(faults.iter().cycle()) {
+        let seed = format!("seed={seed}");
+        let late = if seed.ends_with('5') { "bus.jitter=1300us" } else { "bus.jitter=0ns" };
+        let drawn = scenario("five-agents.toml", &["time.duration=1s", faults, &seed, late]);
+        kinds.extend(drawn.events.iter().map(|event| event.kind.name()));
+        count += drawn.events.len();
+        assert_same_bits(&drawn, true);
+    }
+    assert!(kinds.len() == 7 && count > 150, "{count} of {kinds:?}");
+}
