@@ -4,6 +4,7 @@
 
 mod clock;
 mod clocks;
+mod commits;
 mod devices;
 mod field;
 mod heard;
@@ -14,6 +15,7 @@ mod plants;
 mod world;
 
 pub use clocks::{Clocks, Skew};
+pub use commits::Commits;
 pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use lies::Lies;
 pub use own_field::{COAST_TICKS, setup as setup_of_own_field};
@@ -67,6 +69,8 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     /// What nodes still compute, in the order of time.
     later: VecDeque<Later>,
     devices: Devices<V>,
+    /// Where nodes adopt other configurations.
+    commits: Option<Box<Commits<V>>>,
     /// Where events happen.
     world: Option<World<V>>,
     /// Where nodes have clocks of their own.
@@ -100,6 +104,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             said: Vec::new(),
             later: VecDeque::new(),
             devices: Devices::default(),
+            commits: None,
             world: None,
             clocks: None,
             wakes,
@@ -142,6 +147,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             self.devices.give_field(index, node, scenario.time.tick_s(), malfunctions);
         }
         self
+    }
+
+    /// Stages other configurations in nodes.
+    pub fn with_commits(self, commits: Option<Commits<V>>) -> Self {
+        Self { commits: commits.map(Box::new), ..self }
     }
 
     /// Adds the events of a world.
@@ -232,6 +242,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.nodes.iter().enumerate().map(report).collect()
     }
 
+    /// Indices of nodes that have missed what they should have adopted.
+    pub fn missed(&self) -> &[usize] {
+        self.commits.as_ref().map_or(&[], |commits| commits.missed())
+    }
+
     /// The nodes, by index.
     pub fn nodes(&self) -> &[Node<f32, V>] {
         &self.nodes
@@ -295,6 +310,9 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             }
             Change::On { node } => {
                 self.bus.switch(now, node, Power::On);
+                if let Some(clocks) = &mut self.clocks {
+                    clocks.power_on(node, now);
+                }
                 self.command(node, Command::Start, now);
             }
             Change::Cut(..) | Change::Mend(..) => {}
@@ -309,6 +327,12 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
         *node = fresh;
         self.devices.power_off(index);
+        if let Some(commits) = &mut self.commits {
+            commits.power_off(index);
+        }
+        if let Some(clocks) = &mut self.clocks {
+            clocks.power_off(index);
+        }
         self.later.retain(|later| later.node != index);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = NEVER;
@@ -322,7 +346,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let at_tick = if joins { JOIN } else { 0 };
         let target = if command == Command::Stop { self.target(index) } else { Target::All };
         let message = Message::Ctrl { target, command, arg: 0, at_tick };
-        let of_node = self.clocks.as_ref().map_or(now, |clocks| clocks.start_of_nodes());
+        let of_node = self.clocks.as_mut().map_or(now, |clocks| clocks.on_node(index, now));
         receive(&mut self.nodes, index, Ok(message), of_node);
         self.poll(index, now);
     }
@@ -431,7 +455,14 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             }
             let wake = node.poll_at().unwrap_or(NEVER);
             if is_done || wake > of_node {
-                break wake;
+                let Some(commits) = &mut self.commits else { break wake };
+                let (has_asked, fresh) = commits.attend(index, node);
+                if let Some((world, fresh)) = self.world.as_mut().zip(fresh) {
+                    world.store(index, fresh);
+                }
+                if !has_asked {
+                    break wake;
+                }
             }
         };
         let seen = node.observations();

@@ -10,6 +10,7 @@ use super::dynamics::Dynamics;
 use super::event::{Course, EventSpec};
 use super::graph::Graph;
 use super::inputs::InputFile;
+use super::staged::Staged;
 use crate::extremes::largest;
 
 /// Everything that a run depends on.
@@ -43,6 +44,8 @@ pub struct Scenario {
     pub links: Vec<LinkSpec>,
     /// Events of nodes and links, in the order of time.
     pub events: Vec<EventSpec>,
+    /// What events set while nodes run, by index; empty where they set nothing.
+    pub staged: Vec<Option<Staged>>,
     /// The clocks of the nodes, by index; none where all are right.
     pub clocks: Vec<ClockSpec>,
     /// SYNC that keeps the clocks together.
