@@ -207,3 +207,14 @@ fn what_is_set_is_adopted_at_one_tick_while_the_master_changes() {
     let verdict = verdict(&scenario);
     assert!(verdict.holds(), "{verdict}");
 }
+
+/// What it is handed is its own clock's time: that of the network leaps as it becomes known.
+#[test]
+fn a_node_that_comes_is_not_stopped_by_its_holdover_as_it_learns_the_time() {
+    let bounce = ["at = '2s', kind = 'bounce', node = 4, for = '200ms'"];
+    let scenario = read(&bounce, &format!("{DRIFTING}\nsafety.holdover = '500ms'"));
+    let played = played(&scenario);
+    assert!(played.phases.iter().all(|phase| *phase == Phase::Running), "{:?}", played.phases);
+    let verdict = verdict(&scenario);
+    assert!(verdict.holds() && verdict.stops.is_empty(), "{verdict}");
+}

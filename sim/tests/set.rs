@@ -316,3 +316,19 @@ fn rounds_and_a_slow_start_are_kept() {
     assert_eq!(adopted, [0, 1, 2, 3, 4].map(|node| (node, 1256)));
     assert!(verdict.holds(), "{verdict}");
 }
+
+#[test]
+fn check_says_that_it_follows_none_of_it_and_how_to_check_what_is_set() {
+    let found = |event: &str| {
+        let report = funnelnet_sim::check::check(&read(&[event], ""));
+        report.findings.into_iter().find(|finding| finding.name == "events").unwrap()
+    };
+    let events = found(NARROW);
+    assert_eq!(events.status, funnelnet_sim::check::Status::NotChecked);
+    assert!(
+        events.text.ends_with("set it from the start: --set 'coupling.funnel.end=0.05'"),
+        "{}",
+        events.text
+    );
+    assert!(!found(&format!("{NARROW}, node = 2")).text.contains("--set"));
+}

@@ -172,12 +172,11 @@ fn judged_from(scenario: &Scenario) -> Option<u64> {
         _ => false,
     };
     let calm = Scenario {
-        events: Vec::new(),
         links: Vec::new(),
         clocks: Vec::new(),
         sync: None,
         bus: Default::default(),
-        ..scenario.clone()
+        ..scenario.without_events()
     };
     let may_stop =
         scenario.safety.lost_neighbours > 0 || format!("{:?}", scenario.on_breach).contains("Stop");

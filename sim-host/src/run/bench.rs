@@ -29,7 +29,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     fits_the_bus(scenario, file)?;
     let events = skipped_events(scenario, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
-    let scenario = &Scenario { events: Vec::new(), ..scenario.clone() };
+    let scenario = &scenario.without_events();
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
     let comparison = match scenario.bus.model {

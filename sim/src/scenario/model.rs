@@ -98,6 +98,12 @@ impl Scenario {
         !self.events.iter().any(|event| event.kind.is_of_presence())
     }
 
+    /// The same without events, and without what they set.
+    #[must_use]
+    pub fn without_events(&self) -> Self {
+        Self { events: Vec::new(), staged: Vec::new(), ..self.clone() }
+    }
+
     /// Whether every node says its own state, as far as it knows it.
     #[must_use]
     pub fn is_honest(&self) -> bool {

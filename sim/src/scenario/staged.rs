@@ -4,6 +4,7 @@
 //! adopts one in a run (protocol/README.md, "Commit").
 
 use super::diagnostic::{Diagnostic, Diagnostics, Problem};
+use super::dynamics::Dynamics;
 use super::event::{Detail, EventSpec, NewValue, Targets};
 use super::inputs::Files;
 use super::model::{NodeSpec, Scenario};
@@ -55,6 +56,14 @@ impl Scenario {
             Some(Some(staged)) if k >= staged.tick => Some(&staged.node),
             _ => self.nodes.get(index),
         }
+    }
+
+    /// The vector field of the node with this index at tick `k`. One that the program around the simulation has put there
+    /// stays.
+    #[must_use]
+    pub fn field_at(&self, index: usize, k: u64) -> Option<&Dynamics> {
+        let first = &self.nodes.get(index)?.dynamics;
+        if first.hosted().is_some() { Some(first) } else { Some(&self.node_at(index, k)?.dynamics) }
     }
 
     /// The scenario whose nodes are, from the start, what they are at the end of the run. None where no event sets
