@@ -1,6 +1,7 @@
 //! Configurations that nodes adopt while they run, by events of kind `set`.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
+use funnelnet_law::math;
 use funnelnet_node::{Event, Observation, Output, Session, Task};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::message::{Command, Message, Target};
@@ -56,7 +57,7 @@ fn played(scenario: &Scenario) -> Played {
 
 /// `end + (start - end) e^(-rate t)`.
 fn width(start: f64, end: f64, rate: f64, k: usize) -> f64 {
-    end + (start - end) * (-rate * k as f64 * 1e-3).exp()
+    end + (start - end) * math::exp(-rate * k as f64 * 1e-3)
 }
 
 fn is_near(a: f32, b: f64) -> bool {
