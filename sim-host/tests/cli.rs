@@ -250,10 +250,14 @@ fn networks_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn what_this_version_cannot_run_says_so() {
+fn what_no_node_adopts_while_it_runs_says_so() {
     refused_set(
-        "event=[{at='1s',kind='set',node=1}]",
-        "event[0].kind = 'set': known, but not supported by this version yet; this version runs crash, bounce, join, leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor, sensor, actuator",
+        "event=[{at='1s',kind='set',key='time.tick',value='2ms'}]",
+        "event[0].key = 'time.tick': must be one of coupling.funnel, coupling.gain, coupling.damping, agent.dynamics, agent.limits, or a key in one of them: nothing else changes while nodes run",
+    );
+    refused_set(
+        "event=[{at='1s',kind='set',key='coupling.funnel.rate',value=-1}]",
+        "coupling.funnel.rate = -1: must be > 0 (1/s)",
     );
 }
 

@@ -173,10 +173,9 @@ fn events_of_clocks_that_make_no_sense_are_refused_by_name() {
     assert!(
         refused(&[&event("kind = \"sync-loss\", for = \"1s\""), "sync.off=true"]).contains("needs [sync]")
     );
-    assert!(
-        refused(&[&event("kind = \"crash\", node = 3")])
-            .contains("beside an [[event]] that takes nodes or links away")
-    );
+    assert!(refused(&[&event("kind = \"bounce\", node = 3"), "sync.off=true"]).contains(
+        "of kind bounce needs [sync] beside [clock]: a node that comes learns the tick from a time master"
+    ));
 }
 
 #[test]

@@ -549,3 +549,47 @@ fn who_cannot_make_events_refuses_them() {
         simulate(&compared, &options(Fidelity::Loopback)).is_err_and(|error| error.exit == Exit::BadInput)
     );
 }
+
+/// The funnel of node 1 that it has and the one that it is judged by at a row, and the number of predictions there.
+fn funnels(row: &Row) -> (f64, f64, usize) {
+    (row.psi[0], row.asked_psi[0], row.xi.len() + row.blended.len())
+}
+
+#[test]
+fn a_funnel_that_is_set_is_that_of_the_row_from_its_tick_on_and_xi_goes_on() {
+    let events =
+        "{ at = '600ms', kind = 'set', key = 'coupling.funnel', value = { kind = 'constant', width = 1.5 } }";
+    let outcome = outcome(&ring(events, &[]));
+    for k in 0..=1000 {
+        let expected = if k < 600 { 2.0 + 7.0 * math::exp(-3e-3 * k as f64) } else { 1.5 };
+        let (own, asked, predictions) = funnels(&outcome.rows[k]);
+        assert!((own - expected).abs() < 1e-5 && (asked - expected).abs() < 1e-9, "{k}: {own} {asked}");
+        assert_eq!(predictions, 2, "{k}");
+    }
+}
+
+#[test]
+fn where_a_load_is_set_predictions_end_and_what_is_expected_of_them_is_not_measured() {
+    let events = "{ at = '600ms', kind = 'set', key = 'agent.dynamics.offset', value = 1.0, nodes = [2, 4] }";
+    let scenario = ring(events, &["expect.emergent_error=1e9", "expect.final_spread=1e9"]);
+    let outcome = outcome(&scenario);
+    for (k, row) in outcome.rows.iter().enumerate() {
+        assert_eq!(funnels(row).2, if k < 600 { 2 } else { 0 }, "{k}");
+    }
+    let summary = outcome.judge(&scenario, Fidelity::Loopback);
+    assert_eq!(failed(&summary), ["emergent_error"]);
+    let emergent = summary.emergent.unwrap();
+    assert!(emergent.xi_final.is_none() && emergent.final_error.is_none());
+    assert!(emergent.unresolved.unwrap().contains("an event sets at 0.6 s what the network moves by"));
+}
+
+/// Rows between two rounds follow from the fields that nodes have there.
+#[test]
+fn between_two_rounds_states_go_by_the_field_that_is_set() {
+    let events = "{ at = '600ms', kind = 'set', key = 'agent.dynamics.offset', value = 100.0 }";
+    let outcome = outcome(&ring(events, &["time.round=5ms"]));
+    let steps = outcome.rows.windows(2).map(|rows| (rows[1].x[1] - rows[0].x[1]).abs());
+    // A hundred per second in ticks of 1 ms; by the old field five of them would come at once.
+    let largest = steps.fold(0.0, f64::max);
+    assert!((0.08..0.12).contains(&largest), "{largest}");
+}

@@ -86,15 +86,32 @@ impl std::error::Error for Unfit {}
 /// A node has more sinusoids or neighbours, or a longer tick, than a configuration has room for, or the
 /// coupling is not for nodes.
 pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>, Unfit> {
+    configs(scenario, drive, bounds(scenario, drive))
+}
+
+/// What events stage in the nodes, by index: a whole configuration of each, also where nothing is staged; none where no event
+/// sets anything. The bounds are those of the run as it begins.
+///
+/// # Errors
+/// As [`node_configs`].
+pub fn staged_configs(scenario: &Scenario, drive: Drive) -> Result<Option<Vec<NodeConfig>>, Unfit> {
+    let staged = scenario.as_staged();
+    staged.map(|staged| configs(&staged, drive, bounds(scenario, drive))).transpose()
+}
+
+fn bounds(scenario: &Scenario, drive: Drive) -> Bounds {
+    match drive.is_simulated {
+        true => Bounds::of(scenario),
+        false => Bounds::of_disturbed(scenario),
+    }
+}
+
+fn configs(scenario: &Scenario, drive: Drive, bounds: Bounds) -> Result<Vec<NodeConfig>, Unfit> {
     let too_long = Unfit::TooMuch { node: 1, what: "nanoseconds in a tick", limit: u32::MAX as usize };
     let time @ TimeSpec { tick_ns, round, .. } = scenario.time;
     let tick_ns = u32::try_from(tick_ns / u64::from(round)).map_err(|_| too_long)?;
     let coupling = scenario.coupling.on_node(|value| value as f32).ok_or(Unfit::NotLocal)?;
     let edges = edge_counts(scenario);
-    let bounds = match drive.is_simulated {
-        true => Bounds::of(scenario),
-        false => Bounds::of_disturbed(scenario),
-    };
     let config = |(index, node): (usize, &NodeSpec)| {
         let too_much = |what, limit| Unfit::TooMuch { node: node.id, what, limit };
         if let Some(name) = named_input(&node.dynamics).filter(|_| !drive.is_simulated) {

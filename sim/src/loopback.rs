@@ -5,8 +5,8 @@ use crate::bus::can::{CanBus, LinkNoise, OnWire, most_errors};
 use crate::bus::ideal::{IdealBus, IdealParams};
 use crate::bus::links::Payload;
 use crate::bus::uart::UartBus;
-use crate::configure::{Drive, Unfit, listeners, node_configs};
-use crate::engine::{self, Clocks, Engine, Lies, SimField, SimNode, World};
+use crate::configure::{Drive, Unfit, listeners, node_configs, staged_configs};
+use crate::engine::{self, Clocks, Commits, Engine, Lies, SimField, SimNode, World};
 use crate::noise::Noise;
 use crate::random::{self, Purpose};
 use crate::scenario::{NodeSpec, Scenario};
@@ -83,29 +83,63 @@ pub fn engine(scenario: &Scenario) -> Result<Engine, Refused> {
 /// # Errors
 /// See [`Refused`].
 pub fn engine_on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M>, Refused> {
-    engine_of(scenario, medium, |drive| nodes(scenario, drive))
+    engine_of(scenario, medium, params)
 }
 
-/// A medium and nodes, with all that a scenario has beside them: noise, times of computing, and clocks or events. `nodes` makes the nodes of a drive; events ask
-/// for them a second time, as they are after power-on.
+/// A medium and nodes, with all that a scenario has beside them: noise, times of computing, and clocks or events. `params` is what the nodes of a scenario make of
+/// their configurations; events ask for that more than once.
 ///
 /// # Errors
 /// See [`Refused`].
 pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
     scenario: &Scenario,
     medium: M,
-    nodes: impl Fn(Drive) -> Result<Vec<Node<f32, V>>, Refused>,
+    params: impl Fn(&[NodeConfig], &Scenario) -> Result<Vec<Params<f32, V>>, Refused>,
 ) -> Result<Engine<M, V>, Refused> {
+    let nodes = |drive: Drive| made(&node_configs(scenario, drive)?, scenario, &params);
     let compute = scenario.nodes.iter().map(|node| node.compute_ns).collect();
     let engine = Engine::new(nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario)).with_compute(compute);
     let engine = engine.with_lies(Lies::of(scenario)).with_malfunctions(scenario);
+    let engine = engine.with_commits(commits(scenario, &params)?);
     // Events of clocks are part of those.
+    let engine = engine.with_clocks(Clocks::of(scenario));
     if scenario.stays_whole() {
-        return Ok(engine.with_clocks(Clocks::of(scenario)));
+        return Ok(engine);
     }
     let course = scenario.course().on_clock(&scenario.time);
     let world = World::new(&course, scenario.time.tick_ns, listeners(scenario), nodes(JOINING)?);
     Ok(engine.with_world(world))
+}
+
+/// What is staged in the nodes of a scenario; none where no event sets anything.
+fn commits<V: VectorField<f32> + Clone>(
+    scenario: &Scenario,
+    params: impl Fn(&[NodeConfig], &Scenario) -> Result<Vec<Params<f32, V>>, Refused>,
+) -> Result<Option<Commits<V>>, Refused> {
+    let Some(staged) = scenario.as_staged() else { return Ok(None) };
+    let of = |drive| Ok::<_, Refused>(staged_configs(scenario, drive)?.unwrap_or_default());
+    let (configs, joining) = (of(LOOPBACK)?, of(JOINING)?);
+    let next = params(&configs, &staged)?.into_iter().zip(&configs);
+    let fresh = made(&joining, &staged, &params)?;
+    let mut commits = Commits::new(scenario.nodes.len());
+    for (index, ((params, config), fresh)) in next.zip(fresh).enumerate() {
+        // A run has as many ticks as a node counts.
+        let tick = scenario.staged.get(index).and_then(|staged| u32::try_from(staged.as_ref()?.tick).ok());
+        if let Some(tick) = tick {
+            commits.stage(index, tick, (config, params), fresh);
+        }
+    }
+    Ok(Some(commits))
+}
+
+/// Nodes of these configurations.
+fn made<V: VectorField<f32>>(
+    configs: &[NodeConfig],
+    scenario: &Scenario,
+    params: impl Fn(&[NodeConfig], &Scenario) -> Result<Vec<Params<f32, V>>, Refused>,
+) -> Result<Vec<Node<f32, V>>, Refused> {
+    let params = params(configs, scenario)?.into_iter();
+    Ok(params.zip(configs).map(|(params, config)| Node::new(params, &config.neighbours)).collect())
 }
 
 /// The nodes of a scenario, configured.
@@ -113,14 +147,15 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
 /// # Errors
 /// See [`Refused`].
 pub fn nodes(scenario: &Scenario, drive: Drive) -> Result<Vec<SimNode>, Refused> {
-    let configs = node_configs(scenario, drive)?;
-    let params = accepted(&configs, scenario)?.into_iter().enumerate();
-    let node = |((index, params), config): ((usize, Params<f32, SimField>), &NodeConfig)| {
-        let params = with_plant(params, scenario, index)
-            .map_err(|error| Refused::Configuration { node: config.id, error })?;
-        Ok(Node::new(params, &config.neighbours))
+    made(&node_configs(scenario, drive)?, scenario, params)
+}
+
+fn params(configs: &[NodeConfig], scenario: &Scenario) -> Result<Vec<Params<f32, SimField>>, Refused> {
+    let params = accepted(configs, scenario)?.into_iter().enumerate();
+    let with_plants = |((index, params), config): ((usize, Params<f32, SimField>), &NodeConfig)| {
+        with_plant(params, scenario, index).map_err(|error| Refused::Configuration { node: config.id, error })
     };
-    params.zip(&configs).map(node).collect()
+    params.zip(configs).map(with_plants).collect()
 }
 
 /// The parameters of a node, with its field for a plant where an event has its sensor or its actuator fail and it has none of its own.
@@ -140,14 +175,12 @@ pub(crate) fn with_plant<V: VectorField<f32>>(
 /// # Errors
 /// See [`Refused`].
 pub fn engine_with_host<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M, NodeField>, Refused> {
-    engine_of(scenario, medium, |drive| {
-        let configs = node_configs(scenario, drive)?;
-        let node = |(index, (config, spec)): (usize, (&NodeConfig, &NodeSpec))| {
+    engine_of(scenario, medium, |configs, scenario| {
+        let params = |(index, (config, spec)): (usize, (&NodeConfig, &NodeSpec))| {
             let params = node_params(config, spec).and_then(|params| with_plant(params, scenario, index));
-            let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
-            Ok(Node::new(params, &config.neighbours))
+            params.map_err(|error| Refused::Configuration { node: config.id, error })
         };
-        configs.iter().zip(&scenario.nodes).enumerate().map(node).collect()
+        configs.iter().zip(&scenario.nodes).enumerate().map(params).collect()
     })
 }
 

@@ -221,7 +221,7 @@ fn event(dice: &mut Dice, nodes: usize) -> String {
     let ids = |range: std::ops::RangeInclusive<usize>| {
         range.map(|id| id.to_string()).collect::<Vec<_>>().join(", ")
     };
-    let rest = match dice.below(18) {
+    let rest = match dice.below(19) {
         0 => format!("kind = \"bounce\"\nnode = {node}\nfor = \"{lasts}ms\""),
         1 => format!("kind = \"crash\"\nnode = {node}"),
         2 => format!("kind = \"leave\"\nnode = {node}"),
@@ -270,6 +270,22 @@ fn event(dice: &mut Dice, nodes: usize) -> String {
                 _ => format!("ramp = {}", dice.between(-5.0, 5.0)),
             };
             format!("kind = \"actuator\"\nnode = {node}\nfor = \"{lasts}ms\"\n{fails}")
+        }
+        17 => {
+            let (key, value) = match dice.below(4) {
+                0 => ("coupling.gain", "{ kind = \"logarithmic\", scale = 2.0 }".to_owned()),
+                1 => ("agent.limits", "{ low = -20.0, high = 20.0 }".to_owned()),
+                2 => (
+                    "agent.dynamics",
+                    format!("{{ kind = \"affine\", slope = {} }}", dice.between(-2.0, 0.0)),
+                ),
+                _ => (
+                    "coupling.funnel",
+                    format!("{{ kind = \"constant\", width = {} }}", dice.between(0.1, 5.0)),
+                ),
+            };
+            let of_one = if dice.is(0.5) { format!("node = {node}\n") } else { String::new() };
+            format!("kind = \"set\"\n{of_one}key = \"{key}\"\nvalue = {value}")
         }
         _ => format!("kind = \"join\"\nnode = {node}"),
     };

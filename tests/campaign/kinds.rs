@@ -71,9 +71,10 @@ impl Place {
 }
 
 const CLOCKS: &str = "clock.drift_ppm = 50.0\nsync.period = \"100ms\"\n";
+const TWO_MASTERS: &str = "clock.drift_ppm = 50.0\nsync = { period = \"100ms\", masters = [1, 2] }\n";
 
 /// All kinds of events of the book's page of faults.
-pub const KINDS: [Kind; 29] = [
+pub const KINDS: [Kind; 33] = [
     kind("crash", "ideal", |place| format!("kind = \"crash\"\nnode = {}", place.node)),
     kind("leave", "ideal", |place| format!("kind = \"leave\"\nnode = {}", place.node)),
     kind("bounce", "ideal", |place| place.node_for("bounce", "")),
@@ -150,6 +151,28 @@ pub const KINDS: [Kind; 29] = [
             format!("kind = \"clock\"\nnode = {node}\ndrift_ppm = {ppm:?}")
         },
     },
+    Kind {
+        name: "crash, of the time master",
+        bus: "can",
+        settings: TWO_MASTERS,
+        may_stop: false,
+        event: |_| "kind = \"crash\"\nnode = 1".to_owned(),
+    },
+    Kind {
+        name: "bounce, of the time master",
+        bus: "can",
+        settings: TWO_MASTERS,
+        may_stop: false,
+        event: |place| format!("kind = \"bounce\"\nnode = 1\nfor = \"{}ms\"", place.lasts_ms),
+    },
+    kind("set, a narrower funnel", "ideal", |place| {
+        let end = place.between(0.05, 0.15);
+        format!("kind = \"set\"\nkey = \"coupling.funnel.end\"\nvalue = {end:?}")
+    }),
+    kind("set, another load", "ideal", |place| {
+        let (node, offset) = (place.node, place.between(-2.0, 2.0));
+        format!("kind = \"set\"\nnode = {node}\nkey = \"agent.dynamics.offset\"\nvalue = {offset:?}")
+    }),
     Kind {
         name: "sync-loss",
         bus: "can",

@@ -164,14 +164,19 @@ const PRIME: u64 = 0x0000_0100_0000_01b3;
 /// The tick from which all have to be inside: after the last event, where the network by itself is inside, says `check`, and nobody has stopped for good.
 fn judged_from(scenario: &Scenario) -> Option<u64> {
     let last = scenario.events.iter().map(|event| event.end_ns()).max()?;
-    let lasting = |kind: EventKind| matches!(kind, EventKind::Impostor | EventKind::Crash | EventKind::Leave);
+    // A node that comes waits for SYNC first, and the only time master for ever.
+    let keeps_time = !scenario.clocks.is_empty();
+    let lasting = |kind: EventKind| match kind {
+        EventKind::Impostor | EventKind::Crash | EventKind::Leave | EventKind::Set => true,
+        EventKind::Bounce | EventKind::Join => keeps_time,
+        _ => false,
+    };
     let calm = Scenario {
-        events: Vec::new(),
         links: Vec::new(),
         clocks: Vec::new(),
         sync: None,
         bus: Default::default(),
-        ..scenario.clone()
+        ..scenario.without_events()
     };
     let may_stop =
         scenario.safety.lost_neighbours > 0 || format!("{:?}", scenario.on_breach).contains("Stop");
@@ -182,8 +187,8 @@ fn judged_from(scenario: &Scenario) -> Option<u64> {
 
 /// On the ideal bus without a node that goes, each frame is heard, refused, lost, or still under way; on others each that came is heard or refused.
 fn frames<M: Medium>(scenario: &Scenario, engine: &mut Engine<Counting<M>>) -> Result<bool, Broken> {
-    // SYNC of nodes with clocks are for their clocks, and in no counter.
-    if !scenario.stays_whole() || !scenario.clocks.is_empty() {
+    // SYNC of nodes with clocks are for their clocks, and in no counter. A commit comes by no frame.
+    if !scenario.stays_whole() || !scenario.clocks.is_empty() || !scenario.staged.is_empty() {
         return Ok(false);
     }
     let counted = |report: &Option<_>| report.as_ref().map_or(0, told);

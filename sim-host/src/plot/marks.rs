@@ -72,6 +72,7 @@ impl Mark {
         match (self.kind, self.to) {
             (Kind::Stopped, _) => format!("stopped at {} s", time(self.from)),
             (kind, None) => format!("{} from {} s on", kind.word(), time(self.from)),
+            (kind, Some(to)) if to <= self.from => format!("{} at {} s", kind.word(), time(self.from)),
             (kind, Some(to)) => format!("{} from {} s to {} s", kind.word(), time(self.from), time(to)),
         }
     }

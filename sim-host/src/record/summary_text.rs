@@ -185,8 +185,14 @@ fn agreement(sync: &SyncSummary) -> String {
 
 /// Lines on how far from the predictions the states ended, where these are known.
 fn predictions(emergent: &EmergentSummary) -> impl Iterator<Item = Line> {
+    // Where one of them is there at the end, the other one never was.
+    let is_over = emergent.xi_final.is_none() && emergent.blended_final.is_none();
     let distance = |name, error: Option<f64>, symbol: &str, end: &Option<PerComponent>| {
-        let (error, end) = (known(error.unwrap_or(f64::NAN), 4), end.as_ref()?);
+        let error = known(error.unwrap_or(f64::NAN), 4);
+        let Some(end) = end else {
+            let why = emergent.unresolved.as_ref().filter(|_| is_over)?;
+            return Some((name, format!("no prediction at the end: {why}")));
+        };
         let unresolved = emergent.unresolved.as_ref().map(|why| format!(", which is not resolved: {why}"));
         let unresolved = unresolved.unwrap_or_default();
         Some((name, format!("final distance {error} to {symbol}{}{unresolved}", each(&end.0))))

@@ -35,7 +35,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     tell_left_out(&left_out, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
     let clocks = skipped_clocks(scenario, options);
-    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, ..scenario.clone() };
+    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, ..scenario.without_events() };
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
     let comparison = match scenario.bus.model {

@@ -5,7 +5,7 @@
 //! nodes' own fields. The law does not see them; rows and verdicts do.
 
 use crate::presence::Presence;
-use crate::scenario::{NodeSpec, Scenario};
+use crate::scenario::{Dynamics, Scenario};
 use funnelnet_node::Observation;
 
 /// A round that has begun.
@@ -41,11 +41,11 @@ impl Round {
     pub fn step(&mut self, scenario: &Scenario, part: u8) {
         let (from, to) = (scenario.time.part_at_s(self.k, part), scenario.time.part_at_s(self.k, part + 1));
         let components = scenario.components();
-        let nodes = scenario.nodes.iter().zip(&self.presence);
+        let nodes = (0..).map_while(|index| scenario.field_at(index, self.k)).zip(&self.presence);
         let states = self.x.chunks_mut(components).zip(self.seen.chunks_mut(components));
-        for ((node, presence), (x, seen)) in nodes.zip(states) {
+        for ((field, presence), (x, seen)) in nodes.zip(states) {
             if *presence == Presence::Ran {
-                step(node, (from, to - from), x, seen);
+                step(field, (from, to - from), x, seen);
                 x.iter().zip(seen).for_each(|(x, seen)| seen.x = *x as f32);
             }
         }
@@ -53,10 +53,10 @@ impl Round {
 }
 
 /// The midpoint step of a node, with its inputs held.
-fn step(node: &NodeSpec, (t, tick): (f64, f64), x: &mut [f64], seen: &[Observation<f32>]) {
+fn step(field: &Dynamics, (t, tick): (f64, f64), x: &mut [f64], seen: &[Observation<f32>]) {
     let rate = |component: usize, t: f64, x: &[f64]| {
         let held = seen.get(component).map_or(0.0, |seen| f64::from(seen.u));
-        node.dynamics.component(component, t, x) + held
+        field.component(component, t, x) + held
     };
     let ahead = |x: &[f64], part: f64, t: f64, at: &[f64]| -> Vec<f64> {
         x.iter().enumerate().map(|(component, x)| x + part * tick * rate(component, t, at)).collect()

@@ -15,6 +15,7 @@ use crate::configure::{Drive, central_configs, node_configs};
 use crate::emulator;
 use crate::engine::{Engine, Lies};
 use crate::hub::Hub;
+use crate::judge::missed;
 use crate::loopback::{
     LOOPBACK, accepted, can_bus, engine, engine_on, engine_with_host, ideal_bus, uart_bus,
 };
@@ -108,12 +109,13 @@ fn in_program<M: Medium, V: VectorField<f32> + Clone>(
         None => engine.unheard_and_silent(&scenario.graph),
     };
     let (happened, reports) = (scenario.events.clone(), engine.reports());
+    let contradictions = missed(scenario, engine.missed());
     let clocks = engine.skew().map(|skew| ClockSummary::of(&skew, scenario));
     let outcome = with_reports(reports, scenario, &mut engine, record);
     let utilisation = load.share(scenario.time.tick_ns);
     let can = tables(&mut engine, scenario, utilisation);
     let bus = outcome.bus.map(|bus| BusSummary { utilisation, can, ..bus });
-    Ok(Outcome { unheard, silent, happened, bus, clocks, ..outcome })
+    Ok(Outcome { unheard, silent, happened, bus, clocks, contradictions, ..outcome })
 }
 
 /// How busy the bus was, from the scenario's t = 0 on.

@@ -88,6 +88,7 @@ impl Reach {
                 Some("it happens to the wire of a bus, which this program does not have in its hands")
             }
             EventKind::Sensor | EventKind::Actuator => Some("it happens in the node"),
+            EventKind::Set => Some("nodes are configured once, before the start, so far"),
         }
     }
 

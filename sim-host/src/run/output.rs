@@ -203,6 +203,7 @@ fn mark_events(scenario: &Scenario, events: &[EventSpec], trace: &mut Trace) {
     for (event, disturbance) in events.iter().zip(course.disturbances(events)) {
         let kind = match event.kind {
             EventKind::Partition => MarkKind::Cut,
+            EventKind::Set => MarkKind::Event(event.kind.name()),
             kind if !kind.is_of_presence() && event.lasts_ns > 0 => MarkKind::Event(kind.name()),
             _ => continue,
         };

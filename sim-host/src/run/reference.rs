@@ -175,6 +175,12 @@ fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
              whose sensors and actuators work; run it with --on loopback, without reference_error among its expectations",
         ));
     }
+    if !scenario.staged.is_empty() {
+        return Err(RunError::bad_input(
+            "there is no reference for a scenario with an [[event]] of kind set: the continuous-time solution is that of nodes that stay as they are; \
+             run it with --on loopback, without reference_error among its expectations",
+        ));
+    }
     Ok(CoupledProblem {
         coupling: scenario.coupling,
         components: scenario.components(),

@@ -449,14 +449,16 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
         let computes = *busy_until > now;
         while let Some(frame) = self.bus.receive(index) {
             let from = sender(&self.nodes, frame.id()).filter(|&from| from != index);
-            if is_deaf(&self.listeners, from, index) {
+            // SYNC is for all: no edge carries it, so that no event cuts it.
+            let is_sync = is_sync(&frame);
+            if !is_sync && is_deaf(&self.listeners, from, index) {
                 continue;
             }
             if loser.loses() {
                 self.traffic.lost += 1;
                 continue;
             }
-            let (is_sync, lost) = (is_sync(&frame), queue.lost());
+            let lost = queue.lost();
             match &mut self.links {
                 None if queue.is_empty() && !computes => hand(port, &frame, index, &mut self.off, receive),
                 None => queue.put(frame),

@@ -4,17 +4,31 @@ use serde_json::json;
 
 use super::text::plural;
 use super::{Finding, Status};
-use crate::scenario::Scenario;
+use crate::scenario::{Detail, EventSpec, Scenario, Targets};
 
 /// Says that events are not followed, where there are some.
 pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
     let count = scenario.events.len();
     let text = format!(
-        "{}: not followed; what is found here is of all nodes and links, from the start to the end",
-        plural(count, "event")
+        "{}: not followed; what is found here is of all nodes and links, from the start to the end{}",
+        plural(count, "event"),
+        what_is_set(scenario)
     );
     let values = json!({ "events": count });
     (count > 0).then(|| Finding::new("events", "Events", text, values).stands(Status::NotChecked))
+}
+
+/// How to check what events set for all nodes.
+fn what_is_set(scenario: &Scenario) -> String {
+    let of = |event: &EventSpec| match (&event.targets, &event.detail) {
+        (Targets::AllNodes, Detail::Set(new)) => Some(format!("--set '{}={}'", new.key, new.value)),
+        _ => None,
+    };
+    let sets: Vec<String> = scenario.events.iter().filter_map(of).collect();
+    if sets.is_empty() {
+        return String::new();
+    }
+    format!("; to check what is set, set it from the start: {}", sets.join(" "))
 }
 
 /// Takes the verdict from findings about a run that is another one with events: what the scenario expects,

@@ -101,7 +101,8 @@ impl<'s> Subject<'s> {
     /// forecast; none where steps do not resolve the fields.
     pub fn aims(&self) -> Option<&Prediction> {
         let found = self.aims.get_or_init(|| {
-            let prediction = Predictor::new(self.scenario).advance(self.scenario.time.end_s()).clone();
+            let calm = self.scenario.without_events();
+            let prediction = Predictor::new(&calm).advance(calm.time.end_s()).clone();
             prediction.unresolved.is_none().then_some(prediction)
         });
         found.as_ref()

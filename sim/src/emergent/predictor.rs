@@ -43,6 +43,8 @@ pub struct Predictor<'a> {
     /// Steps that were looked at.
     seen: u64,
     growth: Growth,
+    /// Time from which on nothing is predicted, s: an event sets there what the network moves by.
+    ends_at: Option<f64>,
     prediction: Prediction,
 }
 
@@ -53,13 +55,18 @@ impl<'a> Predictor<'a> {
         let (emergent, blended) = (EmergentTrajectory::new(scenario), BlendedTrajectory::new(scenario));
         let unresolved = blended.unresolved().map(str::to_owned);
         let prediction = Prediction { unresolved, ..Prediction::default() };
-        Self { emergent, blended, seen: 0, growth: Growth::default(), prediction }
+        let ends_at = scenario.predicted_to().map(|tick| scenario.time.at_s(tick));
+        Self { emergent, blended, seen: 0, growth: Growth::default(), ends_at, prediction }
     }
 
     /// Advances to the row at time `t` (s), which must increase from call to call, and gives the prediction
     /// so far.
     pub fn advance(&mut self, t: f64) -> &Prediction {
         let prediction = &mut self.prediction;
+        if let Some(end) = self.ends_at.filter(|&end| t >= end) {
+            prediction.end(end);
+            return prediction;
+        }
         prediction.blended = self.blended.advance(t).to_vec();
         if let Some(emergent) = &mut self.emergent {
             if self.seen == 0 {
@@ -119,6 +126,16 @@ impl Growth {
 }
 
 impl Prediction {
+    /// From the time `end` (s) on there is none.
+    fn end(&mut self, end: f64) {
+        self.xi.clear();
+        self.blended.clear();
+        self.steady_ratio.clear();
+        self.unresolved.get_or_insert_with(|| {
+            format!("an event sets at {} s what the network moves by", significant(end, 6))
+        });
+    }
+
     /// Takes the figures at a step, of which `seen` were looked at before.
     fn note(&mut self, emergent: &mut EmergentTrajectory<'_>, seen: &mut u64) {
         *seen += 1;

@@ -25,6 +25,8 @@ pub struct Clocks {
     stamp_ns: u64,
     /// Index of the node whose time is that of the network: the last one to lead.
     leader: usize,
+    /// Its clock and its keeper as it went off: they tell the time until another one leads.
+    gone: Option<(Clock, Keeper)>,
     /// Difference between the fastest and the slowest running node, at each tick.
     skews: Latencies,
     /// SYNC that were sent, and how often a node became time master.
@@ -43,6 +45,11 @@ struct NodeClock {
     ticks_at: u64,
     /// From and to when its SYNC do not go out (engine time, ns).
     mute: Vec<(u64, u64)>,
+    /// The tick of the network that comes next on a node that has come during the run: it ticks by the SYNC that its own
+    /// keeper makes of network time. None for one that ticks by its timer.
+    comes: Option<u64>,
+    /// Whether a node that has come has been told the time since.
+    has_followed: bool,
 }
 
 /// What came of the clocks of a run.
@@ -89,7 +96,16 @@ impl Clocks {
             // A node that is ahead by `offset` is where the others are only then. Network time begins a tick before tick 0.
             let ahead = tick_ns.saturating_add_signed(spec.offset_ns);
             keeper.start(0, ahead, tick_ns.saturating_mul(2), false);
-            Some(NodeClock { clock, keeper, stamps: VecDeque::new(), ticked_at: None, ticks_at: NEVER, mute })
+            Some(NodeClock {
+                clock,
+                keeper,
+                stamps: VecDeque::new(),
+                ticked_at: None,
+                ticks_at: NEVER,
+                mute,
+                comes: None,
+                has_followed: false,
+            })
         };
         let nodes: Option<Vec<NodeClock>> = scenario.clocks.iter().enumerate().map(node).collect();
         let leader =
@@ -101,15 +117,70 @@ impl Clocks {
             syncs: sync.is_some(),
             stamp_ns: (1_000_000_000 / u64::from(scenario.bus.bitrate.max(1))).max(1),
             leader,
+            gone: None,
             skews: Latencies::default(),
             sent: 0,
             masters: 0,
         })
     }
 
-    /// Time of nodes at which they are told to start, ns: a tick, so that one may be behind.
-    pub(super) fn start_of_nodes(&self) -> u64 {
-        self.tick_ns
+    /// Time of a node that is told something at `now`, ns. At the start it is a tick, so that one may be behind.
+    pub(super) fn on_node(&mut self, index: usize, now: u64) -> u64 {
+        if now == 0 { self.tick_ns } else { self.of_node(index, now) }
+    }
+
+    /// Time that a node is handed: that of the network, or of its own clock where it ticks by SYNC, since network time may
+    /// be far from what it was once it is known.
+    fn of_node(&mut self, index: usize, now: u64) -> u64 {
+        let Some(node) = self.nodes.get_mut(index) else { return 0 };
+        let own = node.clock.shows(now);
+        if node.comes.is_some() { own } else { node.keeper.network(own) }
+    }
+
+    /// A node goes: nobody keeps its time.
+    pub(super) fn power_off(&mut self, index: usize) {
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        if index == self.leader && self.gone.is_none() {
+            self.gone = Some((node.clock.clone(), node.keeper.clone()));
+        }
+        node.keeper.stop();
+        node.stamps.clear();
+        (node.ticked_at, node.ticks_at) = (None, NEVER);
+    }
+
+    /// A node comes, and knows no time but that of its own clock.
+    pub(super) fn power_on(&mut self, index: usize, now: u64) {
+        let tick_ns = self.tick_ns;
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        let own = node.clock.shows(now);
+        node.keeper.start(own, tick_ns, tick_ns.saturating_mul(2), true);
+        (node.comes, node.has_followed) = (Some(0), false);
+    }
+
+    /// Lets a node that leads tell the time of the network. One that has come, and leads since it has heard nobody, tells
+    /// another one.
+    fn note_leader(&mut self, index: usize, now: u64) {
+        let Some(node) = self.nodes.get_mut(index) else { return };
+        node.has_followed |= node.keeper.role() != Role::Leads && node.keeper.is_in_time();
+        let knows = node.comes.is_none() || node.has_followed;
+        let leads = node.keeper.role() == Role::Leads && !node.is_mute(now) && knows;
+        if leads && (self.leader != index || self.gone.is_some()) {
+            (self.leader, self.gone) = (index, None);
+        }
+    }
+
+    /// The tick that has come for a node that ticks by SYNC; told once.
+    fn take_tick(&mut self, index: usize, now: u64) -> Option<u64> {
+        let tick_ns = self.tick_ns;
+        let node = self.nodes.get_mut(index)?;
+        let next = node.comes.filter(|_| node.keeper.is_in_time())?;
+        let network = node.keeper.network(node.clock.shows(now));
+        let tick = network.checked_sub(tick_ns.saturating_mul(2))? / tick_ns;
+        if tick < next {
+            return None;
+        }
+        node.comes = Some(tick + 1);
+        Some(tick)
     }
 
     /// What came of them so far.
@@ -131,11 +202,13 @@ impl Clocks {
             // Without SYNC there is no time of the network but the true one.
             return (time - self.tick_ns, true);
         }
-        let Some(node) = self.nodes.get(self.leader) else { return (NEVER, true) };
-        let own = node.keeper.own(time);
-        let at = node.clock.when(own);
-        let mut clock = node.clock.clone();
-        (at, node.keeper.network(clock.shows(at)) >= time)
+        let of_leader = self.nodes.get(self.leader).map(|node| (&node.clock, &node.keeper));
+        let of_gone = self.gone.as_ref().map(|(clock, keeper)| (clock, keeper));
+        let Some((clock, keeper)) = of_gone.or(of_leader) else { return (NEVER, true) };
+        let own = keeper.own(time);
+        let at = clock.when(own);
+        let mut clock = clock.clone();
+        (at, keeper.network(clock.shows(at)) >= time)
     }
 }
 
@@ -201,9 +274,13 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let until = loop {
             let (until, is_tick) = self.clocks.as_ref().map(|clocks| clocks.next_tick())?;
             let wake = self.wakes.iter().copied().min().unwrap_or(NEVER);
+            let change = self.world.as_ref().and_then(|world| world.scene.next_change()).unwrap_or(NEVER);
             let arrival = self.bus.next_arrival().unwrap_or(NEVER);
             let carried = self.later.front().map_or(arrival, |later| arrival.min(later.at));
-            if until < wake.min(carried) || until == NEVER {
+            // What happens at the time of a tick happens before it.
+            if change != NEVER && change <= wake.min(carried).min(until) {
+                self.happen(change);
+            } else if until < wake.min(carried) || until == NEVER {
                 if is_tick {
                     break until;
                 }
@@ -252,10 +329,13 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             }
         }
         // Of two that lead, one that nobody hears does not.
-        if timing.keeper.role() == Role::Leads && clocks.leader != index && !timing.is_mute(now) {
-            clocks.leader = index;
+        clocks.note_leader(index, now);
+        let of_node = clocks.of_node(index, now);
+        if let Some(tick) = clocks.take_tick(index, now) {
+            let previous_tick = TickStamp::full((tick as u32).wrapping_sub(1));
+            let sync = Message::Sync { source: None, previous_tick, phase_us: 0 };
+            receive(&mut self.nodes, index, Ok(sync), of_node);
         }
-        let of_node = clocks.network(index, now);
         self.poll_as(index, now, of_node);
         self.schedule(index, now, before);
     }
@@ -270,9 +350,16 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             timing.ticked_at = Some(now);
         }
         let at = |own: u64| if own == NEVER { NEVER } else { timing.clock.when(own).max(now) };
-        let ticks_at = if *wake == NEVER { NEVER } else { at(timing.keeper.own(*wake)) };
+        let ticks_at = match timing.comes {
+            Some(_) if !timing.keeper.is_in_time() => NEVER,
+            Some(tick) => at(timing.keeper.own(tick.saturating_add(2).saturating_mul(clocks.tick_ns))),
+            None if *wake == NEVER => NEVER,
+            None => at(timing.keeper.own(*wake)),
+        };
         let keeps_at = timing.keeper.poll_at().filter(|_| clocks.syncs).map_or(NEVER, at);
-        (timing.ticks_at, *wake) = (ticks_at, ticks_at.min(keeps_at));
+        // A node that ticks by SYNC waits on its own clock for all else.
+        let waits_at = if timing.comes.is_some() { at(*wake) } else { NEVER };
+        (timing.ticks_at, *wake) = (ticks_at, ticks_at.min(keeps_at).min(waits_at));
     }
 
     /// Lets the bus deliver what comes next before `before` (ns), and gives its time; SYNC of time masters go to the keepers, with the stamps
@@ -326,8 +413,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 slots.for_each(drop);
                 continue;
             }
-            let network = clocks.network(index, at);
-            (first, last) = (first.min(network), last.max(network));
+            // Who has just come knows no time yet.
+            if clocks.is_in_time(index) {
+                let network = clocks.network(index, at);
+                (first, last) = (first.min(network), last.max(network));
+            }
             let part = clocks.nodes.get(index).and_then(|timing| timing.part(at));
             for ((slot, seen), next) in slots.zip(node.observations()).zip(node.state()) {
                 slot.x = part.map_or(seen.x, |part| between(seen.x, next, part));
@@ -341,19 +431,26 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
     /// Presence of each node now, by index.
     pub(super) fn presence_by_clock(&self) -> Vec<crate::presence::Presence> {
         use crate::presence::Presence;
-        let of = |node: &Node<f32, V>| match node.phase() {
+        let of = |(index, node): (usize, &Node<f32, V>)| match node.phase() {
+            _ if !self.is_on(index) => Presence::Off,
             Phase::Running => Presence::Ran,
             _ => Presence::Stopped,
         };
-        self.nodes.iter().map(of).collect()
+        self.nodes.iter().enumerate().map(of).collect()
     }
 }
 
 impl Clocks {
+    /// Whether a node knows the network's time, as far as any node does.
+    fn is_in_time(&self, index: usize) -> bool {
+        self.nodes.get(index).is_some_and(|node| node.comes.is_none() || node.keeper.is_in_time())
+    }
+
     /// Lets the clock that tells the network's time change.
     fn see_change(&mut self, at: u64) {
-        if let Some(node) = self.nodes.get_mut(self.leader) {
-            node.clock.advance_to(at);
+        let of_leader = self.nodes.get_mut(self.leader).map(|node| &mut node.clock);
+        if let Some(clock) = self.gone.as_mut().map(|(clock, _)| clock).or(of_leader) {
+            clock.advance_to(at);
         }
     }
 }

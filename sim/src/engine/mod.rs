@@ -4,6 +4,7 @@
 
 mod clock;
 mod clocks;
+mod commits;
 mod devices;
 mod field;
 mod heard;
@@ -15,6 +16,7 @@ mod scene;
 mod world;
 
 pub use clocks::{Clocks, Skew};
+pub use commits::Commits;
 pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use lies::Lies;
 pub use own_field::{COAST_TICKS, setup as setup_of_own_field};
@@ -69,6 +71,8 @@ pub struct Engine<M = IdealBus<CanFrame>, V = SimField> {
     /// What nodes still compute, in the order of time.
     later: VecDeque<Later>,
     devices: Devices<V>,
+    /// Where nodes adopt other configurations.
+    commits: Option<Box<Commits<V>>>,
     /// Where events happen.
     world: Option<World<V>>,
     /// Where nodes have clocks of their own.
@@ -102,6 +106,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             said: Vec::new(),
             later: VecDeque::new(),
             devices: Devices::default(),
+            commits: None,
             world: None,
             clocks: None,
             wakes,
@@ -144,6 +149,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             self.devices.give_field(index, node, scenario.time.tick_s(), malfunctions);
         }
         self
+    }
+
+    /// Stages other configurations in nodes.
+    pub fn with_commits(self, commits: Option<Commits<V>>) -> Self {
+        Self { commits: commits.map(Box::new), ..self }
     }
 
     /// Adds the events of a world.
@@ -250,6 +260,11 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.nodes.iter().enumerate().map(report).collect()
     }
 
+    /// Indices of nodes that have missed what they should have adopted.
+    pub fn missed(&self) -> &[usize] {
+        self.commits.as_ref().map_or(&[], |commits| commits.missed())
+    }
+
     /// The nodes, by index.
     pub fn nodes(&self) -> &[Node<f32, V>] {
         &self.nodes
@@ -315,6 +330,9 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             }
             Change::On { node } => {
                 self.bus.switch(now, node, Power::On);
+                if let Some(clocks) = &mut self.clocks {
+                    clocks.power_on(node, now);
+                }
                 self.command(node, Command::Start, now);
             }
             Change::Cut(..) | Change::Mend(..) => {}
@@ -329,6 +347,12 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         self.observations.iter_mut().skip(first).take(fresh.components()).for_each(|seen| *seen = NOTHING);
         *node = fresh;
         self.devices.power_off(index);
+        if let Some(commits) = &mut self.commits {
+            commits.power_off(index);
+        }
+        if let Some(clocks) = &mut self.clocks {
+            clocks.power_off(index);
+        }
         self.later.retain(|later| later.node != index);
         if let Some(wake) = self.wakes.get_mut(index) {
             *wake = NEVER;
@@ -342,7 +366,7 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         let at_tick = if joins { JOIN } else { 0 };
         let target = if command == Command::Stop { self.target(index) } else { Target::All };
         let message = Message::Ctrl { target, command, arg: 0, at_tick };
-        let of_node = self.clocks.as_ref().map_or(now, |clocks| clocks.start_of_nodes());
+        let of_node = self.clocks.as_mut().map_or(now, |clocks| clocks.on_node(index, now));
         receive(&mut self.nodes, index, Ok(message), of_node);
         self.poll(index, now);
     }
@@ -451,7 +475,14 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             }
             let wake = node.poll_at().unwrap_or(NEVER);
             if is_done || wake > of_node {
-                break wake;
+                let Some(commits) = &mut self.commits else { break wake };
+                let (has_asked, fresh) = commits.attend(index, node);
+                if let Some((world, fresh)) = self.world.as_mut().zip(fresh) {
+                    world.store(index, fresh);
+                }
+                if !has_asked {
+                    break wake;
+                }
             }
         };
         let seen = node.observations();

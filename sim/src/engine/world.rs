@@ -35,6 +35,13 @@ impl<V: VectorField<f32> + Clone> World<V> {
         (tick, (tick + 1).saturating_mul(self.tick_ns))
     }
 
+    /// Stores another configuration: what a node is after power-on.
+    pub(super) fn store(&mut self, node: usize, fresh: Node<f32, V>) {
+        if let Some(slot) = self.fresh.get_mut(node) {
+            *slot = fresh;
+        }
+    }
+
     /// A node as it is after power-on.
     pub(super) fn fresh(&self, node: usize) -> Option<Node<f32, V>> {
         self.fresh.get(node).cloned()

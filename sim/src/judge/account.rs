@@ -42,8 +42,8 @@ impl<'a> Accounts<'a> {
     pub fn tick(&mut self, k: u64, seen: &[Observation<f32>], presence: &[Presence], psi: &[f64]) {
         let components = self.scenario.components();
         let asked = psi.chunks(components);
-        let nodes = self.all.iter_mut().zip(&self.scenario.nodes).zip(presence);
-        for (((account, node), presence), (seen, asked)) in nodes.zip(seen.chunks(components).zip(asked)) {
+        let nodes = self.all.iter_mut().enumerate().zip(presence);
+        for (((index, account), presence), (seen, asked)) in nodes.zip(seen.chunks(components).zip(asked)) {
             match presence {
                 Presence::Ran => {}
                 Presence::Stopped | Presence::Off => continue,
@@ -53,6 +53,7 @@ impl<'a> Accounts<'a> {
                 }
             }
             let (Some(first), Some(&asked)) = (seen.first(), asked.first()) else { continue };
+            let Some(mut node) = self.scenario.node_at(index, k) else { continue };
             let (mut k, mut asked) = (k, asked);
             if !self.scenario.clocks.is_empty() {
                 let own = u64::from(first.tick);
@@ -60,6 +61,7 @@ impl<'a> Accounts<'a> {
                 if first.psi == 0.0 || !is_next(account, own) {
                     continue;
                 }
+                node = self.scenario.node_at(index, own).unwrap_or(node);
                 (k, asked) = (own, larger(asked, node.funnel.width(self.scenario.time.at_s(own))));
             }
             account.ran += 1;

@@ -248,6 +248,20 @@ fn consistent(evidence: &Evidence<'_>) -> Check {
     check("consistent", faults, "what nodes report is what they were seen to do")
 }
 
+/// What contradicts the run where the nodes with these indices have missed what they should have adopted.
+#[must_use]
+pub fn missed(scenario: &Scenario, nodes: &[usize]) -> Vec<String> {
+    let tell = |index: &usize| {
+        let staged = scenario.staged.get(*index)?.as_ref()?;
+        let at = significant(scenario.time.at_s(staged.tick), 6);
+        Some(format!(
+            "node {} has missed what is set at {at} s and goes on as it was: what was staged in it was gone",
+            index + 1
+        ))
+    };
+    nodes.iter().filter_map(tell).collect()
+}
+
 /// A node whose funnel was wider than the scenario's, and that has not said why.
 fn own_width(account: &Account) -> Option<String> {
     let (k, own, asked) = account.widened?;

@@ -17,7 +17,7 @@ mod windows;
 
 pub use account::Accounts;
 pub use by_event::{EventFigures, Recovered};
-pub use checks::{AbsenceSummary, Account, Check, Evidence, Stop, checks};
+pub use checks::{AbsenceSummary, Account, Check, Evidence, Stop, checks, missed};
 pub use counters::CounterSummary;
 pub use recovery::DuringEvents;
 pub use reference::ReferenceSummary;
@@ -224,7 +224,8 @@ impl<'a> Judge<'a> {
     fn widths(&mut self, moment: &Moment<'_>) {
         let (t, components) =
             (self.scenario.time.part_at_s(moment.k, moment.part), self.scenario.components());
-        for (index, node) in self.scenario.nodes.iter().enumerate() {
+        let nodes = (0..self.scenario.nodes.len()).map_while(|index| self.scenario.node_at(index, moment.k));
+        for (index, node) in nodes.enumerate() {
             let width = node.funnel.width(t);
             let floor = match self.scenario.floor {
                 FloorSpec::None => 0.0,

@@ -27,6 +27,8 @@ pub(super) struct Windows<'a> {
     scenario: &'a Scenario,
     /// Where a window asks for it.
     emergent: Option<EmergentTrajectory<'a>>,
+    /// The first tick for which there is none.
+    predicted_to: Option<u64>,
 }
 
 impl<'a> Windows<'a> {
@@ -37,6 +39,7 @@ impl<'a> Windows<'a> {
             windows,
             figures: vec![WindowFigures::default(); windows.len()],
             scenario,
+            predicted_to: scenario.predicted_to(),
             // The distance to what is not resolved is no measurement.
             emergent: asked
                 .then(|| EmergentTrajectory::new(scenario))
@@ -60,7 +63,10 @@ impl<'a> Windows<'a> {
         let components = self.scenario.components();
         let t = self.scenario.time.part_at_s(moment.k, moment.part);
         let emergent =
-            self.emergent.as_mut().and_then(|emergent| distance(moment, components, emergent.advance(t)));
+            match self.emergent.as_mut().filter(|_| self.predicted_to.is_none_or(|tick| moment.k < tick)) {
+                Some(emergent) => distance(moment, components, emergent.advance(t)),
+                None => None,
+            };
         let reference = reference.and_then(|exact| distance(moment, components, exact));
         for (window, figures) in self.windows.iter().zip(&mut self.figures) {
             if !inside(window) {

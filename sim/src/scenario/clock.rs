@@ -195,9 +195,6 @@ pub(super) fn make_sense(
     if coupling == Coupling::WeaklyCentralised {
         refuse(item, "must not be there with weakly-centralised coupling, which is simulated without nodes");
     }
-    if events.iter().any(|event| event.kind.is_of_presence()) {
-        refuse(item, "must not be there beside an [[event]] that takes nodes or links away, so far");
-    }
     if events.iter().any(|event| event.kind.is_of_plants()) {
         refuse(
             item,
@@ -214,6 +211,12 @@ pub(super) fn make_sense(
 fn useless(event: &EventSpec, clocks: &[ClockSpec], sync: Option<&SyncSpec>) -> Option<String> {
     let is_master = |masters: &[u16], node: usize| masters.iter().any(|&id| usize::from(id) == node + 1);
     match (event.kind, sync) {
+        (EventKind::Bounce | EventKind::Join, None) if !clocks.is_empty() => {
+            let kind = event.kind.name();
+            Some(format!(
+                "of kind {kind} needs [sync] beside [clock]: a node that comes learns the tick from a time master"
+            ))
+        }
         (EventKind::Clock, _) if clocks.is_empty() => {
             Some("of kind clock needs [clock] or [sync]: without them all nodes share one clock".to_owned())
         }

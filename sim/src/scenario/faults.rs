@@ -156,13 +156,14 @@ fn is_sound(spec: &FaultsSpec<'_>, to: u64, last: u64, setting: &Setting<'_>) ->
     if let Some(why) = no_plants(setting.time).filter(|_| spec.kinds.iter().any(of_plants)) {
         refuse("kinds", format!("sensor and actuator {why}"));
     }
-    let beside_no_clocks = |kind: &&EventKind| kind.is_of_presence() || kind.is_of_plants();
     // Whatever the seed draws.
-    if let Some(kind) = spec.kinds.iter().find(beside_no_clocks).filter(|_| setting.clocks) {
-        refuse(
-            "kinds",
-            format!("must be without {} beside [clock], [sync] or a clock of a [[node]]", kind.name()),
-        );
+    if let Some(kind) = spec.kinds.iter().find(|kind| kind.is_of_plants()).filter(|_| setting.clocks) {
+        let beside = "beside [clock], [sync] or a clock of a [[node]]: a plant keeps the true time";
+        refuse("kinds", format!("must be without {} {beside}", kind.name()));
+    }
+    if spec.kinds.contains(&EventKind::Bounce) && setting.clocks && !setting.sync {
+        let why = "a node that comes learns the tick from a time master";
+        refuse("kinds", format!("must be without bounce beside clocks and no [sync]: {why}"));
     }
     if spec.kinds.contains(&EventKind::Actuator) && spec.effectiveness >= 1.0 {
         refuse("effectiveness", "must be below 1: that is no fault".to_owned());

@@ -36,6 +36,7 @@ pub mod schema;
 mod sparse_spectrum;
 #[cfg(feature = "spectrum")]
 mod spectrum;
+mod staged;
 mod steepest;
 mod topology;
 pub mod tree;
@@ -56,7 +57,7 @@ pub use dynamics::Dynamics;
 pub(crate) use event::on_engine;
 pub use event::{
     Absence, ActuatorFault, Change, ClockChange, Course, Detail, Disturbance, Does, EventKind, EventSpec,
-    Harm, Lie, NoisySpell, SensorFault, Spell, Step, Targets,
+    Harm, Lie, NewValue, NoisySpell, SensorFault, Spell, Step, Targets,
 };
 /// One sinusoid of a field.
 pub type Sine = funnelnet_law::field::Sine<f64>;
@@ -76,6 +77,7 @@ pub use model::{
 pub use overrides::Override;
 #[cfg(feature = "spectrum")]
 pub use sparse_spectrum::Estimate;
+pub use staged::Staged;
 pub use written::FIRST_LINE;
 
 use agents::Agents;
@@ -275,6 +277,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         coupling: coupling.kind,
         bus: bus.model,
         clocks: !clocks.0.is_empty(),
+        sync: clocks.1.is_some(),
         root,
         log: &log,
     };
@@ -302,6 +305,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         bus,
         links,
         events,
+        staged: Vec::new(),
         clocks,
         sync,
         safety,
@@ -311,7 +315,8 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
         input_files: Vec::new(),
     };
     initial::check(&scenario, &places)?;
-    Ok(scenario)
+    let staged = staged::read(&scenario, root, files)?;
+    Ok(Scenario { staged, ..scenario })
 }
 
 /// A node has computed before its next tick is due.

@@ -10,6 +10,7 @@ use super::dynamics::Dynamics;
 use super::event::{Course, EventSpec};
 use super::graph::Graph;
 use super::inputs::InputFile;
+use super::staged::Staged;
 use crate::extremes::largest;
 
 /// Everything that a run depends on.
@@ -43,6 +44,8 @@ pub struct Scenario {
     pub links: Vec<LinkSpec>,
     /// Events of nodes and links, in the order of time.
     pub events: Vec<EventSpec>,
+    /// What events set while nodes run, by index; empty where they set nothing.
+    pub staged: Vec<Option<Staged>>,
     /// The clocks of the nodes, by index; none where all are right.
     pub clocks: Vec<ClockSpec>,
     /// SYNC that keeps the clocks together.
@@ -93,6 +96,12 @@ impl Scenario {
     #[must_use]
     pub fn stays_whole(&self) -> bool {
         !self.events.iter().any(|event| event.kind.is_of_presence())
+    }
+
+    /// The same without events, and without what they set.
+    #[must_use]
+    pub fn without_events(&self) -> Self {
+        Self { events: Vec::new(), staged: Vec::new(), ..self.clone() }
     }
 
     /// Whether every node says its own state, as far as it knows it.

@@ -57,16 +57,26 @@ impl Override {
     /// Puts the value into the tree, making the tables on the way.
     pub(super) fn apply(&self, root: &mut Item) -> Result<(), Box<Diagnostic>> {
         let place = Place::whole(&self.option);
-        let mut current = root;
-        let mut walked = String::new();
-        for part in &self.path {
-            let longer = join(&walked, part);
-            let parent = std::mem::replace(&mut walked, longer);
-            current = step(current, part, &parent, &walked, &place)?;
-        }
-        *current = parse_argument(&self.value, &self.option, &walked);
-        Ok(())
+        put(root, &self.path, &place, |key| parse_argument(&self.value, &self.option, key))
     }
+}
+
+/// Puts what `make` makes of the full key into the tree, making the tables on the way; messages point at `place`.
+pub(super) fn put(
+    root: &mut Item,
+    path: &[String],
+    place: &Place,
+    make: impl FnOnce(&str) -> Item,
+) -> Result<(), Box<Diagnostic>> {
+    let mut current = root;
+    let mut walked = String::new();
+    for part in path {
+        let longer = join(&walked, part);
+        let parent = std::mem::replace(&mut walked, longer);
+        current = step(current, part, &parent, &walked, place)?;
+    }
+    *current = make(&walked);
+    Ok(())
 }
 
 fn join(path: &str, part: &str) -> String {

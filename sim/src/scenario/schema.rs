@@ -12,6 +12,7 @@ use super::faults;
 use super::network::{self, MAX_NODES};
 use super::reader::Range;
 use super::safety::LONGEST_HOLDOVER_NS;
+use super::staged;
 use super::{agents, duration::format_duration};
 use funnelnet_law::Gain;
 use funnelnet_law::range::{
@@ -792,6 +793,10 @@ fn event() -> Value {
         )
         .like(json!(0.0)),
     ];
+    let new_value = [
+        key("key", settable(), "what changes while nodes run").like(json!("coupling.funnel.end")).required(),
+        key("value", json!({}), "what the key gets").like(json!(0.5)).required(),
+    ];
     kinds(vec![
         frames("burst", vec![goes_on().required(), loss().required()]),
         frames("corrupt", vec![goes_on().required(), share.like(json!(0.01)).required()]),
@@ -814,9 +819,16 @@ fn event() -> Value {
         object([at(), kind("kind", &["crash", "leave", "join"])].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["bounce"]), lasts].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["partition", "repair"])].into_iter().chain(of_links()).collect()),
+        object([at(), kind("kind", &["set"])].into_iter().chain(new_value).chain(of_nodes()).collect()),
         object([at(), kind("kind", &["clock"]), by, drift].into_iter().chain(of_nodes()).collect()),
         object([at(), kind("kind", &["sync-loss"]), silent].into_iter().chain(of_nodes()).collect()),
     ])
+}
+
+/// The keys that nodes adopt while they run.
+fn settable() -> Value {
+    let names = staged::SETTABLE.map(|(name, _)| name.replace('.', "\\."));
+    json!({ "type": "string", "pattern": format!("^({})(\\.[^.]+)*$", names.join("|")) })
 }
 
 fn faults_section() -> Value {

@@ -12,15 +12,15 @@ pub use verdict::Verdict;
 
 use crate::bus::Medium;
 use crate::central::Central;
-use crate::configure::{Drive, Unfit, central_configs, node_configs};
+use crate::configure::{Unfit, central_configs};
 use crate::engine::{Driven, NodeEvent, Plants};
-use crate::judge::{Accounts, Evidence, Judge, Moment, Stop, checks};
+use crate::judge::{Accounts, Evidence, Judge, Moment, Stop, checks, missed};
 use crate::loopback::{LOOPBACK, Refused, accepted, can_bus, engine_of, ideal_bus, uart_bus, with_plant};
 use crate::noise::Noise;
-use crate::scenario::{BusModel, Coupling, Scenario};
+use crate::scenario::{BusModel, Coupling, NodeSpec, Scenario};
 use funnelnet_law::field::VectorField;
 use funnelnet_link::{Classic, Fd};
-use funnelnet_node::{Fixed, Model, Node, Observation, Params};
+use funnelnet_node::{Fixed, Model, Observation, Params};
 use funnelnet_plant::Plant;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::ConfigError;
@@ -124,6 +124,7 @@ impl<'s> Simulation<'s> {
             None => self.network.unheard_and_silent(&scenario.graph),
         };
         let findings = self.judge.finish();
+        let contradictions = missed(scenario, self.network.missed());
         let evidence = Evidence {
             findings: &findings,
             accounts: &accounts,
@@ -131,7 +132,7 @@ impl<'s> Simulation<'s> {
             absences: &[],
             unheard: &unheard,
             silent: &silent,
-            contradictions: &[],
+            contradictions: &contradictions,
             reference: None,
             ended_early: early.as_deref(),
         };
@@ -236,23 +237,25 @@ impl<'s> Setup<'s> {
     }
 
     fn on<M: Medium + 's>(self, medium: M) -> Result<Box<dyn Network + 's>, Refused> {
-        let engine = engine_of(self.scenario, medium, |drive| self.nodes(drive))?;
+        let engine = engine_of(self.scenario, medium, |configs, scenario| self.params(configs, scenario))?;
         Ok(Box::new(engine.with_plants(Plants::new(self.plants))))
     }
 
-    /// The nodes, configured.
-    fn nodes(&self, drive: Drive) -> Result<Vec<Node<f32, NodeField>>, Refused> {
-        let configs = node_configs(self.scenario, drive)?;
-        let node = |(index, config): (usize, &NodeConfig)| {
+    /// What the nodes make of their configurations.
+    fn params(
+        &self,
+        configs: &[NodeConfig],
+        scenario: &Scenario,
+    ) -> Result<Vec<Params<f32, NodeField>>, Refused> {
+        let params = |(index, (config, spec)): (usize, (&NodeConfig, &NodeSpec))| {
             let params = match self.makes.get(index) {
                 Some(Some(make)) => make(config),
-                _ => node_params(config, &self.scenario.nodes[index]),
+                _ => node_params(config, spec),
             };
-            let params = params.and_then(|params| with_plant(params, self.scenario, index));
-            let params = params.map_err(|error| Refused::Configuration { node: config.id, error })?;
-            Ok(Node::new(params, &config.neighbours))
+            let params = params.and_then(|params| with_plant(params, scenario, index));
+            params.map_err(|error| Refused::Configuration { node: config.id, error })
         };
-        configs.iter().enumerate().map(node).collect()
+        configs.iter().zip(&scenario.nodes).enumerate().map(params).collect()
     }
 }
 

@@ -19,6 +19,8 @@ pub(super) trait Network {
     /// component.
     fn states(&self) -> Vec<f64>;
     fn presence(&self, k: u64) -> Vec<Presence>;
+    /// Indices of nodes that have missed what they should have adopted.
+    fn missed(&self) -> &[usize];
     fn take_events(&mut self) -> Vec<NodeEvent>;
     /// What the nodes report, by index; none for one that is off.
     fn reports(&self) -> Vec<Option<Report>>;
@@ -46,6 +48,10 @@ impl<M: Medium, V: VectorField<f32> + Clone> Network for Engine<M, V> {
 
     fn presence(&self, k: u64) -> Vec<Presence> {
         Self::presence(self, k)
+    }
+
+    fn missed(&self) -> &[usize] {
+        Self::missed(self)
     }
 
     fn take_events(&mut self) -> Vec<NodeEvent> {
@@ -79,6 +85,11 @@ impl Network for Central {
 
     fn presence(&self, _: u64) -> Vec<Presence> {
         Self::presence(self)
+    }
+
+    /// It has no events.
+    fn missed(&self) -> &[usize] {
+        &[]
     }
 
     fn take_events(&mut self) -> Vec<NodeEvent> {

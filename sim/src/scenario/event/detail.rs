@@ -3,7 +3,7 @@
 use crate::scenario::Loss;
 
 /// What an event says beside its kind, its targets and its time.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum Detail {
     /// Its kind says all.
     #[default]
@@ -33,6 +33,19 @@ pub enum Detail {
     Sensor(SensorFault),
     /// What an actuator does in place of the input.
     Actuator(ActuatorFault),
+    /// What nodes are configured with from then on.
+    Set(NewValue),
+}
+
+/// A value that a key of the scenario gets while the network runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NewValue {
+    /// The full key, such as `coupling.funnel.end`.
+    pub key: String,
+    /// The value as written, shortened.
+    pub value: String,
+    /// Place of the event among those of the file, from 0.
+    pub place: usize,
 }
 
 /// How a sensor fails; of each component alike.

@@ -5,11 +5,12 @@ mod detail;
 mod read;
 mod read_frames;
 mod read_plants;
+mod read_set;
 mod sense;
 mod spell;
 
 pub use course::{Absence, Change, Course, Disturbance, Step};
-pub use detail::{ActuatorFault, ClockChange, Detail, Lie, SensorFault};
+pub use detail::{ActuatorFault, ClockChange, Detail, Lie, NewValue, SensorFault};
 pub(super) use read::read;
 #[cfg(feature = "check")]
 pub(super) use read_frames::{LARGEST_ID, SAID, SLOPE};
@@ -91,6 +92,8 @@ pub enum EventKind {
     Sensor,
     /// A node's actuator does something else than its input.
     Actuator,
+    /// Nodes go on with another configuration.
+    Set,
 }
 
 impl EventKind {
@@ -119,6 +122,7 @@ impl EventKind {
             Self::Impostor => "impostor",
             Self::Sensor => "sensor",
             Self::Actuator => "actuator",
+            Self::Set => "set",
         }
     }
 
@@ -146,6 +150,12 @@ impl EventKind {
         matches!(self, Self::Liar | Self::Replayer | Self::Impostor)
     }
 
+    /// Whether it happens in the node, whatever its bus is.
+    #[must_use]
+    pub fn is_of_nodes(self) -> bool {
+        self.is_of_plants() || self == Self::Set
+    }
+
     /// Whether it happens to the plant of a node, which has one then: its sensor or its actuator fails.
     #[must_use]
     pub fn is_of_plants(self) -> bool {
@@ -158,6 +168,8 @@ impl EventKind {
 pub enum Targets {
     /// Nodes.
     Nodes(Vec<usize>),
+    /// Every node.
+    AllNodes,
     /// The link between two nodes.
     Link(usize, usize),
     /// Every link from a node of one group to a node of another. A node in no group keeps its links.
@@ -171,12 +183,17 @@ pub enum Targets {
 }
 
 impl Targets {
-    /// The nodes; none where they are links, or time masters.
+    /// The nodes that are named; none where they are links, or time masters.
     #[must_use]
     pub fn nodes(&self) -> &[usize] {
         match self {
             Self::Nodes(nodes) => nodes,
-            Self::Link(..) | Self::Groups(_) | Self::AllLinks | Self::Masters | Self::Bus => &[],
+            Self::AllNodes
+            | Self::Link(..)
+            | Self::Groups(_)
+            | Self::AllLinks
+            | Self::Masters
+            | Self::Bus => &[],
         }
     }
 
@@ -185,7 +202,7 @@ impl Targets {
     pub fn links(&self, graph: &Graph) -> Vec<(usize, usize)> {
         let edges = graph.edges.iter().map(|edge| (edge.a, edge.b));
         match self {
-            Self::Nodes(_) | Self::Masters | Self::Bus => Vec::new(),
+            Self::Nodes(_) | Self::AllNodes | Self::Masters | Self::Bus => Vec::new(),
             Self::Link(a, b) => edges.filter(|&edge| edge == (*a.min(b), *a.max(b))).collect(),
             Self::Groups(groups) => {
                 let group = groups_of(groups, graph.nodes);
@@ -230,6 +247,7 @@ impl fmt::Display for Targets {
         match self {
             Self::Nodes(nodes) if nodes.len() == 1 => write!(f, "node {}", ids(nodes)),
             Self::Nodes(nodes) => write!(f, "nodes {}", ids(nodes)),
+            Self::AllNodes => f.write_str("all nodes"),
             Self::Link(a, b) => write!(f, "link {}", ids(&[*a, *b])),
             Self::Groups(groups) => {
                 let groups: Vec<_> = groups.iter().map(|group| ids(group)).collect();
@@ -246,6 +264,7 @@ impl fmt::Display for Detail {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::None => Ok(()),
+            Self::Set(NewValue { ref key, ref value, .. }) => write!(f, ": {key} = {value}"),
             Self::Clock(ClockChange { by_ns, drift_ppb }) => {
                 if by_ns != 0 {
                     write!(f, " by {}", format_signed(by_ns))?;

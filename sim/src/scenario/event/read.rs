@@ -2,11 +2,12 @@
 
 use super::read_frames::{babble, bit_errors, corrupt, impostor, liar, lies_for, loss, of_frames, old};
 use super::read_plants::{actuator, sensor};
+use super::read_set;
 use super::{ClockChange, Detail, EventKind, EventSpec, Targets};
 use crate::scenario::Diagnostic;
 use crate::scenario::clock::{DRIFT, ppb, read_by};
 use crate::scenario::diagnostic::Problem;
-use crate::scenario::reader::{Choice, Log, Section, integer, later, ready};
+use crate::scenario::reader::{Choice, Log, Section, integer, ready};
 use crate::scenario::tree::{Item, Value};
 
 /// Time for which a bounced node is off where the scenario does not say, ns.
@@ -34,21 +35,16 @@ const KINDS: [Choice<EventKind>; 22] = [
     ready("impostor", EventKind::Impostor),
     ready("sensor", EventKind::Sensor),
     ready("actuator", EventKind::Actuator),
-    unbuilt("set"),
+    ready("set", EventKind::Set),
 ];
-
-/// A kind that is refused, so that its value is never used.
-const fn unbuilt(name: &'static str) -> Choice<EventKind> {
-    later(name, EventKind::Crash)
-}
 
 /// Reads all events, in the order of the file; `nodes` is the largest id.
 pub(in crate::scenario) fn read(file: &mut Section<'_>, nodes: u64) -> Vec<EventSpec> {
     let log = file.log();
-    file.array("event").iter().filter_map(|item| event(item, nodes, log)).collect()
+    file.array("event").iter().enumerate().filter_map(|placed| event(placed, nodes, log)).collect()
 }
 
-fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
+fn event((place, item): (usize, &Item), nodes: u64, log: &Log) -> Option<EventSpec> {
     let mut section = Section::open(item, log)?;
     let at_ns = match section.need("at", "must be a duration from the start, as \"5s\"") {
         Some(_) => section.duration("at", Some(0)),
@@ -103,6 +99,10 @@ fn event(item: &Item, nodes: u64, log: &Log) -> Option<EventSpec> {
                 _ => old(&mut section),
             };
             (of_nodes(&mut section, nodes), lasts_ns)
+        }
+        EventKind::Set => {
+            detail = read_set::new_value(&mut section, place);
+            (read_set::of_all_or_some(&mut section, nodes), 0)
         }
         EventKind::Sensor | EventKind::Actuator => {
             let lasts_ns = lies_for(&mut section);

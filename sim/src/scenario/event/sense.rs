@@ -28,6 +28,8 @@ pub(in crate::scenario) struct Setting<'a> {
     pub bus: BusModel,
     /// Whether nodes have clocks of their own.
     pub clocks: bool,
+    /// Whether a time master keeps them together.
+    pub sync: bool,
     pub root: &'a Item,
     pub log: &'a Log,
 }
@@ -53,9 +55,9 @@ pub(in crate::scenario) fn make_sense(
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
-    let of_buses = events.iter().zip(&items).find(|(event, _)| !event.kind.is_of_plants());
+    let of_buses = events.iter().zip(&items).find(|(event, _)| !event.kind.is_of_nodes());
     if let Some((_, event)) = of_buses.filter(|_| setting.bus == BusModel::Uart) {
-        let allowed = "must not be there with this bus.model: but for sensor and actuator, events happen on the ideal bus and on CAN, so far";
+        let allowed = "must not be there with this bus.model: but for sensor, actuator and set, events happen on the ideal bus and on CAN, so far";
         setting.log.report(event.diagnostic(Problem::Value, allowed));
         return events;
     }
@@ -189,7 +191,7 @@ impl Setting<'_> {
     /// Events of frames change something, on a bus that can do that.
     fn frames(&self, events: &[EventSpec], items: &[&Item]) {
         for (event, item) in events.iter().zip(items) {
-            match (event.kind, event.detail) {
+            match (event.kind, &event.detail) {
                 (kind, _) if kind.is_of_wires() && !self.bus.is_can() => {
                     let allowed = "needs bus.model = \"can\" or \"can-fd\", which have a wire";
                     self.report(item, "kind", allowed.to_owned());
@@ -198,19 +200,19 @@ impl Setting<'_> {
                     self.report(item, "loss", "must lose something".to_owned());
                 }
                 (EventKind::Liar | EventKind::Impostor, Detail::Lie(lie) | Detail::Impostor { lie, .. })
-                    if lie == Lie::Offset(0.0) && event.kind == EventKind::Liar =>
+                    if *lie == Lie::Offset(0.0) && event.kind == EventKind::Liar =>
                 {
                     self.report(item, "offset", "must not be zero: that is no lie".to_owned());
                 }
                 (EventKind::Impostor, Detail::Impostor { name, .. })
-                    if event.targets.nodes().contains(&name) =>
+                    if event.targets.nodes().contains(name) =>
                 {
                     let allowed = format!("must be another node: node {} speaks for itself", name + 1);
                     self.report(item, "as", allowed);
                 }
                 (EventKind::Replayer, Detail::Age(age))
                 | (EventKind::Sensor, Detail::Sensor(SensorFault::Age(age)))
-                    if age < self.time.tick_ns || age / self.time.tick_ns > OLDEST =>
+                    if *age < self.time.tick_ns || *age / self.time.tick_ns > OLDEST =>
                 {
                     let [low, high] = [1, OLDEST].map(|ticks| format_duration(ticks * self.time.tick_ns));
                     self.report(item, "age", format!("must be from {low} to {high}: 1 to {OLDEST} ticks"));

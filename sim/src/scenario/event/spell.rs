@@ -69,9 +69,9 @@ impl Scenario {
     pub fn spells(&self) -> Vec<Spell> {
         let let_go = let_go(&self.events, &self.graph);
         let of = |(event, spec): (usize, &EventSpec)| {
-            let does = match (spec.kind, spec.detail) {
-                (EventKind::Burst, Detail::Loss(loss)) => Does::Lose(loss),
-                (EventKind::Corrupt, Detail::Corrupt(probability)) => Does::Corrupt(probability),
+            let does = match (spec.kind, &spec.detail) {
+                (EventKind::Burst, Detail::Loss(loss)) => Does::Lose(*loss),
+                (EventKind::Corrupt, Detail::Corrupt(probability)) => Does::Corrupt(*probability),
                 (EventKind::Hold, _) => Does::Hold,
                 _ => return Vec::new(),
             };
@@ -92,9 +92,9 @@ impl Scenario {
     pub fn harms(&self) -> Vec<Harm> {
         let of = |spec: &EventSpec| {
             let during = on_engine(&self.time, spec.at_ns, spec.end_ns());
-            let of_node = |&node: &usize| match (spec.kind, spec.detail) {
+            let of_node = |&node: &usize| match (spec.kind, &spec.detail) {
                 (EventKind::Cut, _) => Some(Harm::Cut { node, during: during.clone() }),
-                (EventKind::Babble, Detail::Babble(id)) => {
+                (EventKind::Babble, &Detail::Babble(id)) => {
                     Some(Harm::Babble { node, id, during: during.clone() })
                 }
                 _ => None,

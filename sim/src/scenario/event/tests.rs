@@ -125,11 +125,123 @@ fn every_key_of_an_event_is_checked_by_itself() {
 }
 
 #[test]
-fn kinds_that_are_not_built_are_refused_by_name() {
-    let found = refused(&one("at = '1s', kind = 'set', node = 1"));
-    let expected = "event[0].kind = 'set': known, but not supported by this version yet; this version runs crash, bounce, join, \
-         leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor, sensor, actuator";
+fn kinds_that_are_not_there_are_refused_with_those_that_are() {
+    let found = refused(&one("at = '1s', kind = 'sets', node = 1"));
+    let expected = "event[0].kind = 'sets': must be one of crash, bounce, join, \
+         leave, partition, repair, clock, sync-loss, burst, corrupt, hold, release, noise, cut, short, babble, liar, replayer, impostor, sensor, actuator, set";
     assert!(found.contains(expected), "{found}");
+}
+
+#[test]
+fn what_is_set_is_read_as_if_it_stood_in_its_section() {
+    let scenario = read(
+        "event = [{ at = '1.5s', kind = 'set', key = 'agent.dynamics.offset', value = 3, nodes = [2, 4] }, \
+         { at = '1s', kind = 'set', node = 1, key = 'coupling.funnel.width', value = 1.5 }, \
+         { at = '1.5s', kind = 'set', nodes = [2, 3], key = 'coupling.gain', value = { kind = 'logarithmic', scale = 2.0 } }]",
+    );
+    let told: Vec<_> = scenario.events.iter().map(ToString::to_string).collect();
+    let expected = [
+        "set node 1: coupling.funnel.width = 1.5",
+        "set nodes 2, 4: agent.dynamics.offset = 3",
+        "set nodes 2, 3: coupling.gain = { kind = 'logarithmic', scale = 2.0 }",
+    ];
+    assert_eq!(told, expected);
+    assert!(scenario.stays_whole() && scenario.is_honest());
+    let ticks: Vec<_> =
+        scenario.staged.iter().map(|staged| staged.as_ref().map(|staged| staged.tick)).collect();
+    assert_eq!(ticks, [Some(1000), Some(1500), Some(1500), Some(1500), None]);
+    let at = |index: usize, k: u64| scenario.node_at(index, k).unwrap();
+    assert_eq!([at(0, 999).funnel.width(0.0), at(0, 1000).funnel.width(0.0)], [2.0, 1.5]);
+    // What is set at the same time is one configuration, of each node what names it.
+    let logarithmic = |index: usize| at(index, 1500).gain != at(index, 1499).gain;
+    let loaded = |index: usize| at(index, 1500).dynamics != at(index, 1499).dynamics;
+    assert_eq!([1, 2, 3, 4].map(logarithmic), [true, true, false, false]);
+    assert_eq!([1, 2, 3, 4].map(loaded), [true, false, true, false]);
+    assert_eq!(at(1, 1500).dynamics, at(3, 1500).dynamics);
+}
+
+/// As with `--set`, a node that says itself what the key is about keeps that.
+#[test]
+fn what_is_set_for_all_nodes_leaves_a_node_what_it_says_itself() {
+    let events = |rest: &str| {
+        read(&format!(
+            "event = [{{ at = '1s', kind = 'set', key = 'coupling.funnel.width', value = 1.5{rest} }}]\n\
+             node = [{{ id = 2, funnel = {{ width = 3.0 }} }}, {{ id = 3, funnel = {{ factor = 2.0 }} }}]"
+        ))
+    };
+    let widths = |scenario: &Scenario| {
+        (0..5).map(|index| scenario.node_at(index, 1000).unwrap().funnel.width(0.0)).collect::<Vec<_>>()
+    };
+    assert_eq!(widths(&events("")), [1.5, 3.0, 3.0, 1.5, 1.5]);
+    assert_eq!(widths(&events(", nodes = [1, 2, 3]")), [1.5, 1.5, 3.0, 2.0, 2.0]);
+}
+
+#[test]
+fn what_cannot_be_set_is_refused_with_its_key_value_and_range() {
+    let funnel = "key = 'coupling.funnel.width'";
+    for (event, words) in [
+        ("kind = 'set', value = 1", "missing key 'key' in [event[0]] of kind 'set'"),
+        (&format!("kind = 'set', {funnel}"), "missing key 'value' in [event[0]] of kind 'set'"),
+        (
+            "kind = 'set', key = 'time.tick', value = '2ms'",
+            "event[0].key = 'time.tick': must be one of coupling.funnel, coupling.gain",
+        ),
+        (
+            "kind = 'set', key = 'coupling.kind', value = 'linear'",
+            "event[0].key = 'coupling.kind': must be one of",
+        ),
+        (
+            "kind = 'set', key = 'coupling.funnels', value = 1",
+            "event[0].key = 'coupling.funnels': must be one of",
+        ),
+        (
+            "kind = 'set', key = 'coupling.funnel..width', value = 1",
+            "event[0].key = 'coupling.funnel..width': must be one of",
+        ),
+        ("kind = 'set', key = 3, value = 1", "event[0].key = 3: must be one of"),
+        (
+            &format!("kind = 'set', {funnel}, value = -1"),
+            "coupling.funnel.width = -1: must be > 0 (state units)",
+        ),
+        (
+            &format!("kind = 'set', {funnel}, value = -1, node = 2"),
+            "node.2.funnel.width = -1: must be > 0 (state units)",
+        ),
+        ("kind = 'set', key = 'coupling.funnel.wide', value = 1", "unknown key 'wide'"),
+        ("kind = 'set', key = 'coupling.damping', value = 1", "coupling.damping = 1: must be at least 1.809"),
+        (
+            "kind = 'set', key = 'coupling.gain', value = { kind = 'linear', slope = 'a' }",
+            "coupling.gain.slope = 'a': ",
+        ),
+        (
+            "kind = 'set', key = 'agent.dynamics.offset', value = [1, 2]",
+            "event[0].value = [1, 2]: must leave the states of nodes as they are",
+        ),
+        (&format!("kind = 'set', {funnel}, value = 2"), "event[0].value = 2: changes nothing"),
+        (&format!("kind = 'set', {funnel}, value = 1, node = 6"), "event[0].node = 6: "),
+        (&format!("kind = 'set', {funnel}, value = 1, for = '1s'"), "unknown key 'for'"),
+    ] {
+        let found = refused(&one(&format!("at = '1s', {event}")));
+        assert!(found.contains(words), "{event}\n{found}");
+    }
+    for (events, words) in [
+        (one(&format!("at = '0s', kind = 'set', {funnel}, value = 1")), "event[0].at = '0s': must be later than 0s"),
+        (
+            format!("event = [{{ at = '1s', kind = 'set', {funnel}, value = 1, node = 2 }}, {{ at = '1.5s', kind = 'set', {funnel}, value = 1.5 }}]"),
+            "event[1].at = '1.5s': node 2 is set at 1s already",
+        ),
+        (
+            "event = [{ at = '1s', kind = 'set', key = 'agent.dynamics.offset', value = 1 }, { at = '1.5s', kind = 'actuator', node = 3, limit = 1 }]".to_owned(),
+            "event[0].key = 'agent.dynamics.offset': must not be there for node 3",
+        ),
+    ] {
+        let found = refused(&events);
+        assert!(found.contains(words), "{events}\n{found}");
+    }
+    let edge_wise = text(&one(&format!("at = '1s', kind = 'set', {funnel}, value = 1, node = 2")))
+        .replace("kind = \"node-wise\"", "kind = \"edge-wise\"");
+    let found = Scenario::parse(&edge_wise, Path::new("a.toml"), &[]).map(|_| ()).unwrap_err().to_string();
+    assert!(found.contains("must not be there with edge-wise coupling"), "{found}");
 }
 
 #[test]
@@ -284,7 +396,7 @@ fn sensors_and_actuators_fail_in_one_way_each() {
     read(&format!("{fails}\nbus.model = 'uart'"));
     let mixed = "event = [{ at = '1s', kind = 'sensor', node = 1, offset = 1 }, { at = '1s', kind = 'crash', node = 2 }]";
     let found = refused(&format!("{mixed}\nbus.model = 'uart'"));
-    let words = "must not be there with this bus.model: but for sensor and actuator";
+    let words = "must not be there with this bus.model: but for sensor, actuator and set";
     assert!(found.contains("event[1]") && found.contains(words), "{found}");
     for (rest, words) in [
         ("clock = { drift_ppm = 10 }", "must not be there beside an [[event]] of kind sensor or actuator"),
@@ -581,17 +693,22 @@ fn faults_that_cannot_be_drawn_are_refused() {
 
 #[test]
 fn faults_beside_clocks_are_refused_by_their_kinds_whatever_the_seed_draws() {
+    // So few that none is drawn.
+    let of = |kind: &str, clocks: &str| chance(&format!("rate = 1e-6\nkinds = ['burst', '{kind}']"), clocks);
     for clocks in ["clock = { drift_ppm = 50 }", "[[node]]\nid = 1\nclock = { drift_ppm = 50 }"] {
-        for kind in ["bounce", "partition", "sensor", "actuator"] {
-            // So few that none is drawn.
-            let found = refused(&chance(&format!("rate = 1e-6\nkinds = ['burst', '{kind}']"), clocks));
-            let words = format!("must be without {kind} beside [clock], [sync] or a clock of a [[node]]");
-            assert!(found.contains(&words), "{kind} {clocks}\n{found}");
+        for (kind, words) in [
+            ("sensor", "must be without sensor beside [clock], [sync] or a clock of a [[node]]"),
+            ("actuator", "must be without actuator beside"),
+            ("bounce", "must be without bounce beside clocks and no [sync]"),
+        ] {
+            let found = refused(&of(kind, clocks));
+            assert!(found.contains(words), "{kind} {clocks}\n{found}");
         }
-        read(&chance("rate = 1e-6\nkinds = ['burst', 'liar']", clocks));
+        read(&of("liar", clocks));
+        read(&of("partition", clocks));
     }
-    let named =
-        "event = [{ at = '1s', kind = 'crash', node = 2 }]\n[[node]]\nid = 1\nclock = { drift_ppm = 50 }";
+    read(&of("bounce", "bus = { model = 'can' }\nsync = {}\nclock = { drift_ppm = 50 }"));
+    let named = "event = [{ at = '1s', kind = 'sensor', node = 2, offset = 1 }]\n[[node]]\nid = 1\nclock = { drift_ppm = 50 }";
     let found = refused(named);
-    assert!(found.contains("takes nodes or links away"), "{found}");
+    assert!(found.contains("a plant keeps the true time"), "{found}");
 }
