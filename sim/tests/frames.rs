@@ -46,7 +46,7 @@ fn on_ideal(events: &str) -> (Vec<u32>, Traffic, u64) {
     let scenario = scenario(events, "");
     let (states, engine) = played(&scenario, ideal_bus(&scenario));
     let refused = |refusal: Refusal| -> u64 {
-        let counted = |report: &funnelnet_protocol::report::Report| report.counters.refused[refusal as usize];
+        let counted = |report: &funnelnet_protocol::report::Report| report.counters.refused(refusal);
         engine.reports().iter().flatten().map(|report| u64::from(counted(report))).sum()
     };
     let old = [Refusal::TickWindow, Refusal::Stale, Refusal::Duplicate].map(refused).iter().sum();
