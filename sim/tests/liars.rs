@@ -3,11 +3,11 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_node::Event;
-use funnelnet_sim::Scenario;
 use funnelnet_sim::bus::Medium;
 use funnelnet_sim::engine::Engine;
 use funnelnet_sim::loopback::{can_bus, engine_on, ideal_bus};
 use funnelnet_sim::random::{self, Purpose};
+use funnelnet_sim::{Scenario, Simulation};
 use std::path::Path;
 
 /// A network that keeps its funnel by itself, with inputs up to 15 per second and fields up to 4.
@@ -214,6 +214,24 @@ fn limits_do_the_same_on_can() {
     };
     let (ideal, can) = (kept(engine.reports()), kept(can.reports()));
     assert!(ideal == can && ideal.iter().map(|kept| kept.edges).sum::<u32>() == 2, "{ideal:?} {can:?}");
+}
+
+/// A node that obeys the law with a bad field is borne by the median gain, and not by a linear coupling.
+#[test]
+fn with_the_median_gain_all_end_within_eta_of_the_median_of_all_fields() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/malicious-11.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let farthest = |text: &str| {
+        let scenario = Scenario::parse(text, Path::new("malicious.toml"), &[]).unwrap();
+        let last = Simulation::new(&scenario).unwrap().run().findings.last;
+        last.iter().fold(0.0, |most: f64, x| most.max((x - 5.0).abs()))
+    };
+    let median = r#"{ kind = "median", eta = 0.5, eps = 0.1 }"#;
+    assert!(farthest(&text) < 0.2);
+    let other = text
+        .replace(median, r#"{ kind = "linear", slope = 10.0 }"#)
+        .replace(r#"kind = "node-wise""#, r#"kind = "linear""#);
+    assert!(other != text && farthest(&other) > 10.0);
 }
 
 #[test]

@@ -58,19 +58,13 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         }
         // Written so that NaN is outside.
         let is_within = x.abs() <= self.params.heard.limit;
-        let heard = match is_within {
-            true => self.neighbours.hear(source, component, tick, self.clock.tick, x),
-            false if x.is_finite() => Err(Refusal::OutOfRange),
-            false => Err(Refusal::NotFinite),
-        };
-        let (heard, late) = match heard {
+        if !is_within {
+            let reason = if x.is_finite() { Refusal::OutOfRange } else { Refusal::NotFinite };
+            return Err(self.not_taken(reason, source, (component, tick), x));
+        }
+        let (heard, late) = match self.neighbours.hear(source, component, tick, self.clock.tick, x) {
             Ok(heard) => heard,
-            Err(reason) => {
-                if matches!(reason, Refusal::OutOfRange | Refusal::TooFast) {
-                    self.doubt(reason, source, (component, tick), x);
-                }
-                return Err(reason);
-            }
+            Err(reason) => return Err(self.not_taken(reason, source, (component, tick), x)),
         };
         if heard == Heard::First {
             self.disturb();
@@ -85,13 +79,22 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         Ok(())
     }
 
-    /// Takes note of a state that says too much. Its neighbour is extrapolated, as one that is silent, and
-    /// after many in a row its edge is barred.
+    /// Takes note of a state that is refused for this reason, which it gives back. Who says too much is
+    /// extrapolated, as one that is silent, and after many in a row its edge is barred.
     #[cold]
     #[inline(never)]
-    fn doubt(&mut self, reason: Refusal, source: NodeId, (component, tick): (Component, TickStamp), x: F) {
+    fn not_taken(
+        &mut self,
+        reason: Refusal,
+        source: NodeId,
+        (component, tick): (Component, TickStamp),
+        x: F,
+    ) -> Refusal {
+        if !matches!(reason, Refusal::OutOfRange | Refusal::TooFast) {
+            return reason;
+        }
         let own = self.clock.tick;
-        let Some(doubt) = self.neighbours.doubt(source, component, tick, own, x) else { return };
+        let Some(doubt) = self.neighbours.doubt(source, component, tick, own, x) else { return reason };
         // A row of them is told once.
         if doubt.is_first {
             self.outbox.report(match reason {
@@ -104,6 +107,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             count(&mut self.counters.kept.edges);
             self.outbox.report(Event::Barred(source));
         }
+        reason
     }
 
     /// Takes a FAULT. It goes from line to line, so one with the node's own id may be its own, come back: no
