@@ -162,6 +162,8 @@ fn honest_networks_have_the_same_bits_with_limits_that_they_keep() {
                 played(&scenario, ideal_bus(&scenario)).0
             };
             assert!(states(LIMITS) == states(""), "{} {number}", place.name);
+            // Below what the start does they are not.
+            assert!(states("safety.heard_rate = 2.0\n") != states(""), "{} {number}", place.name);
         }
     }
 }
