@@ -9,7 +9,7 @@ use funnelnet_law::{Breach, Coupling};
 use funnelnet_node::{Action, Node, Params, Phase};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::can;
-use funnelnet_protocol::config::{Limits, MAX_CONSTANTS, MAX_OPERATIONS, Program, TickSource};
+use funnelnet_protocol::config::{HeardLimits, Limits, MAX_CONSTANTS, MAX_OPERATIONS, Program, TickSource};
 use funnelnet_protocol::message::{Command, Message, Target};
 use libfuzzer_sys::fuzz_target;
 
@@ -17,11 +17,11 @@ use libfuzzer_sys::fuzz_target;
 const MOST_ACTIONS: usize = 2_000;
 
 /// Kinds, numbers and neighbours of a configuration.
-type Draw = ([u8; 8], [f32; 12], u32, Vec<(u8, f32)>);
+type Draw = ([u8; 8], [f32; 12], u32, Vec<(u8, f32)>, (f32, f32, u8));
 
 /// The configuration that a draw stands for, or none.
 fn config(
-    (kinds, numbers, tick_ns, neighbours): Draw,
+    (kinds, numbers, tick_ns, neighbours, (far, fast, drop_after)): Draw,
     (code, constants): (Vec<u8>, Vec<f32>),
 ) -> Option<NodeConfig> {
     let [a, b, c, d, e, f, slope, offset, x, limit, amplitude, weight] = numbers;
@@ -67,6 +67,7 @@ fn config(
         .extrapolate_ticks(kinds[6])
         .lost_neighbours(kinds[7])
         .limits(Limits { low: -f.abs(), high: f.abs() })
+        .heard(HeardLimits { limit: far, rate: fast, drop_after })
         .telemetry_every(1);
     // Half of the nodes have a program, whatever is in it.
     let builder = match code.as_slice() {

@@ -4,6 +4,10 @@
 //! A neighbour that is not heard in time is extrapolated by its last increment, for a bounded number of
 //! ticks, and then its edge is dropped until it is heard again (law.md 4: holding instead costs up to thirty
 //! times the error).
+//!
+//! A value that says too much, or has changed too fast, is not taken: for that tick its neighbour is silent.
+//! An edge of which too many values in a row were not taken is *barred*. It stays so until its neighbour starts
+//! anew: until it says that it has stopped, or has been silent for longer than it would be extrapolated.
 
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::Widths;
@@ -39,6 +43,8 @@ struct Edge<F> {
     /// Of `value`; of one that was never heard, the tick before the first at which it should have been.
     tick: u32,
     hearing: Hearing,
+    /// Values in a row that were not taken.
+    doubts: u8,
     /// Memory of edge-wise coupling.
     memory: Memory<F>,
 }
@@ -67,6 +73,8 @@ enum Hearing {
     Lost,
     /// Never heard, for too long.
     Missed,
+    /// Too many values in a row were not taken. `tick` is that of the last one.
+    Barred,
 }
 
 impl<F: Real> Edge<F> {
@@ -74,7 +82,7 @@ impl<F: Real> Edge<F> {
         match self.hearing {
             Hearing::New | Hearing::Waiting => Presence::Unheard,
             Hearing::Known => Presence::Known,
-            Hearing::Lost | Hearing::Missed => Presence::Lost,
+            Hearing::Lost | Hearing::Missed | Hearing::Barred => Presence::Lost,
         }
     }
 
@@ -93,11 +101,15 @@ impl<F: Real> Edge<F> {
         let given_up = match self.hearing {
             Hearing::Known => Hearing::Lost,
             Hearing::Waiting => Hearing::Missed,
-            Hearing::New | Hearing::Lost | Hearing::Missed => return false,
+            Hearing::New | Hearing::Lost | Hearing::Missed | Hearing::Barred => return false,
         };
         let gives_up = self.age(k) > extrapolate_ticks;
         if gives_up {
             (self.hearing, self.memory) = (given_up, Memory::default());
+            // Who was silent may have started anew, and may be anywhere.
+            if 2 * i32::from(self.doubts) <= self.age(k) {
+                self.doubts = 0;
+            }
         }
         gives_up
     }
@@ -108,10 +120,40 @@ impl<F: Real> Edge<F> {
         self.hearing = match self.hearing {
             Hearing::Known if self.tick.wrapping_sub(tick) as i32 <= 0 => Hearing::Lost,
             Hearing::New | Hearing::Waiting => Hearing::Missed,
+            // It may come back as another one.
+            Hearing::Barred => {
+                (self.hearing, self.tick, self.doubts) = (Hearing::Lost, tick, 0);
+                return false;
+            }
             Hearing::Known | Hearing::Lost | Hearing::Missed => return false,
         };
-        (self.tick, self.memory) = (tick, Memory::default());
+        (self.tick, self.memory, self.doubts) = (tick, Memory::default(), 0);
         true
+    }
+
+    /// Why a value `x` of `tick` is not the first one of an edge that has none. `patience` is the time for
+    /// which a silent neighbour is extrapolated.
+    #[cold]
+    #[inline(never)]
+    fn keeps_out(&mut self, tick: u32, x: F, patience: i32, change_limit: F) -> Option<Refusal> {
+        let since = tick.wrapping_sub(self.tick) as i32;
+        match self.hearing {
+            // A neighbour that has been silent for so long has started anew, as far as anybody can tell.
+            Hearing::Barred if (1..=patience.max(1)).contains(&since) => {
+                self.tick = tick;
+                Some(Refusal::Barred)
+            }
+            Hearing::Lost if self.doubts != 0 && since > 0 => {
+                let change = (x - self.value) / F::from_i32(since);
+                (change.abs() > change_limit).then_some(Refusal::TooFast)
+            }
+            _ => None,
+        }
+    }
+
+    /// Bars the edge, with the value of `tick` as the last one that was not taken.
+    fn bar(&mut self, tick: u32) {
+        (self.hearing, self.tick, self.memory) = (Hearing::Barred, tick, Memory::default());
     }
 
     /// Whether a value of `tick` is one of those that a neighbour has said before it stopped, and that came
@@ -206,6 +248,17 @@ pub enum Heard {
     First,
 }
 
+/// Outcome of a state that was not taken for what it says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Doubt<F> {
+    /// It is the first one in a row.
+    pub is_first: bool,
+    /// What it says beyond the last value that was taken, state units.
+    pub change: F,
+    /// The edge is barred from now on.
+    pub bars: bool,
+}
+
 /// Table of neighbours with a fixed capacity.
 #[derive(Clone, Debug)]
 pub struct Neighbours<F> {
@@ -217,6 +270,10 @@ pub struct Neighbours<F> {
     extrapolate_ticks: u32,
     /// The largest change of an extrapolated value per tick, state units.
     slope_limit: F,
+    /// The largest change per tick of what is heard, state units.
+    change_limit: F,
+    /// Values in a row, not taken, that bar an edge; 0: none do.
+    drop_after: u8,
     /// No edge has a value, though one had.
     alone: bool,
 }
@@ -232,6 +289,8 @@ impl<F: Real> Neighbours<F> {
             components,
             extrapolate_ticks: 0,
             slope_limit: F::WIDEST,
+            change_limit: F::WIDEST,
+            drop_after: 0,
             alone: false,
         }
     }
@@ -265,6 +324,12 @@ impl<F: Real> Neighbours<F> {
         changed
     }
 
+    /// Takes a value only if it has changed by no more than `change_limit` (state units) per tick since the last one
+    /// that was taken, and bars an edge after `drop_after` values in a row that were not; 0 never does.
+    pub fn doubt_beyond(&mut self, change_limit: F, drop_after: u8) {
+        (self.change_limit, self.drop_after) = (change_limit, drop_after);
+    }
+
     /// Whether the node had edges, and all of them are gone.
     #[inline]
     pub fn is_alone(&self) -> bool {
@@ -294,6 +359,7 @@ impl<F: Real> Neighbours<F> {
                 increment: F::ZERO,
                 tick: 0,
                 hearing: Hearing::New,
+                doubts: 0,
                 memory: Memory::default(),
             });
         }
@@ -333,7 +399,7 @@ impl<F: Real> Neighbours<F> {
     /// `None` for a stranger.
     pub fn was_heard(&self, id: NodeId) -> Option<bool> {
         let of_id = self.of(id);
-        let heard = |edge: &Edge<F>| matches!(edge.hearing, Hearing::Known | Hearing::Lost);
+        let heard = |edge: &Edge<F>| matches!(edge.hearing, Hearing::Known | Hearing::Lost | Hearing::Barred);
         (!of_id.is_empty()).then(|| of_id.iter().any(heard))
     }
 
@@ -359,8 +425,8 @@ impl<F: Real> Neighbours<F> {
     /// node computes next. Gives, too, by how many ticks it came late: those that it is for have run.
     ///
     /// # Errors
-    /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale` or
-    /// `Duplicate`; then nothing has changed.
+    /// `Value` for a component that the states do not have, `UnknownSource`, `TickWindow`, `Stale`,
+    /// `Duplicate`, `TooFast` or `Barred`; then nothing has changed, but that a barred neighbour is not silent.
     #[inline]
     pub fn hear(
         &mut self,
@@ -380,22 +446,63 @@ impl<F: Real> Neighbours<F> {
         let age = own.wrapping_sub(tick) as i32;
         if !edge.is_known() {
             // Older than what is extrapolated, it would be dropped again at the next tick.
-            if age > self.extrapolate_ticks as i32 || edge.is_of_before(tick) {
+            let patience = self.extrapolate_ticks as i32;
+            if age > patience || edge.is_of_before(tick) {
                 return Err(Refusal::Stale);
             }
+            if let Some(reason) = edge.keeps_out(tick, x, patience, self.change_limit) {
+                return Err(reason);
+            }
             (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
-            self.alone = false;
+            (edge.doubts, self.alone) = (0, false);
             return Ok((Heard::First, age));
         }
         let gap = tick.wrapping_sub(edge.tick) as i32;
-        match gap {
-            1 => edge.increment = x - edge.value,
-            2.. => edge.increment = (x - edge.value) / F::from_i32(gap),
+        let increment = match gap {
+            1 => x - edge.value,
+            2.. => (x - edge.value) / F::from_i32(gap),
             0 => return Err(Refusal::Duplicate),
             _ => return Err(Refusal::Stale),
+        };
+        if increment.abs() > self.change_limit {
+            return Err(Refusal::TooFast);
         }
-        (edge.value, edge.tick) = (x, tick);
+        (edge.value, edge.increment, edge.tick, edge.doubts) = (x, increment, tick, 0);
         Ok((Heard::Newer, age))
+    }
+
+    /// Takes note that a value `x` of neighbour `id`, stamped `tick`, was not taken for what it says; `own` is
+    /// the tick that the node computes next. `None` where that is no news: of a stranger, of a tick that has
+    /// a value, or of one outside the window. Too many in a row bar the edge, all of its components.
+    #[cold]
+    #[inline(never)]
+    pub fn doubt(
+        &mut self,
+        id: NodeId,
+        component: Component,
+        tick: TickStamp,
+        own: u32,
+        x: F,
+    ) -> Option<Doubt<F>> {
+        let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
+        let of_id = self.edges.get_mut(first..first + usize::from(self.components))?;
+        let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD)?;
+        let edge = of_id.get_mut(usize::from(component.get()))?;
+        if edge.tick.wrapping_sub(tick) as i32 >= 0 && edge.hearing != Hearing::New {
+            return None;
+        }
+        if edge.hearing == Hearing::Barred {
+            edge.tick = tick;
+            return None;
+        }
+        edge.doubts = edge.doubts.saturating_add(1);
+        let (is_first, change) = (edge.doubts == 1, x - edge.value);
+        let bars = self.drop_after != 0 && edge.doubts >= self.drop_after;
+        if bars {
+            of_id.iter_mut().for_each(|edge| edge.bar(tick));
+            self.alone = !self.edges.iter().any(Edge::is_known);
+        }
+        Some(Doubt { is_first, change, bars })
     }
 
     /// Drops the edge to neighbour `id`, which says that it has stopped and that its last state was that of

@@ -28,6 +28,22 @@ pub enum Event {
     NeighbourFound(NodeId),
     /// A neighbour has been silent too long: its edge is dropped.
     NeighbourLost(NodeId),
+    /// A neighbour's state has changed faster than the limit, and is not taken: the first one in a row.
+    TooFast {
+        /// The neighbour.
+        node: NodeId,
+        /// Change since the last state that was taken, state units.
+        change: f32,
+    },
+    /// A neighbour's state is beyond the limit, and is not taken: the first one in a row.
+    TooFar {
+        /// The neighbour.
+        node: NodeId,
+        /// The state, state units.
+        x: f32,
+    },
+    /// Too many states of a neighbour in a row were not taken: its edge is dropped until it starts anew.
+    Barred(NodeId),
     /// The diffusive term reached or left the funnel boundary: the guarantee does not hold.
     BreachBegan {
         /// Tick number.
@@ -108,6 +124,17 @@ macro_rules! say {
             Event::Stopped => $($write)::+!($f, "stopped by command"),
             Event::NeighbourFound(id) => $($write)::+!($f, "hears node {}", id.get()),
             Event::NeighbourLost(id) => $($write)::+!($f, "has lost node {} and drops the edge", id.get()),
+            Event::TooFast { node, change } => {
+                $($write)::+!($f, "hears node {} jump by {} and does not take it", node.get(), change)
+            }
+            Event::TooFar { node, x } => {
+                $($write)::+!($f, "hears node {} say {} and does not take it", node.get(), x)
+            }
+            Event::Barred(id) => $($write)::+!(
+                $f,
+                "drops the edge to node {}: it could take no state of it for too long",
+                id.get()
+            ),
             Event::BreachBegan { tick, ratio } => {
                 $($write)::+!($f, "left its funnel at tick {}: |nu| / psi = {}", tick, ratio)
             }
@@ -183,6 +210,9 @@ mod tests {
         let id = NodeId::new(7).unwrap();
         for (event, text) in [
             (Event::NeighbourFound(id), "hears node 7"),
+            (Event::TooFast { node: id, change: -2.5 }, "hears node 7 jump by -2.5 and does not take it"),
+            (Event::TooFar { node: id, x: 55.0 }, "hears node 7 say 55 and does not take it"),
+            (Event::Barred(id), "drops the edge to node 7: it could take no state of it for too long"),
             (Event::BreachBegan { tick: 40, ratio: 1.5 }, "left its funnel at tick 40: |nu| / psi = 1.5"),
             (Event::Fault(FaultCode::STATE_LIMIT), "stopped by itself: its state is beyond its limit"),
             (Event::Warned(FaultCode::PANIC), "warns: its firmware panicked"),

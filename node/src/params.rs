@@ -15,8 +15,8 @@ use funnelnet_law::math::Real;
 use funnelnet_law::program::Part;
 use funnelnet_law::start::{PARTS, Pace, SlowStart};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, Limits, MAX_COMPONENTS, MAX_NEIGHBOURS,
-    NodeConfig, Normalised, Shape, TickSource, Tuning,
+    Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, HeardLimits, Limits, MAX_COMPONENTS,
+    MAX_NEIGHBOURS, NodeConfig, Normalised, Shape, TickSource, Tuning,
 };
 use funnelnet_protocol::message::NodeId;
 
@@ -67,6 +67,8 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub limits: Option<InputRange>,
     /// The largest change of an extrapolated neighbour in a round, state units.
     pub slope_limit: F,
+    /// Limits of what is taken of neighbours' states.
+    pub heard: HeardRange<F>,
     /// Floor of the funnel, below which rounding leaves nothing of it.
     pub floor: Floor<F>,
     /// Policy outside the funnel.
@@ -82,6 +84,17 @@ pub struct Params<F, V = PreparedField<F>, G = Gain<F>> {
     pub lost_neighbours: u8,
     /// Time for which a running node goes on without the SYNC that it waits for, ns; `None`: for ever.
     pub holdover_ns: Option<u64>,
+}
+
+/// Limits of what is taken of neighbours' states, prepared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeardRange<F> {
+    /// The largest `|x|`, state units.
+    pub limit: F,
+    /// The largest change in a round, state units.
+    pub change: F,
+    /// Values in a row, not taken, that bar an edge; 0: none do.
+    pub drop_after: u8,
 }
 
 /// A breach policy, prepared.
@@ -187,7 +200,7 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             check(ConfigField::InitialState, index, f64::from(x), -limit, limit)?;
         }
         check_funnel(&config.funnel)?;
-        check_tuning(&config.tuning)?;
+        check_tuning(&config.tuning, &config.heard)?;
         let (tick, period) = (f64::from(tick_ns) * 1e-9, config.period_ns() as f64 * 1e-9);
         let start = check_start(&config.tuning, &config.coupling)?;
         let (shortest, grown_after) = match start.is_none() {
@@ -213,6 +226,12 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
             input_limit: limit_or_none(config.tuning.input_limit, 1.0),
             limits: check_limits(&config.limits)?,
             slope_limit: limit_or_none(config.tuning.slope_limit, period),
+            heard: HeardRange {
+                // As for the own state, or less.
+                limit: limit_or_none::<F>(config.heard.limit, 1.0).min(F::from_f64(limit)),
+                change: limit_or_none(config.heard.rate, period),
+                drop_after: config.heard.drop_after,
+            },
             floor: Floor::new(degree, period),
             on_breach: check_policy(&config.on_breach, &config.coupling, period)?,
             extrapolate_ticks: config.extrapolate_ticks.into(),
@@ -319,7 +338,7 @@ fn limit_or_none<F: Real>(limit: f32, seconds: f64) -> F {
     if limit == 0.0 { F::WIDEST } else { F::from_f64(f64::from(limit) * seconds) }
 }
 
-fn check_tuning(tuning: &Tuning) -> Result<(), ConfigError> {
+fn check_tuning(tuning: &Tuning, heard: &HeardLimits) -> Result<(), ConfigError> {
     let Tuning { damping, guard, round, input_limit, slope_limit, slow_start } = *tuning;
     let told = [
         (ConfigField::Damping, damping, DAMPING),
@@ -328,6 +347,8 @@ fn check_tuning(tuning: &Tuning) -> Result<(), ConfigError> {
         (ConfigField::InputLimit, input_limit, (SMALLEST, LARGEST)),
         (ConfigField::SlopeLimit, slope_limit, (SMALLEST, LARGEST)),
         (ConfigField::SlowStart, f32::from(slow_start), (1.0, f64::from(LONGEST_SLOW_START))),
+        (ConfigField::HeardLimit, heard.limit, (SMALLEST, LARGEST)),
+        (ConfigField::HeardRate, heard.rate, (SMALLEST, LARGEST)),
     ];
     // A zero is what was not said.
     let mut said = told.into_iter().filter(|(_, value, _)| *value != 0.0);

@@ -2,9 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_node::{Event, Output, Phase, Session, Task};
-use funnelnet_protocol::config::{ConfigError, Field, NodeConfig, Shape, TickSource};
-use funnelnet_protocol::message::{Command, Message, Severity, Target, TickStamp};
-use funnelnet_protocol::serial::Frame;
+use funnelnet_protocol::config::{ConfigError, Field, HeardLimits, NodeConfig, Shape, TickSource};
+use funnelnet_protocol::message::{Command, Component, Message, NodeId, Severity, Target, TickStamp};
+use funnelnet_protocol::report::Kept;
+use funnelnet_protocol::serial::{self, Deframer, Frame};
 use funnelnet_protocol::service::{
     Body, Identity, Key, Reply, Request, ResetCause, StageError, StoreError, kind,
 };
@@ -94,6 +95,54 @@ fn a_bad_configuration_is_refused_by_name_and_leaves_the_node_as_it_was() {
     let torn = Frame::Service { kind: kind::CONFIGURE, source: 0, body: &[1, 2, 3] };
     session.on_frame(Ok(torn), 0);
     assert_eq!(outputs(&mut session), [Output::Reply(Reply::Configured(Err(ConfigError::Malformed)))]);
+}
+
+/// Over the bytes of a line. Its report can still be asked for.
+#[test]
+fn a_twin_on_its_line_stops_it_and_is_counted_and_told() {
+    let mut session = blank();
+    ask(&mut session, &Request::Configure(config()));
+    tell(&mut session, start());
+    let twin = Message::State {
+        source: NodeId::new(3).unwrap(),
+        component: Component::FIRST,
+        tick: TickStamp::low(0, 16),
+        x: 2.0,
+    };
+    let mut deframer: Deframer = Deframer::new();
+    for &byte in &serial::encode(&twin) {
+        if let Some(frame) = deframer.push(byte) {
+            session.on_frame(frame, 0);
+        }
+    }
+    let told = outputs(&mut session);
+    let fault = |output: &Output| {
+        matches!(
+            output,
+            Output::Send(Message::Fault { code: FaultCode::DUPLICATE_ID, severity: Severity::Stopped, .. })
+        )
+    };
+    assert!(told.iter().any(fault), "{told:?}");
+    assert!(told.contains(&Output::Report(Event::Fault(FaultCode::DUPLICATE_ID))), "{told:?}");
+    let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };
+    assert_eq!(report.counters.refused(Refusal::OwnId), 1);
+}
+
+/// What it has kept away is in its report, and limits reach it by CONFIGURE.
+#[test]
+fn it_reports_what_limits_of_what_is_heard_have_kept_away() {
+    let mut session = blank();
+    let heard = HeardLimits { limit: 50.0, rate: 10.0, drop_after: 2 };
+    ask(&mut session, &Request::Configure(NodeConfig { heard, ..config() }));
+    tell(&mut session, start());
+    for (k, x) in [(0, 1.0), (1, 5.0), (2, 60.0), (3, 1.0)] {
+        let (source, tick) = (NodeId::new(2).unwrap(), TickStamp::low(k, 16));
+        tell(&mut session, Message::State { source, component: Component::FIRST, tick, x });
+        tell(&mut session, sync(k.wrapping_sub(1)));
+    }
+    let [Output::Reply(Reply::Report(report))] = &ask(&mut session, &Request::Report)[..] else { panic!() };
+    assert_eq!(report.counters.kept, Kept { too_fast: 1, barred: 1, edges: 1 });
+    assert_eq!(report.counters.refused(Refusal::OutOfRange), 1);
 }
 
 #[test]

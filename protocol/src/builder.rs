@@ -1,8 +1,8 @@
 //! A node's configuration, field by field, with defaults for what most nodes leave as it is.
 
 use crate::config::{
-    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, Limits, MAX_COMPONENTS,
-    MAX_NEIGHBOURS, NodeConfig, Program, Shape, Sine, TickSource, Tuning,
+    Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, HeardLimits, Limits,
+    MAX_COMPONENTS, MAX_NEIGHBOURS, NodeConfig, Program, Shape, Sine, TickSource, Tuning,
 };
 use funnelnet_law::range::LARGEST;
 use heapless::Vec;
@@ -165,6 +165,12 @@ impl NodeBuilder {
     /// Stops a running node that ticks by SYNC and has heard none for so long, ns; 0 never does.
     pub fn holdover_ns(mut self, holdover_ns: u64) -> Self {
         self.config.holdover_ns = holdover_ns;
+        self
+    }
+
+    /// Sets the limits of what is taken of a neighbour's states.
+    pub fn heard(mut self, limits: HeardLimits) -> Self {
+        self.config.heard = limits;
         self
     }
 

@@ -78,6 +78,28 @@ impl Limits {
     }
 }
 
+/// Limits of what a node takes of a neighbour's states. A zero is what was not said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct HeardLimits {
+    /// The largest `|x|` that is taken, state units; as for its own state.
+    pub limit: f32,
+    /// The largest change from one value that is taken to the next, state units / s; without bound.
+    pub rate: f32,
+    /// So many values in a row that are not taken bar the edge, until its neighbour starts anew; 0 never do.
+    pub drop_after: u8,
+}
+
+impl HeardLimits {
+    /// None: nothing is said.
+    pub const NONE: Self = Self { limit: 0.0, rate: 0.0, drop_after: 0 };
+
+    /// Whether nothing is said.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.limit == 0.0 && self.rate == 0.0 && self.drop_after == 0
+    }
+}
+
 /// Everything that a node is told before it starts. Read by [`NodeConfig::read`], where it is to stay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeConfig {
@@ -118,6 +140,10 @@ pub struct NodeConfig {
     pub program: Program<f32>,
     /// Limits of the input.
     pub limits: Limits,
+    /// Limits of what is heard. Where nothing is said it is not written, so that a configuration without them
+    /// has the bytes that it had before there were any.
+    #[serde(skip_serializing_if = "HeardLimits::is_none")]
+    pub heard: HeardLimits,
 }
 
 impl NodeConfig {
@@ -197,6 +223,8 @@ fields! {
     FieldAtStart = "dynamics.f at the start",
     LimitLow = "limits.low",
     LimitHigh = "limits.high",
+    HeardLimit = "safety.heard_limit",
+    HeardRate = "safety.heard_rate",
 }
 
 /// Why a node refuses a configuration.

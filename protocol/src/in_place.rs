@@ -6,7 +6,8 @@
 use core::fmt;
 
 use crate::config::{
-    Breach, Coupling, Field, Funnel, Gain, Limits, NodeConfig, Program, Shape, TickSource, Tuning,
+    Breach, Coupling, Field, Funnel, Gain, HeardLimits, Limits, NodeConfig, Program, Shape, TickSource,
+    Tuning,
 };
 use crate::refusal::Refusal;
 use heapless::Vec;
@@ -46,10 +47,12 @@ impl NodeConfig {
             },
             program: Program::none(),
             limits: Limits { low: 0.0, high: 0.0 },
+            heard: HeardLimits::NONE,
         }
     }
 
-    /// Becomes what `bytes` are, the body of a CONFIGURE or STAGE.
+    /// Becomes what `bytes` are, the body of a CONFIGURE or STAGE. The limits of what is heard may be missing:
+    /// then there are none.
     ///
     /// # Errors
     /// `Length` for trailing bytes, `Value` for anything else that is not a configuration. It is of no use
@@ -66,9 +69,7 @@ impl NodeConfig {
         let mut source = Deserializer::from_flavor(Bytes { bytes, zeros: missing });
         self.fill(&mut source).map_err(|_| Refusal::Value)?;
         let rest = source.finalize().map_err(|_| Refusal::Value)?;
-        if !rest.bytes.is_empty() {
-            return Err(Refusal::Length);
-        }
+        self.heard = HeardLimits::read(rest.bytes)?;
         if rest.zeros == 0 { Ok(()) } else { Err(Refusal::Value) }
     }
 
@@ -93,6 +94,8 @@ impl NodeConfig {
             tuning: Tuning { damping, guard, round, input_limit, slope_limit, slow_start },
             program: Program { code, constants },
             limits: Limits { low, high },
+            // Behind them, where it is there.
+            heard: _,
         } = self;
         value(id, source)?;
         value(tick_ns, source)?;
@@ -121,6 +124,20 @@ impl NodeConfig {
         list(constants, source)?;
         value(low, source)?;
         value(high, source)
+    }
+}
+
+impl HeardLimits {
+    /// Reads what is left of a configuration.
+    fn read(rest: &[u8]) -> core::result::Result<Self, Refusal> {
+        let (limit, rate, drop_after) = match *rest {
+            [] => return Ok(Self::NONE),
+            [a, b, c, d, e, f, g, h, drop_after] => ([a, b, c, d], [e, f, g, h], drop_after),
+            _ => return Err(Refusal::Length),
+        };
+        let heard = Self { limit: f32::from_le_bytes(limit), rate: f32::from_le_bytes(rate), drop_after };
+        // A configuration has one form, so that its checksum is one.
+        if heard.is_none() { Err(Refusal::Value) } else { Ok(heard) }
     }
 }
 
@@ -159,9 +176,9 @@ impl<'a, T: Deserialize<'a>, const N: usize> Visitor<'a> for Items<'_, T, N> {
 static ZEROS: [u8; 8] = [0; 8];
 
 /// Bytes, and then zeros.
-struct Bytes<'a> {
-    bytes: &'a [u8],
-    zeros: usize,
+pub(crate) struct Bytes<'a> {
+    pub bytes: &'a [u8],
+    pub zeros: usize,
 }
 
 impl<'a> Flavor<'a> for Bytes<'a> {

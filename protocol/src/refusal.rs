@@ -56,6 +56,10 @@ refusals! {
     Duplicate = "duplicate",
     /// Not in this phase (for example a state before the node is configured).
     Phase = "phase",
+    /// The state has changed faster than the configured limit since the last one that was taken.
+    TooFast = "too_fast",
+    /// The edge is barred: too many values in a row could not be taken.
+    Barred = "barred",
 }
 
 impl fmt::Display for Refusal {

@@ -3,6 +3,9 @@
 use crate::Refusal;
 use serde::{Deserialize, Serialize};
 
+/// Reasons that every report has; of those that came later each travels at its end.
+const REASONS: usize = Refusal::Phase as usize + 1;
+
 /// Event counters of a node since its configuration. All saturate.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counters {
@@ -28,8 +31,8 @@ pub struct Counters {
     pub reopened: u32,
     /// Announced weights of an edge that are not the node's own: Assumption 1 does not hold.
     pub weights_differ: u32,
-    /// Refused frames, by [`Refusal`].
-    pub refused: [u32; Refusal::COUNT],
+    /// Refused frames, by [`Refusal`] up to `Phase`; [`Counters::refused`] has all of them.
+    pub refused: [u32; REASONS],
     /// Samples of the plant that failed: the node went on with its prediction, or stopped.
     pub coasted: u32,
     /// Ticks at which the actuator could not do what the law asked for.
@@ -45,6 +48,32 @@ pub struct Counters {
     pub field_not_finite: u32,
     /// Losses of the node's link.
     pub link: Losses,
+    /// What the limits of what is heard have kept away. Not written where that is nothing, so that a report
+    /// has the bytes that it had before there were any.
+    #[serde(skip_serializing_if = "Kept::is_nothing")]
+    pub kept: Kept,
+}
+
+/// What limits of what is heard have kept away. All saturate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Kept {
+    /// Refused frames: [`Refusal::TooFast`].
+    pub too_fast: u32,
+    /// Refused frames: [`Refusal::Barred`].
+    pub barred: u32,
+    /// Edges that were barred, each time.
+    pub edges: u32,
+}
+
+impl Kept {
+    /// Bytes of it where it travels and is nothing.
+    pub(crate) const ZEROS: usize = 3;
+
+    /// Whether nothing was kept away.
+    #[must_use]
+    pub fn is_nothing(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// Losses and errors of a node's link since the node's configuration. A link that has no such thing says 0.
@@ -84,14 +113,28 @@ impl Losses {
 impl Counters {
     /// Counts one refusal.
     pub fn refuse(&mut self, reason: Refusal) {
-        if let Some(count) = self.refused.get_mut(reason as usize) {
-            *count = count.saturating_add(1);
+        let counter = match reason {
+            Refusal::TooFast => Some(&mut self.kept.too_fast),
+            Refusal::Barred => Some(&mut self.kept.barred),
+            _ => self.refused.get_mut(reason as usize),
+        };
+        if let Some(counter) = counter {
+            count(counter);
         }
     }
 
     /// Number of times that `reason` was given.
     pub fn refused(&self, reason: Refusal) -> u32 {
-        self.refused.get(reason as usize).copied().unwrap_or(0)
+        match reason {
+            Refusal::TooFast => self.kept.too_fast,
+            Refusal::Barred => self.kept.barred,
+            _ => self.refused.get(reason as usize).copied().unwrap_or(0),
+        }
+    }
+
+    /// Number of refused frames, for whatever reason.
+    pub fn all_refused(&self) -> u64 {
+        Refusal::ALL.iter().map(|&reason| u64::from(self.refused(reason))).sum()
     }
 }
 

@@ -4,12 +4,13 @@ use core::fmt;
 
 use crate::can::exactly;
 use crate::config::{ConfigError, NodeConfig};
+use crate::in_place::Bytes;
 use crate::refusal::Refusal;
-use crate::report::{Report, Telemetry};
+use crate::report::{Kept, Report, Telemetry};
 use serde::{Deserialize, Serialize};
 
 /// Longest body of a [`Reply`], bytes: a report whose counters are all at their largest.
-pub const MAX_REPLY_BODY: usize = 187;
+pub const MAX_REPLY_BODY: usize = 202;
 
 /// Kinds of serial frame of the service plane.
 pub mod kind {
@@ -349,7 +350,7 @@ impl Body for Reply {
             kind::IDENTITY => whole(body).map(Self::Identity),
             kind::CONFIGURED => whole(body).map(Self::Configured),
             kind::TELEMETRY => whole(body).map(Self::Telemetry),
-            kind::REPORT => whole(body).map(Self::Report),
+            kind::REPORT => report(body).map(Self::Report),
             kind::STORED => whole(body).map(Self::Stored),
             kind::ERASED => whole(body).map(Self::Erased),
             kind::STAGED => whole(body).map(Self::Staged),
@@ -364,6 +365,19 @@ impl Body for Reply {
 fn config(body: &[u8]) -> Result<NodeConfig, Refusal> {
     let mut config = NodeConfig::empty();
     config.read(body).map(|()| config)
+}
+
+/// What was kept away is missing where it is nothing; there is no half of it.
+fn report(body: &[u8]) -> Result<Report, Refusal> {
+    let mut source = postcard::Deserializer::from_flavor(Bytes { bytes: body, zeros: Kept::ZEROS });
+    let report = Report::deserialize(&mut source).map_err(|_| Refusal::Value)?;
+    let rest = source.finalize().map_err(|_| Refusal::Value)?;
+    let zeros = if report.counters.kept.is_nothing() { 0 } else { Kept::ZEROS };
+    match rest.bytes {
+        [] if rest.zeros == zeros => Ok(report),
+        [] => Err(Refusal::Value),
+        _ => Err(Refusal::Length),
+    }
 }
 
 fn write<T: Serialize>(value: &T, out: &mut [u8]) -> Option<usize> {

@@ -2,11 +2,11 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_protocol::config::{
-    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, Limits, MAX_COMPONENTS, MAX_MATRIX,
-    MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Program, Shape, Sine, TickSource, Tuning,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, HeardLimits, Limits, MAX_COMPONENTS,
+    MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Program, Shape, Sine, TickSource, Tuning,
 };
 use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
-use funnelnet_protocol::report::{Counters, Losses, Report};
+use funnelnet_protocol::report::{Counters, Kept, Losses, Report};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_BODY, MAX_FRAME, MAX_RAW, MAX_REAL_TIME_FRAME};
 use funnelnet_protocol::service::{
     Body, Identity, Key, MAX_REPLY_BODY, Reply, Request, ResetCause, StageError, StoreError,
@@ -53,7 +53,13 @@ fn largest_config() -> NodeConfig {
         },
         program: Program::none(),
         limits: Limits { low: -1.0, high: 1.0 },
+        heard: HeardLimits::NONE,
     }
+}
+
+/// The same with limits of what is heard, which are the longest.
+fn largest_guarded_config() -> NodeConfig {
+    NodeConfig { heard: HeardLimits { limit: 2.0, rate: 3.0, drop_after: 255 }, ..largest_config() }
 }
 
 fn encode_service(service: &impl Body) -> Vec<u8> {
@@ -81,13 +87,14 @@ fn deframe(bytes: &[u8]) -> Vec<Result<Owned, Refusal>> {
 #[test]
 fn largest_configuration_fits_and_little_is_wasted() {
     let mut body = [0; MAX_BODY];
-    let request = Request::Configure(largest_config());
+    let request = Request::Configure(largest_guarded_config());
     let length = request.encode(&mut body).unwrap();
     assert!(length <= MAX_BODY && length + 32 > MAX_BODY, "{length} of {MAX_BODY}");
     let frames = deframe(&encode_service(&request));
     let [Ok(Owned::Service(kind, 1, body))] = &frames[..] else { panic!("{frames:?}") };
     assert_eq!(Request::decode(*kind, body), Ok(request));
-    assert_eq!(Request::decode(*kind, &body[..body.len() - 1]), Err(Refusal::Value));
+    assert_eq!(Request::decode(*kind, &body[..body.len() - 10]), Err(Refusal::Value));
+    assert_eq!(Request::decode(*kind, &body[..body.len() - 1]), Err(Refusal::Length));
     assert_eq!(Request::decode(*kind, &[&body[..], &[0]].concat()), Err(Refusal::Length));
 }
 
@@ -113,11 +120,65 @@ fn largest_reply_fits_and_little_is_wasted() {
         limited: most,
         field_not_finite: most,
         link: Losses { frames: most, bus_errors: most, bus_offs: most, line_errors: most, unsaid: most },
-        refused: [most; Refusal::COUNT],
+        refused: [most; 14],
+        kept: Kept { too_fast: most, barred: most, edges: most },
     };
     let report = Reply::Report(Report { max_ratio: 1.0, counters });
-    let length = report.encode(&mut [0; MAX_REPLY_BODY]).unwrap();
+    let mut body = [0; MAX_REPLY_BODY];
+    let length = report.encode(&mut body).unwrap();
     assert!(length + 8 > MAX_REPLY_BODY, "{length} of {MAX_REPLY_BODY}");
+    assert_eq!(Reply::decode(report.kind(), &body[..length]), Ok(report));
+}
+
+/// What was kept away comes last, and only where there is any.
+#[test]
+fn a_report_ends_with_what_was_kept_away_where_there_is_any() {
+    let report =
+        |kept| Report { max_ratio: 0.5, counters: Counters { ticks: 300, kept, ..Counters::default() } };
+    let bytes = |report: &Report| {
+        let mut body = [0; MAX_REPLY_BODY];
+        let length = Reply::Report(report.clone()).encode(&mut body).unwrap();
+        body[..length].to_vec()
+    };
+    let (calm, guarded) = (report(Kept::default()), report(Kept { too_fast: 300, barred: 0, edges: 1 }));
+    let (short, long) = (bytes(&calm), bytes(&guarded));
+    // A ratio, 300 in two bytes, and 10 + 14 + 6 + 5 zeros, as it was written before there was more.
+    assert_eq!(short.len(), 4 + 2 + 35);
+    assert_eq!(long, [&short[..], &[0xAC, 0x02, 0, 1]].concat());
+    for (report, bytes) in [(&calm, &short), (&guarded, &long)] {
+        assert_eq!(Reply::decode(0x46, bytes), Ok(Reply::Report(report.clone())));
+    }
+    for shorter in (0..short.len()).chain(short.len() + 1..long.len()) {
+        assert_eq!(Reply::decode(0x46, &long[..shorter]), Err(Refusal::Value), "{shorter}");
+    }
+    assert_eq!(Reply::decode(0x46, &[&long[..], &[0]].concat()), Err(Refusal::Length));
+    // There is one form of it.
+    assert_eq!(Reply::decode(0x46, &[&short[..], &[0, 0, 0]].concat()), Err(Refusal::Value));
+}
+
+/// Limits of what is heard come last, and only where they are said.
+#[test]
+fn a_configuration_ends_with_the_limits_of_what_is_heard_where_there_are_any() {
+    let encoded = |config: NodeConfig| {
+        let mut body = [0; MAX_BODY];
+        let length = Request::Stage(config).encode(&mut body).unwrap();
+        body[..length].to_vec()
+    };
+    let (short, long) = (encoded(largest_config()), encoded(largest_guarded_config()));
+    assert_eq!(long, [&short[..], &[0, 0, 0, 0x40, 0, 0, 0x40, 0x40, 255]].concat());
+    let mut room = NodeConfig::empty();
+    // From one to the other, and back.
+    for _ in 0..2 {
+        assert_eq!((room.read(&long), &room), (Ok(()), &largest_guarded_config()));
+        assert_eq!((room.read(&short), &room), (Ok(()), &largest_config()));
+    }
+    for other in (short.len() + 1..long.len()).chain([long.len() + 1]) {
+        let bytes = [&long[..], &[0]].concat();
+        assert_eq!(room.read(&bytes[..other]), Err(Refusal::Length), "{other}");
+    }
+    // There is one form of it, for it has one checksum.
+    assert_eq!(room.read(&[&short[..], &[0; 9]].concat()), Err(Refusal::Value));
+    assert_eq!(largest_guarded_config().checksum(), NodeConfig::checksum_of(&long));
 }
 
 /// Append-only: a variant keeps its number, an answer its kind and its length.

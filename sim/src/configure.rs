@@ -3,13 +3,16 @@
 use crate::sampled::Bounds;
 #[cfg(feature = "large")]
 use crate::scenario::LargeScenario;
-use crate::scenario::{Affine, Coupling, Dynamics, Edge, LARGEST_RUN, NodeSpec, Scenario, TimeSpec};
+use crate::scenario::{
+    Affine, Coupling, Dynamics, Edge, LARGEST_RUN, NodeSpec, SafetySpec, Scenario, TimeSpec,
+};
 #[cfg(feature = "large")]
 use funnelnet_law::Breach;
 use funnelnet_law::program::Operation;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
-    EdgeConfig, Field, Limits, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Program, Sine, TickSource, Tuning,
+    EdgeConfig, Field, HeardLimits, Limits, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Program, Sine,
+    TickSource, Tuning,
 };
 use std::fmt;
 
@@ -148,6 +151,7 @@ fn configs(scenario: &Scenario, drive: Drive, bounds: Bounds) -> Result<Vec<Node
             },
             program: program(&node.dynamics),
             limits: limits(node),
+            heard: heard(&scenario.safety),
         })
     };
     scenario.nodes.iter().enumerate().map(config).collect()
@@ -189,7 +193,16 @@ pub(crate) fn alone_config(scenario: &LargeScenario, node: &NodeSpec) -> Result<
         },
         program: program(&node.dynamics),
         limits: limits(node),
+        heard: HeardLimits::NONE,
     })
+}
+
+fn heard(safety: &SafetySpec) -> HeardLimits {
+    HeardLimits {
+        limit: safety.heard_limit.unwrap_or(0.0) as f32,
+        rate: safety.heard_rate.unwrap_or(0.0) as f32,
+        drop_after: safety.drop_after,
+    }
 }
 
 fn limits(node: &NodeSpec) -> Limits {

@@ -1,9 +1,11 @@
 //! Events that happen to frames, and nodes that lie: what they do, and what they must not do.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
+use funnelnet_node::Event;
+use funnelnet_protocol::message::FaultCode;
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_sim::bus::{Medium, Traffic};
-use funnelnet_sim::engine::Engine;
+use funnelnet_sim::engine::{Engine, NodeEvent};
 use funnelnet_sim::loopback::{can_bus, engine_on, ideal_bus};
 use funnelnet_sim::{Scenario, Simulation, Verdict};
 use std::path::Path;
@@ -46,7 +48,7 @@ fn on_ideal(events: &str) -> (Vec<u32>, Traffic, u64) {
     let scenario = scenario(events, "");
     let (states, engine) = played(&scenario, ideal_bus(&scenario));
     let refused = |refusal: Refusal| -> u64 {
-        let counted = |report: &funnelnet_protocol::report::Report| report.counters.refused[refusal as usize];
+        let counted = |report: &funnelnet_protocol::report::Report| report.counters.refused(refusal);
         engine.reports().iter().flatten().map(|report| u64::from(counted(report))).sum()
     };
     let old = [Refusal::TickWindow, Refusal::Stale, Refusal::Duplicate].map(refused).iter().sum();
@@ -176,6 +178,20 @@ fn an_impostor_stops_the_one_whose_name_it_takes_where_that_hears_it() {
     let event = "{ at = '1s', kind = 'impostor', node = 2, as = 5, for = '300ms', constant = 5 }";
     let on_can = verdict(&scenario(event, "bus.model = \"can\"\n"));
     assert!(on_can.stops.len() == 1 && on_can.stops[0].id == 5, "{:?}", on_can.stops);
+    let scenario_on_can = scenario(event, "bus.model = \"can\"\n");
+    let mut engine =
+        engine_on(&scenario_on_can, can_bus::<funnelnet_link::Classic>(&scenario_on_can).unwrap()).unwrap();
+    engine.start();
+    while engine.advance().is_some_and(|seen| seen[0].tick < 1_100) {}
+    let own_id = |report: &Option<funnelnet_protocol::report::Report>| {
+        report.as_ref().map_or(0, |report| report.counters.refused(Refusal::OwnId))
+    };
+    // It goes on hearing its twin, and counts that.
+    let counted: Vec<_> = engine.reports().iter().map(own_id).collect();
+    assert!(counted[..4] == [0; 4] && counted[4] > 90, "{counted:?}");
+    let told = engine.take_events();
+    let twin = |told: &&NodeEvent| told.event == Event::Fault(FaultCode::DUPLICATE_ID);
+    assert_eq!(told.iter().filter(twin).map(|told| told.node).collect::<Vec<_>>(), [4]);
     // Where it does not, its other neighbours believe the impostor.
     let does_not = verdict(&scenario(event, ""));
     assert!(does_not.stops.is_empty() && does_not.findings.during_events.unwrap().breaches > 0, "{does_not}");

@@ -3,6 +3,9 @@
 //! postcard writes the fields of a struct one after the other, and each of those that [`NodeConfig`] has
 //! gained since is a number, a `bool` or a list, that means "as before" at 0, or empty, and is nothing but
 //! zero bytes then. So an older configuration is read as if its missing bytes were zeros.
+//!
+//! Limits of what is heard come behind all of that and are written only where there are any. They need no new
+//! layout. Firmware that does not know them finds such a configuration too long, and does not run by it.
 
 use funnelnet_protocol::{NodeConfig, Refusal};
 

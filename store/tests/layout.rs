@@ -8,7 +8,7 @@ use configs::{longest, longest_program, small};
 use flash::{Flash, load, now};
 use funnelnet_node::Task;
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::{Limits, Program, Tuning};
+use funnelnet_protocol::config::{HeardLimits, Limits, Program, Tuning};
 use funnelnet_protocol::service::Key;
 use funnelnet_store::layout::LAYOUT;
 use funnelnet_store::record::{Commit, checksum};
@@ -156,6 +156,24 @@ fn a_configuration_of_layout_3_and_its_key_are_read_for_ever() {
 #[test]
 fn a_configuration_of_layout_4_is_read_for_ever() {
     assert_eq!(load_from(written(&bytes(CONFIG_4), &bytes(COMMIT_4_WITHOUT_KEY))), Ok(Some(tuned())));
+}
+
+/// They are written only where they are said, so that the layout is the same without them.
+#[test]
+fn limits_of_what_is_heard_are_kept_behind_the_rest() {
+    let heard = HeardLimits { limit: 2.0, rate: 3.0, drop_after: 20 };
+    let limited = NodeConfig { heard, ..tuned() };
+    let golden = [&bytes(CONFIG_4)[..], &[0, 0, 0, 0x40, 0, 0, 0x40, 0x40, 20]].concat();
+    let commit = Commit { layout: 4, epoch: 5, crc: checksum(4, 5, None, &golden) };
+    assert_eq!(load_from(written(&golden, &commit.encode())), Ok(Some(limited.clone())));
+    let mut store = now(Store::open(Chip::new(4), REGION)).unwrap();
+    now(store.stage(Change::Config(&limited))).unwrap();
+    now(store.commit(5)).unwrap();
+    assert!(store.release().bytes == written(&golden, &commit.encode()).bytes);
+    // Half of them is nothing.
+    let torn = &golden[..golden.len() - 4];
+    let commit = Commit { layout: 4, epoch: 5, crc: checksum(4, 5, None, torn) };
+    assert_eq!(load_from(written(torn, &commit.encode())), Err(Error::Corrupt));
 }
 
 #[test]

@@ -215,7 +215,7 @@ fn frames<M: Medium>(scenario: &Scenario, engine: &mut Engine<Counting<M>>) -> R
 /// Messages that a node has counted, taken or refused.
 fn told(report: &funnelnet_protocol::report::Report) -> u64 {
     let counters = &report.counters;
-    u64::from(counters.accepted) + counters.refused.iter().map(|&count| u64::from(count)).sum::<u64>()
+    u64::from(counters.accepted) + counters.all_refused()
 }
 
 /// A medium that counts what is to arrive, and what does.

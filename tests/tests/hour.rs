@@ -154,12 +154,12 @@ fn an_hour_of_node_time_is_the_hour_of_the_simulator() {
         // strangers, which are refused.
         let strangers = 2 * (ticks + 1);
         assert_eq!(
-            counters.accepted + counters.refused.iter().sum::<u32>(),
+            u64::from(counters.accepted) + counters.all_refused(),
             4 * (ticks + 3) + 2,
             "{counters:?}"
         );
         assert_eq!(counters.refused(Refusal::UnknownSource), strangers, "{counters:?}");
-        assert_eq!(counters.refused.iter().sum::<u32>(), strangers, "{counters:?}");
+        assert_eq!(counters.all_refused(), u64::from(strangers), "{counters:?}");
         assert_eq!((counters.overruns, counters.extrapolated, counters.neighbours_lost), (0, 0, 0));
         assert_eq!((counters.breaches, counters.weights_differ), (0, 0));
         assert_eq!(counters.ticks, ticks, "{counters:?}");

@@ -247,8 +247,8 @@ fn a_ring_with_a_host_on_one_node_runs_the_bits_of_loopback() {
     let mut network = Network::start(&scenario, no_more);
     network.run(&rows, &[0]);
     for node in &mut network.nodes {
-        let refused = node.report().counters.refused;
-        assert!(refused.iter().all(|&count| count == 0), "node {}: {refused:?}", node.link.id());
+        let counters = node.report().counters;
+        assert!(counters.all_refused() == 0, "node {}: {counters:?}", node.link.id());
     }
     // From another node than the start.
     network.nodes[2].write(&ctrl(Command::Stop, 2));
@@ -276,9 +276,7 @@ fn noise_and_a_line_that_is_stuck_hold_up_no_other() {
     let talker = UnixStream::connect(noise).unwrap();
     let chatter = std::thread::spawn(move || chatter(talker));
     network.run(&rows, &[0, 1, 2, 3, 4]);
-    let of = |network: &mut Network, index: usize| {
-        network.nodes[index].report().counters.refused.iter().sum::<u32>()
-    };
+    let of = |network: &mut Network, index: usize| network.nodes[index].report().counters.all_refused();
     assert!(of(&mut network, 1) > 1_000);
     assert_eq!(of(&mut network, 2), 0);
     drop(network);

@@ -70,6 +70,18 @@ fn also_where_nodes_stop_at_their_state_limit() {
     assert_eq!(emulator.events.len(), 5, "{:?}", emulator.events);
 }
 
+/// Honest agents that are faster than what is taken: they refuse each other, and drop edges.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_where_limits_of_what_is_heard_drop_edges() {
+    let limited = ["time.duration=300ms", "safety.heard_rate=3"];
+    let emulator = assert_parity(&scenario("five-agents.toml", &limited));
+    let dropped: u32 = emulator.counters.iter().map(|counters| counters.kept.edges).sum();
+    assert_eq!(dropped, 8, "{:?}", emulator.counters);
+    let told = |(_, log): &(_, String)| log.matches("it could take no state of it for too long").count();
+    assert_eq!(emulator.logs.iter().map(told).sum::<usize>(), 8, "{:?}", emulator.logs);
+}
+
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
 fn also_with_vector_states() {

@@ -56,13 +56,16 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             self.fault(FaultCode::DUPLICATE_ID);
             return Err(Refusal::OwnId);
         }
-        if !x.is_finite() {
-            return Err(Refusal::NotFinite);
+        // Written so that NaN is outside.
+        let is_within = x.abs() <= self.params.heard.limit;
+        if !is_within {
+            let reason = if x.is_finite() { Refusal::OutOfRange } else { Refusal::NotFinite };
+            return Err(self.not_taken(reason, source, (component, tick), x));
         }
-        if x.abs() > self.params.state_limit {
-            return Err(Refusal::OutOfRange);
-        }
-        let (heard, late) = self.neighbours.hear(source, component, tick, self.clock.tick, x)?;
+        let (heard, late) = match self.neighbours.hear(source, component, tick, self.clock.tick, x) {
+            Ok(heard) => heard,
+            Err(reason) => return Err(self.not_taken(reason, source, (component, tick), x)),
+        };
         if heard == Heard::First {
             self.disturb();
             // Once per neighbour, whatever its number of components.
@@ -74,6 +77,37 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             count(&mut self.counters.late);
         }
         Ok(())
+    }
+
+    /// Takes note of a state that is refused for this reason, which it gives back. Who says too much is
+    /// extrapolated, as one that is silent, and after many in a row its edge is barred.
+    #[cold]
+    #[inline(never)]
+    fn not_taken(
+        &mut self,
+        reason: Refusal,
+        source: NodeId,
+        (component, tick): (Component, TickStamp),
+        x: F,
+    ) -> Refusal {
+        if !matches!(reason, Refusal::OutOfRange | Refusal::TooFast) {
+            return reason;
+        }
+        let own = self.clock.tick;
+        let Some(doubt) = self.neighbours.doubt(source, component, tick, own, x) else { return reason };
+        // A row of them is told once.
+        if doubt.is_first {
+            self.outbox.report(match reason {
+                Refusal::TooFast => Event::TooFast { node: source, change: doubt.change.to_f32() },
+                _ => Event::TooFar { node: source, x: x.to_f32() },
+            });
+        }
+        if doubt.bars {
+            self.disturb();
+            count(&mut self.counters.kept.edges);
+            self.outbox.report(Event::Barred(source));
+        }
+        reason
     }
 
     /// Takes a FAULT. It goes from line to line, so one with the node's own id may be its own, come back: no

@@ -160,6 +160,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     /// Makes its table of these edges. What it has heard of neighbours that stay it still knows.
     pub(crate) fn meet(&mut self, edges: &[EdgeConfig]) {
         let params = &self.params;
+        self.neighbours.doubt_beyond(params.heard.change, params.heard.drop_after);
         if self.neighbours.set(edges, params.extrapolate_ticks, params.slope_limit) {
             self.disturb();
         }

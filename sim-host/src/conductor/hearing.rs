@@ -110,7 +110,7 @@ impl Conductor {
 
     /// Whether more states have come to a node than this program has handed to it.
     fn may_have_heard_by_wire(&self, to: usize, report: &Report) -> bool {
-        let refused: u64 = report.counters.refused.iter().map(|&count| u64::from(count)).sum();
+        let refused = report.counters.all_refused();
         let (states, _) = self.hearing.handed(to);
         self.accepted(to, report) + refused > states
     }

@@ -14,6 +14,7 @@ mod events;
 mod expectations;
 mod followed;
 mod forecast;
+mod heard;
 mod kick;
 mod large;
 mod limits;
@@ -191,6 +192,7 @@ pub fn check(scenario: &Scenario) -> Report {
     findings.extend(noise::finding(&subject));
     findings.extend(bus::findings(&subject));
     findings.extend(bounds::finding(&subject));
+    findings.extend(heard::finding(&subject));
     findings.extend(expectations::findings(&subject));
     cures::take_back(scenario, &mut findings);
     cures::settle(&subject, &mut findings);

@@ -56,6 +56,36 @@ fn near(found: f64, expected: f64, relative: f64) {
     assert!((found - expected).abs() <= relative * expected.abs(), "{found} is not {expected}");
 }
 
+/// The pair moves by 10 per second.
+#[test]
+fn limits_of_what_is_heard_are_held_against_what_honest_nodes_say() {
+    assert!(pair(&[]).findings.iter().all(|finding| finding.name != "heard"));
+    let status = |sets: &[&str]| find(&pair(sets), "heard").status;
+    let report = pair(&["safety.heard_rate=30"]);
+    let rate = value(&report, "heard", "rate");
+    assert!((1.0..20.0).contains(&rate), "{rate}");
+    let text = &find(&report, "heard").text;
+    assert!(
+        text.contains("A jump of more than 0.03 is not, and one of more than 0.3 drops the edge"),
+        "{text}"
+    );
+    assert_eq!(find(&report, "heard").status, Status::Ok);
+    let below = format!("safety.heard_rate={}", 0.9 * rate);
+    let report = pair(&[&below]);
+    let found = find(&report, "heard");
+    assert_eq!(found.status, Status::Warn);
+    let advised = found.advice.as_ref().unwrap().settings().next().unwrap();
+    assert_eq!(status(&[&format!("{}={}", advised.key, advised.value)]), Status::Ok);
+    // Two states in a row differ by the noise of both.
+    assert_eq!(status(&["safety.heard_rate=30", "agent.noise=0.01"]), Status::Warn);
+    assert_eq!(status(&["safety.heard_limit=50"]), Status::Ok);
+    // Where something disturbs, inputs reach twelve times the undisturbed ones.
+    assert_eq!(status(&["safety.heard_rate=30", "bus.loss=0.01"]), Status::Warn);
+    let u_max = ["safety.heard_rate=30", "bus.loss=0.01", "coupling.u_max=20"];
+    assert_eq!(status(&u_max), Status::Ok);
+    assert_eq!(status(&["safety.heard_rate=30", "coupling.kind=edge-wise"]), Status::NotChecked);
+}
+
 #[test]
 fn the_paper_example_holds() {
     let report = load("five-agents.toml", &[]);

@@ -24,6 +24,8 @@ pub struct CounterSummary {
     pub skipped: u64,
     /// Edges that a node dropped for the silence of the neighbour.
     pub lost: u64,
+    /// Edges that a node dropped since it could take no state of the neighbour (`safety.drop_after`).
+    pub barred: u64,
     /// Announced weights that were not the node's own.
     pub weights_differ: u64,
     /// SYNCs that skipped ticks.
@@ -68,6 +70,7 @@ impl CounterSummary {
             late: sum(|c| c.late),
             skipped: sum(|c| c.skipped),
             lost: sum(|c| c.neighbours_lost),
+            barred: sum(|c| c.kept.edges),
             weights_differ: sum(|c| c.weights_differ),
             sync_gaps: sum(|c| c.sync_gaps),
             overruns: sum(|c| c.overruns),
@@ -95,6 +98,7 @@ impl CounterSummary {
             ("late", self.late),
             ("ticks skipped", self.skipped),
             ("lost", self.lost),
+            ("edges barred", self.barred),
             ("weights that differ", self.weights_differ),
             ("SYNC gaps", self.sync_gaps),
             ("overruns", self.overruns),

@@ -266,6 +266,7 @@ fn resolve(root: &Item, path: &Path, files: &inputs::Files) -> Result<Scenario, 
     bus::enough_lines(&bus, &graph, root, &log);
     bus::no_bus(coupling.kind, root, &log);
     no_slow_start(coupling.kind, root, &log);
+    safety::make_sense(&safety, coupling.kind, &nodes, (root, &log));
     quick_enough(&nodes, &time, root, &log);
     let links = bus::of_graph(&links, &graph, &bus, &time, &log);
     let components = nodes.first().map_or(1, |node: &NodeSpec| node.state.len());

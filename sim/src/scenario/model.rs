@@ -295,13 +295,19 @@ pub enum FloorSpec {
     F32,
 }
 
-/// Causes that stop a node, beside its own state and funnel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Causes that stop a node, beside its own state and funnel, and limits of what it takes of its neighbours.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SafetySpec {
     /// Number of neighbours lost at the same time that stop a node; 0: none does.
     pub lost_neighbours: u8,
     /// Time without SYNC that stops a node which ticks by it, ns.
     pub holdover_ns: Option<u64>,
+    /// The largest `|x|` that a node takes of a neighbour, state units.
+    pub heard_limit: Option<f64>,
+    /// The largest change of a neighbour's state that a node takes, state units / s.
+    pub heard_rate: Option<f64>,
+    /// States in a row that were not taken, after which a node drops the edge; 0: it never does.
+    pub drop_after: u8,
 }
 
 /// One node.

@@ -11,7 +11,7 @@ use super::event;
 use super::faults;
 use super::network::{self, MAX_NODES};
 use super::reader::Range;
-use super::safety::LONGEST_HOLDOVER_NS;
+use super::safety::{LONGEST_HOLDOVER_NS, MOST_DOUBTS};
 use super::staged;
 use super::{agents, duration::format_duration};
 use funnelnet_law::Gain;
@@ -179,7 +179,11 @@ pub fn scenario() -> Value {
         key("faults", faults_section(), "events by chance, from the seed"),
         key("clock", clock_section(), "how far the clocks of nodes may be off; each is drawn within it"),
         key("sync", sync(), "what keeps the clocks together, on CAN"),
-        key("safety", safety(), "what stops a node, beside its own state and funnel"),
+        key(
+            "safety",
+            safety(),
+            "what stops a node, beside its own state and funnel, and what it takes of its neighbours",
+        ),
         key("expect", expect(), "what a run must keep; limits are exclusive"),
     ]);
     schema["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
@@ -909,6 +913,20 @@ fn safety() -> Value {
         )
         .or(json!(0)),
         key("holdover", span(), holdover).like(json!("200ms")),
+        key("heard_limit", number(Range::positive(STATE)), "the largest |x| that a node takes of a neighbour (state units)")
+            .like(json!(50.0)),
+        key(
+            "heard_rate",
+            number(Range::positive(INPUT)),
+            "the largest change of a neighbour's state that a node takes (state units per second)",
+        )
+        .like(json!(100.0)),
+        key(
+            "drop_after",
+            integer((0, MOST_DOUBTS)),
+            "so many states in a row that were not taken drop the edge, until the neighbour starts anew; 0 never does; 10 with heard_limit or heard_rate",
+        )
+        .like(json!(10)),
     ])
 }
 

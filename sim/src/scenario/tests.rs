@@ -3,7 +3,7 @@
 use super::*;
 use crate::configure::{Drive, node_configs};
 use funnelnet_node::Params;
-use funnelnet_protocol::config::TickSource;
+use funnelnet_protocol::config::{HeardLimits, TickSource};
 
 const FILE: &str = r#"version = 1
 seed = 7
@@ -874,9 +874,20 @@ fn what_the_reader_takes_a_node_takes() {
 #[test]
 fn safety_is_read_and_refused_by_name() {
     let safety = |sets: &[&str]| read(FILE, sets).unwrap().safety;
-    assert_eq!(safety(&[]), SafetySpec { lost_neighbours: 0, holdover_ns: None });
+    assert_eq!(safety(&[]), SafetySpec::default());
     let set = safety(&["safety.lost_neighbours=2", "safety.holdover=500ms"]);
-    assert_eq!(set, SafetySpec { lost_neighbours: 2, holdover_ns: Some(500_000_000) });
+    let expected = SafetySpec { lost_neighbours: 2, holdover_ns: Some(500_000_000), ..SafetySpec::default() };
+    assert_eq!(set, expected);
+    let set = safety(&["safety.heard_limit=50", "safety.heard_rate=200", "safety.drop_after=20"]);
+    let expected = SafetySpec {
+        heard_limit: Some(50.0),
+        heard_rate: Some(200.0),
+        drop_after: 20,
+        ..SafetySpec::default()
+    };
+    assert_eq!(set, expected);
+    assert_eq!(safety(&["safety.heard_rate=200"]).drop_after, 10);
+    assert_eq!(safety(&["safety.heard_limit=50", "safety.drop_after=0"]).drop_after, 0);
     for (key, value, text) in [
         (
             "lost_neighbours",
@@ -888,6 +899,12 @@ fn safety_is_read_and_refused_by_name() {
         ("holdover", "100us", "must be from 1ms to 3600s, from a tick to an hour without SYNC"),
         ("holdover", "2h", "must be from 1ms to 3600s"),
         ("holdovr", "1s", "did you mean 'holdover'?"),
+        ("heard_limit", "0", "heard_limit"),
+        ("heard_limit", "0.001", "must be at least the size of each initial state; node"),
+        ("heard_rate", "-1", "heard_rate"),
+        ("heard_rate", "nan", "heard_rate"),
+        ("drop_after", "256", "must be an integer from 0 to 255 (states in a row; 0 never does)"),
+        ("drop_after", "3", "does nothing without safety.heard_limit or safety.heard_rate"),
     ] {
         let error = set_error(&format!("safety.{key}={value}"));
         assert!(error.contains(text), "{error}");
@@ -896,8 +913,16 @@ fn safety_is_read_and_refused_by_name() {
     let scenario = read(FILE, &["safety.lost_neighbours=2", "safety.holdover=1ms"]).unwrap();
     for config in node_configs(&scenario, drive).unwrap() {
         assert_eq!((config.lost_neighbours, config.holdover_ns), (2, 1_000_000));
+        assert!(Params::<f32>::new(&config).is_ok() && config.heard.is_none());
+    }
+    let heard = ["safety.heard_limit=50", "safety.heard_rate=200", "safety.drop_after=20"];
+    for config in node_configs(&read(FILE, &heard).unwrap(), drive).unwrap() {
+        assert_eq!(config.heard, HeardLimits { limit: 50.0, rate: 200.0, drop_after: 20 });
         assert!(Params::<f32>::new(&config).is_ok());
     }
+    let weak = ["coupling.kind=weakly-centralised", "safety.heard_rate=200"];
+    let error = read(FILE, &weak).unwrap_err().to_string();
+    assert!(error.contains("is not for weakly-centralised coupling"), "{error}");
 }
 
 #[test]
