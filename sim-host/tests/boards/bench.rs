@@ -122,6 +122,11 @@ impl Bench {
         command.arg(self.path("scenario.toml")).arg("--commission").args(arguments).spawn().unwrap()
     }
 
+    pub fn spawn_update(&self, image: &Path, arguments: &[&str]) -> Child {
+        let mut command = self.command();
+        command.arg(self.path("scenario.toml")).arg("--update").arg(image).args(arguments).spawn().unwrap()
+    }
+
     pub fn spawn_erase(&self) -> Child {
         self.command().arg("--erase").spawn().unwrap()
     }
