@@ -729,7 +729,7 @@ cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where
     tests/shards/run.sh target/release/sim-host
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, updates of an emulated Pico, shards on HyperQueue and Slurm; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, updates of emulated Picos, shards on HyperQueue and Slurm; an hour
     cmd_sweep
     cmd_shards
     cmd_same-bits

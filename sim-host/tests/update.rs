@@ -111,7 +111,7 @@ fn all_nodes_get_the_program_complete_their_trial_and_are_restarted() {
 
 #[test]
 fn a_line_that_loses_or_spoils_blocks_is_gone_through() {
-    for flaw in [Flaw::Loses, Flaw::Spoils] {
+    for flaw in [Flaw::Loses, Flaw::Spoils, Flaw::Late] {
         let outcome = second(flaw);
         let updated = outcome.all_new();
         assert!(updated[1].repeated > 2 && updated[0].repeated == 0, "{flaw:?}: {updated:?}");
@@ -279,13 +279,26 @@ fn who_has_it_already_is_left_alone() {
 }
 
 #[test]
-fn an_update_that_was_broken_off_on_trial_is_gone_on_with() {
-    let on_trial = || Made::on_trial(&new(), Flaw::Nothing);
-    let outcome = update([on_trial(), Made::new(Flaw::Nothing), on_trial()]);
+fn an_update_that_was_broken_off_on_trial_is_gone_on_with_where_all_are_as_far() {
+    let on_trial = |ticked| Made::on_trial(&new(), Flaw::Nothing).ticked(ticked);
+    let outcome = update([on_trial(40), on_trial(41), Made::updated()]);
     assert_eq!(outcome.all_new().len(), 3);
-    // Not sent again: they had it.
-    assert!(outcome.stages.contains(&UpdateStage::Sent { nodes: vec![2], done: 0, all: 3_000 }));
-    let outcome = update([on_trial(), Made::new(Flaw::NeverComesUp), on_trial()]);
+    // Nothing is sent: they have it.
+    assert_eq!(outcome.stages.first(), Some(&UpdateStage::OnTrial(vec![1, 2])));
+    assert!(outcome.stages.contains(&UpdateStage::Trial { left: 0, all: TICKS - 40 }));
+    // The first would stay, and the second may still fail.
+    let uneven = [on_trial(60), Made::on_trial(&new(), Flaw::HangsAt(Moment::Tick(45))), Made::updated()];
+    let outcome = update(uneven);
+    assert_eq!(outcome.stages.first(), Some(&UpdateStage::WentBack(vec![1, 2])));
+    assert!(
+        matches!(outcome.ended, Err(Failed::After(HubError::NoAnswer { node: 2, .. }, _))),
+        "{:?}",
+        outcome.ended
+    );
+    assert_eq!(outcome.runs(), [Runs::Old, Runs::Old, Runs::New]);
+    // Nor is one of them alone.
+    let outcome = update([on_trial(60), Made::new(Flaw::NeverComesUp), on_trial(60)]);
+    assert_eq!(outcome.stages.first(), Some(&UpdateStage::WentBack(vec![1, 3])));
     assert!(matches!(outcome.all_old().0, HubError::OldProgram { node: 2 }));
 }
 

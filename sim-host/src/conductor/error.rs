@@ -348,7 +348,7 @@ impl fmt::Display for HubError {
             ),
             Self::StaysOnTrial { node } => write!(
                 f,
-                "node {node} is on trial with another program, and was restarted, but did not go back"
+                "node {node} is on trial with a program of another update, and was restarted, but did not go back"
             ),
             Self::StoppedOnTrial { node, tick } => write!(
                 f,

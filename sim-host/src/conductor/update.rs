@@ -127,11 +127,27 @@ impl Update {
                     unable.push((node.contact.id(), why));
                 }
             }
-            if unable.is_empty() { Ok(()) } else { Err(HubError::CannotUpdate { nodes: unable }) }
+            if !unable.is_empty() {
+                return Err(HubError::CannotUpdate { nodes: unable });
+            }
+            if !self.trials_are_even() {
+                let on_trial = self.nodes.iter_mut().filter(|node| node.has == Has::OnTrial);
+                on_trial.for_each(|node| node.has = Has::Another);
+            }
+            Ok(())
         })
     }
 
-    /// Restarts those that are on trial with another program, which is the end of that.
+    /// Whether those on trial with the new program can go on with it: all complete their last tick together. One
+    /// that is ahead would stay before the others have shown that they can.
+    fn trials_are_even(&self) -> bool {
+        let left = || self.nodes.iter().filter(|node| node.has == Has::OnTrial).map(|node| node.ticks_left);
+        let (least, most) = (left().min().unwrap_or(0), left().max().unwrap_or(0));
+        let is_alone = self.nodes.iter().all(|node| matches!(node.has, Has::OnTrial | Has::New));
+        is_alone && most - least <= 1
+    }
+
+    /// Restarts those that are on trial with another program, or are ahead of others, which is the end of that.
     ///
     /// Its error: a node that does not come back, or an interrupt.
     pub fn end_other_trials(&mut self) -> Task<'_, Result<Vec<u8>, HubError>> {
@@ -142,7 +158,7 @@ impl Update {
                 node.restart(self.patience).await?;
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
-                if node.has == Has::Another {
+                if node.has != Has::Old {
                     return Err(HubError::StaysOnTrial { node: node.contact.id() });
                 }
                 ended.push(node.contact.id());

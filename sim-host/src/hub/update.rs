@@ -18,7 +18,7 @@ const MORE_TICKS: u32 = 10;
 /// How far an update has come.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum UpdateStage {
-    /// These were on trial with another program, and went back.
+    /// These were on trial, from another update, and went back.
     WentBack(Vec<u8>),
     /// So many bytes of so many were sent to these.
     Sent {

@@ -92,7 +92,7 @@ fn line(stage: &UpdateStage, told: &mut u32) -> Option<String> {
 
 fn words(stage: &UpdateStage) -> String {
     match stage {
-        UpdateStage::WentBack(nodes) => format!("went back from another trial: {}", list(nodes)),
+        UpdateStage::WentBack(nodes) => format!("on trial from another update, and taken back: {}", list(nodes)),
         UpdateStage::Sent { nodes, done: 0, all } => format!("sending {all} bytes to nodes: {}", list(nodes)),
         UpdateStage::Sent { done, all, .. } => {
             format!("sent: {} %", u64::from(*done) * 100 / u64::from(*all).max(1))

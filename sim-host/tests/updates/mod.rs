@@ -39,6 +39,8 @@ const REGIONS: Regions = Regions { state: 0..P, active: P..3 * P, spare: 3 * P..
 const PAUSE: Duration = Duration::from_micros(100);
 /// How long a swap takes.
 const SWAP: Duration = Duration::from_millis(30);
+/// Longer than a third of the time for an answer, after which a block is sent again.
+const LATE: Duration = Duration::from_millis(600);
 /// What a slow node takes for each step.
 const SLOW: Duration = Duration::from_millis(50);
 /// Of the watchdog.
@@ -95,6 +97,8 @@ pub enum Flaw {
     ResetAt(u32),
     /// What it is given never comes up there: its watchdog takes it back.
     NeverComesUp,
+    /// Some answers come after the block was sent again, and the block after that is lost.
+    Late,
     /// It takes its time for each block and each tick.
     Slow,
 }
@@ -183,6 +187,7 @@ pub struct Made {
     flash: Flash,
     flaw: Flaw,
     interrupt: Interrupt,
+    ticked: u32,
 }
 
 impl Made {
@@ -190,7 +195,7 @@ impl Made {
     pub fn new(flaw: Flaw) -> Self {
         let mut flash = Flash::new(6);
         put(&mut flash, &old());
-        Self { flash, flaw, interrupt: Interrupt::default() }
+        Self { flash, flaw, interrupt: Interrupt::default(), ticked: 0 }
     }
 
     /// One that has the new program for good.
@@ -215,6 +220,11 @@ impl Made {
         assert_eq!(ask(Request::Swap), update::Reply::Restarts(Ok(())));
         // The swap comes at its first start.
         made
+    }
+
+    /// It has completed so many ticks of its trial.
+    pub fn ticked(self, ticked: u32) -> Self {
+        Self { ticked, ..self }
     }
 
     pub fn interrupting(self, interrupt: &Interrupt) -> Self {
@@ -247,8 +257,10 @@ impl Made {
             quit: quit.clone(),
             uid,
         };
-        let (flaw, interrupt) = (self.flaw, self.interrupt);
-        std::thread::spawn(move || chip.run(Box::new(line), flaw, interrupt));
+        let (flaw, interrupt, ticked) = (self.flaw, self.interrupt, self.ticked);
+        std::thread::spawn(move || {
+            chip.run(Box::new(line), Script::new(flaw, interrupt, ticked, chip.steps.clone()))
+        });
         Updatable { flash, starts, steps, quit }
     }
 }
@@ -277,8 +289,8 @@ struct Chip {
 
 impl Chip {
     /// Until nobody needs it any more.
-    fn run(&self, port: Box<dyn Port>, flaw: Flaw, interrupt: Interrupt) {
-        let script = Rc::new(Script::new(flaw, interrupt, self.steps.clone()));
+    fn run(&self, port: Box<dyn Port>, script: Script) {
+        let script = Rc::new(script);
         let mut line = Played {
             port,
             script: script.clone(),
@@ -337,6 +349,7 @@ impl Chip {
         let mut updater = Updater::new(regions, board);
         let mut flash = self.flash.lock().unwrap();
         now(updater.look(&mut *flash));
+        (1..=script.ticked.take()).for_each(|completed| now(updater.note_ticks(&mut *flash, completed)));
         let status = now(updater.answer(&mut *flash, &Request::Status { length: 0 }, false));
         let on_trial = matches!(status, update::Reply::Status(update::Status { on_trial: true, .. }));
         script.on_trial.set(on_trial);
@@ -365,11 +378,13 @@ struct Script {
     is_cut: Cell<bool>,
     /// Frames of an update, answers to them, and SYNCs of a trial, so far.
     counts: [Cell<u32>; 3],
+    /// Ticks of its trial that it has completed before anybody comes.
+    ticked: Cell<u32>,
     steps: Arc<AtomicU32>,
 }
 
 impl Script {
-    fn new(flaw: Flaw, interrupt: Interrupt, steps: Arc<AtomicU32>) -> Self {
+    fn new(flaw: Flaw, interrupt: Interrupt, ticked: u32, steps: Arc<AtomicU32>) -> Self {
         Self {
             flaw: Cell::new(flaw),
             interrupt,
@@ -378,6 +393,7 @@ impl Script {
             restarts: Cell::new(false),
             is_cut: Cell::new(false),
             counts: Default::default(),
+            ticked: Cell::new(ticked),
             steps,
         }
     }
@@ -428,6 +444,13 @@ impl Script {
     }
 
     /// Takes note of a frame that has come; whether the node hears it.
+    fn hears_block(&self, count: u32) -> bool {
+        if count % 5 == 2 {
+            std::thread::sleep(LATE);
+        }
+        count % 5 != 4
+    }
+
     fn hears(&self, frame: &Result<Frame<'_>, Refusal>) -> bool {
         let mut hears = true;
         match frame {
@@ -444,6 +467,7 @@ impl Script {
                 hears = match self.flaw.get() {
                     Flaw::WithoutFeature => false,
                     Flaw::Loses => !count.is_multiple_of(3),
+                    Flaw::Late if matches!(request, Request::Block(_)) => self.hears_block(count),
                     Flaw::DeafToSwap if request == Request::Swap => {
                         self.flaw.set(Flaw::Nothing);
                         false
