@@ -367,7 +367,8 @@ fn the_command_updates_all_nodes_and_then_has_nothing_to_do() {
 #[test]
 fn the_command_says_which_node_failed_and_that_the_others_went_back() {
     let (nodes, bench) = bench([Flaw::Nothing, Flaw::Nothing, Flaw::NeverComesUp].map(Made::new));
-    let ended = command(&bench, &bench.path("new.bin"), &[]);
+    let ended = command(&bench, &bench.path("new.bin"), &["--quiet"]);
+    assert!(!ended.err.contains("update:"), "{}", ended.err);
     ended.failed(
         1,
         &[
