@@ -26,7 +26,7 @@ import functools
 import re
 import sys
 
-from image import PANIC, Image, section_bytes, tool
+from image import PANIC, Image, section_bytes
 
 # The logger of a binary panics where it is entered twice, which is a defect of the binary.
 LOGGER = re.compile(r"^_defmt_(acquire|write|release|flush)$")
