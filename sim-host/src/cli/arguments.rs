@@ -49,7 +49,7 @@ Examples:
   sim-host bench scenarios/five-agents.toml --bench bench.toml --commission
   sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench
   sim-host bench --bench bench.toml --erase
-  sim-host bench scenarios/five-agents.toml --bench bench.toml --update image.elf";
+  sim-host bench three.toml --bench bench.toml --update image.elf";
 
 const NODE_HELP: &str = "\
 The node is blank until a bench configures it over its line, and the process ends when the line is closed. It has no \
