@@ -14,6 +14,7 @@ use sim_host::interrupt::Interrupt;
 use sim_host::loopback::ideal_bus_between;
 use sim_host::program::Program;
 use sim_host::scenario::{Scenario, Source};
+use std::io::Read;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
@@ -362,6 +363,26 @@ fn the_command_updates_all_nodes_and_then_has_nothing_to_do() {
     let quiet = command(&bench, &bench.path("new.bin"), &["--quiet"]);
     assert_eq!((quiet.code, quiet.out.as_str(), quiet.err.as_str()), (Some(0), "", ""));
     assert_eq!((starts(), before[0], before[2]), (before, 3, 3));
+}
+
+#[test]
+fn on_a_terminal_there_is_a_bar_in_place_of_lines() {
+    let (_nodes, bench) = bench([Flaw::Nothing, Flaw::Slow, Flaw::Nothing].map(Made::new));
+    let (mut screen, path) = terminal();
+    let mut child = bench.spawn_update_on(&path, &bench.path("new.bin"));
+    let mut shown = Vec::new();
+    boards::wait("the end", || {
+        let mut bytes = [0; 4096];
+        let length = screen.read(&mut bytes).unwrap_or(0);
+        shown.extend_from_slice(&bytes[..length]);
+        child.try_wait().unwrap().is_some()
+    });
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let shown = String::from_utf8_lossy(&shown);
+    for word in ["update [", "sent: ", "ticks of the trial: "] {
+        assert!(shown.contains(word), "no '{word}' in: {shown}");
+    }
+    assert!(!shown.contains("update: "), "{shown}");
 }
 
 #[test]
