@@ -11,7 +11,7 @@ readonly SMALL_TARGET=thumbv6m-none-eabi # Cortex-M0+
 readonly IMAGES=$ROOT/firmware/target/$TARGET/release
 # Boards and images, from the metadata of firmware/Cargo.toml by firmware/boards.py. Boards as their binaries are called; targets; where flash and RAM begin and
 # how large they are; bytes of a boot loader in front; where the storage begins and how large it is, if there is one. Images: boards, binaries, features; budgets of
-# flash, static RAM and stack; "emulated" if firmware/emulated runs it.
+# flash, static RAM and stack; "emulated" if firmware/emulated runs it; where the program is and how long it may be, and bytes of the chip's boot loader in front of it.
 BOARDS="" IMAGES_OF_NODES=""
 # Where the emulators of boards are installed, beside firmware/emulated/pico/node_modules.
 readonly EMULATED=$ROOT/target/emulated
@@ -438,30 +438,26 @@ boards_run_arm() {
     (cd firmware/emulated/arm && "$EMULATED/venv/bin/python" -m unittest --verbose)
 }
 
-# Images of a Pico that takes updates, beside those of nodes: budgets of flash, bytes.
-readonly UPDATE_BOOT_FLASH=13312 UPDATE_NODE_FLASH=122880
-
-# Builds binary $2 with feature $1 as image $3, and holds it against $4 bytes of flash.
-update_image() { # FEATURE BINARY IMAGE BUDGET
-    local built=firmware/target/$SMALL_TARGET/release size
-    firmware_cargo build --release --locked --quiet --target "$SMALL_TARGET" --no-default-features --features "rp2040-pico,$1" --bin "$2"
-    [[ $2 == "$3" ]] || cp "$built/$2" "$built/$3"
-    size=$(sections_size "$built/$3" '\.(vector_table|text|rodata|data|boot2)')
-    say "$3: $size bytes of flash, budget $4"
-    (( size <= $4 )) || fail "$3 is over its budget of flash"
-}
-
-cmd_update() { #: updates in the field: cuts at every write, sizes of the images of a Pico that takes them, and an emulated one that is updated (minutes)
+cmd_update() { #: updates in the field: cuts at every write, the images of a Pico that takes them, an emulated one that is updated, and three by `bench --update` (minutes)
+    local image picos=3
     cargo test --locked --package funnelnet-update
     cargo test --locked --package funnelnet-app --features update --test u25
-    update_image boot-loader rp2040_pico_boot rp2040_pico_boot "$UPDATE_BOOT_FLASH"
-    update_image update rp2040_pico rp2040_pico_update "$UPDATE_NODE_FLASH"
+    cargo test --locked --package sim-host --test update
+    printf '| image | flash | of | static RAM | of |\n|---|---:|---:|---:|---:|\n'
+    for image in rp2040_pico_boot rp2040_pico_update; do
+        image_build "$image"
+        image_size "$image" || fail "$image is over its budget"
+        image_addresses "$image"
+    done
     if ! has_emulated; then
-        say "SKIPPED an emulated Pico that is updated: no node or boot ROM; ./ci.sh setup"
+        say "SKIPPED emulated Picos that are updated: no node or boot ROM; ./ci.sh setup"
         return
     fi
-    cargo build --locked --quiet --package sim-host --example board_words
+    cargo build --locked --quiet --package sim-host --bins --example board_words
     (cd firmware/emulated/pico && node --test --test-reporter=spec update/)
+    say "a bench of $picos Picos is updated, and goes back because of one of them"
+    python3 firmware/emulated/update.py target/debug/sim-host firmware/emulated/pico/serve-update.mjs "$(image_path rp2040_pico_boot)" \
+        "$(image_path rp2040_pico_update)" "$picos" firmware/emulated/three.toml
 }
 
 cmd_socketcan() { #: benches on a real CAN bus: vcan in a guest kernel, nodes in processes of their own
@@ -578,12 +574,12 @@ sections_size() { # IMAGE PATTERN
 image_addresses() { # IMAGE
     local path board flash flash_end ram ram_end boot2 section
     path=$(image_path "$1") board=$(image_field "$1" 2)
-    flash=$(($(board_field "$board" 3))) ram=$(($(board_field "$board" 5)))
-    flash_end=$((flash + $(board_field "$board" 4))) ram_end=$((ram + $(board_field "$board" 6)))
+    flash=$(($(image_field "$1" 9))) ram=$(($(board_field "$board" 5)))
+    flash_end=$((flash + $(image_field "$1" 10))) ram_end=$((ram + $(board_field "$board" 6)))
     expect_at "$path" .vector_table "$flash"
     for section in .text .rodata; do expect_within "$path" "$section" "$flash" "$flash_end"; done
     for section in .data .bss; do expect_within "$path" "$section" "$ram" "$ram_end"; done
-    boot2=$(board_field "$board" 7)
+    boot2=$(image_field "$1" 11)
     (( boot2 == 0 )) || expect_at "$path" .boot2 $((flash - boot2))
     image_storage "$path" "$board"
 }
@@ -602,13 +598,13 @@ image_storage() { # PATH BOARD
 # Calls in sequential-storage that can end in a panic, in an image at most: checks of its own that nothing here is known to fail.
 readonly DEPENDENCY_PANICS=sequential-storage=12
 
-cmd_panics() { #: check that no code of app, law, link, node, plant, protocol, store and firmware in the images leads to a panic
+cmd_panics() { #: check that no code of app, law, link, node, plant, protocol, store, update and firmware in the images leads to a panic
     local image paths=()
     for image in $(images); do
         image_build "$image"
         paths+=("$(image_path "$image")")
     done
-    python3 firmware/checks/panics.py "$ROOT" law,link,node,protocol app,plant,store,firmware "$DEPENDENCY_PANICS" "${paths[@]}"
+    python3 firmware/checks/panics.py "$ROOT" law,link,node,protocol app,plant,store,update,firmware "$DEPENDENCY_PANICS" "${paths[@]}"
 }
 
 cmd_stack() { #: the deepest stack of every image, against a budget and the room that it has
@@ -789,7 +785,7 @@ cmd_shards() { #: a sweep in eight shards on HyperQueue and on Slurm, each where
     tests/shards/run.sh target/release/sim-host
 }
 
-cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, updates of an emulated Pico, shards on HyperQueue and Slurm; an hour
+cmd_extended() { #: what takes too long for `test`: every f32 through every gain, the same bits in debug and release, memory of a long run, sweeps as Parquet, random networks, outages of edges against the law before, ten million fuzzed inputs per target, power cuts at every flash operation of the boards, updates of emulated Picos, shards on HyperQueue and Slurm; an hour
     cmd_sweep
     cmd_shards
     cmd_same-bits

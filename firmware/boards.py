@@ -13,6 +13,8 @@ import subprocess
 import sys
 
 MANIFEST = pathlib.Path(__file__).with_name("Cargo.toml")
+# Features whose images are in a part of flash, as a board's `update` has it.
+PARTS = {"update": "active", "boot-loader": "boot"}
 STACK_HEAD = ["image", "program and tasks", "interrupt", "NMI", "fault's frame", "together, bytes", "fault", "budget", "room"]
 
 
@@ -39,11 +41,15 @@ class Boards:
             yield (board["name"].replace("-", "_"), board["target"], *board["flash"], *board["ram"], board.get("boot2", 0), *board.get("storage", ()))
 
     def image_rows(self):
-        """Name, board, binary, features, budgets, and whether firmware/emulated runs it."""
+        """Name, board, binary, features, budgets, whether firmware/emulated runs it, where its program is, and the bytes of a boot loader of the chip in front of it."""
+        by_name = {board["name"]: board for board in self.boards}
         for image in self.images:
             budgets = (image[key] for key in ("flash", "ram", "stack"))
-            yield (image["name"], image["board"].replace("-", "_"), image.get("binary", image["name"]), image.get("features", "-"),
-                   *budgets, "emulated" if image.get("emulated") else "-")
+            board, features = by_name[image["board"]], image.get("features", "-")
+            part = PARTS.get(features)
+            place = board["update"][part] if part else board["flash"]
+            yield (image["name"], image["board"].replace("-", "_"), image.get("binary", image["name"]), features,
+                   *budgets, "emulated" if image.get("emulated") else "-", *place, 0 if part == "active" else board.get("boot2", 0))
 
     # --- tables of the book
 

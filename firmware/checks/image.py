@@ -2,8 +2,10 @@
 
 import collections
 import math
+import pathlib
 import re
 import subprocess
+import tempfile
 
 FUNCTION = re.compile(r"^([0-9a-f]+) <(.+)>:$")
 INSTRUCTION = re.compile(r"^ *([0-9a-f]+):\t(\S+)(?:\t(.*))?$")
@@ -19,6 +21,14 @@ Site = collections.namedtuple("Site", "address function target")  # target: a fu
 
 def tool(name, *arguments, **options):
     return subprocess.run([f"arm-none-eabi-{name}", *arguments], check=True, capture_output=True, **options).stdout
+
+
+def section_bytes(path, section):
+    """What is in a section. By a file: where objcopy fails it removes its output, and that must not be /dev/stdout."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "bytes"
+        tool("objcopy", "-O", "binary", "-j", section, path, str(out))
+        return out.read_bytes() if out.exists() else b""
 
 
 class Image:

@@ -26,7 +26,7 @@ import functools
 import re
 import sys
 
-from image import PANIC, Image, tool
+from image import PANIC, Image, section_bytes
 
 # The logger of a binary panics where it is entered twice, which is a defect of the binary.
 LOGGER = re.compile(r"^_defmt_(acquire|write|release|flush)$")
@@ -122,7 +122,7 @@ def location_names(path, root, crates):
     """Names of source files of the crates among the constants of an image, but those of `async fn`s."""
     names = set()
     for section in [".rodata", ".data", ".text"]:
-        dump = tool("objcopy", "-O", "binary", "-j", section, path, "/dev/stdout")
+        dump = section_bytes(path, section)
         for crate in crates:
             prefixes = (root.encode() + b"/" + crate.encode(), b"\\.\\./" + crate.encode())
             found = {each.decode() for prefix in prefixes for each in re.findall(prefix + rb"/src/[\w/]+\.rs", dump)}

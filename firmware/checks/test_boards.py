@@ -51,7 +51,13 @@ class Tables(unittest.TestCase):
 
     def test_rows_for_the_shell_have_the_columns_that_it_counts(self):
         self.assertEqual(list(boards.Boards(FACTS).board_rows()), [("one_board", "thumbv7em-none-eabihf", 0, 1, 2, 3, 0, 0x800, 2048)])
-        self.assertEqual(list(boards.Boards(FACTS).image_rows()), [("one_board", "one_board", "one_board", "-", 1, 2, 3000, "-")])
+        self.assertEqual(list(boards.Boards(FACTS).image_rows()), [("one_board", "one_board", "one_board", "-", 1, 2, 3000, "-", 0, 1, 0)])
+
+    def test_the_images_of_an_update_are_in_parts_of_the_flash(self):
+        image, (board,) = FACTS["images"][0], FACTS["boards"]
+        facts = {**FACTS, "boards": [{**board, "boot2": 256, "update": {"boot": [10, 20], "active": [30, 40]}}],
+                 "images": [{**image, "features": feature} for feature in ("boot-loader", "update", "usb")]}
+        self.assertEqual([row[-3:] for row in boards.Boards(facts).image_rows()], [(10, 20, 256), (30, 40, 0), (0, 1, 256)])
 
 
 if __name__ == "__main__":

@@ -185,9 +185,7 @@ fn told(reply: &Reply) -> Value {
         Reply::Erased(result) => outcome("erased", result),
         Reply::Staged(result) => outcome("staged", result),
         Reply::Keyed(result) => outcome("keyed", result),
-        // Of an update, where a crate beside this one has that feature of the wire.
-        #[allow(unreachable_patterns, reason = "there is none without that feature")]
-        other => json!({ "other": format!("{other:?}") }),
+        Reply::Update(reply) => json!({ "update": format!("{reply:?}") }),
     }
 }
 

@@ -22,6 +22,7 @@ pub mod host_node;
 pub mod hub;
 pub mod interrupt;
 pub mod plot;
+pub mod program;
 pub mod progress;
 pub mod record;
 pub mod replay;

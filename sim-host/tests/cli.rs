@@ -157,6 +157,13 @@ fn what_commissioning_and_listing_have_no_use_for_is_refused() {
             option[0],
         );
     }
+    let more = [["--commission", "-q"], ["--erase", "-q"], ["--list", "-q"], ["--image", "i"]];
+    for option in outputs.into_iter().chain(more) {
+        refused(
+            &[&["bench", FIVE, "--bench", "b.toml", "--update", "image"], option.as_slice()].concat(),
+            option[0],
+        );
+    }
     for option in outputs.into_iter().chain([["--seed", "3"], ["--set", "bus.loss=0"]]) {
         refused(&[&["bench", "--bench", "b.toml", "--erase"], option.as_slice()].concat(), option[0]);
         refused(&[&["bench", "--list"], option.as_slice()].concat(), option[0]);

@@ -17,6 +17,10 @@ const BAUDS: (u64, u64) = (1_200, 12_000_000);
 /// say.
 const ANSWER_NS: u64 = 2_000_000_000;
 const ANSWER_LIMITS_NS: (u64, u64) = (100_000_000, 60_000_000_000);
+/// How long a node may take to swap its program and to start, and how many answers more: 7 s by the typical times
+/// of a flash chip, 52 s by its longest.
+const SWAP: Duration = Duration::from_secs(60);
+const SWAP_ANSWERS: u32 = 10;
 /// How long a node may take to boot and say who it is: boards restart when their port is opened.
 const BOOT: Duration = Duration::from_secs(10);
 
@@ -160,6 +164,11 @@ impl BenchFile {
     /// How long the hub waits for these nodes.
     pub fn patience(&self) -> Patience {
         Patience { boot: BOOT, answer: self.answer }
+    }
+
+    /// How long a node may take to swap its program and to start.
+    pub fn swap_within(&self) -> Duration {
+        SWAP + self.answer * SWAP_ANSWERS
     }
 
     /// How long `nodes` nodes go on without SYNC where the scenario does not say, ns: twice as long as this

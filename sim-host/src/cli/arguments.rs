@@ -37,13 +37,19 @@ The host configures the nodes, makes them tick together and relays their states,
 as in `run`. bench.csv has the times at which it sent and read each frame. docs/book/src/bench.md lists the keys of a \
 bench file.
 
---commission and --erase stop nodes that are running. These stay stopped, even if the command fails.
+--commission, --erase and --update stop nodes that are running. These stay stopped, even if the command fails.
+
+--update sends a program (the ELF file of an image, or its bytes as they are in flash) to all nodes of the scenario. When all \
+have read it back, all swap, and run the scenario for as many ticks as their trial takes (100), with their actuators. Whatever \
+fails before the last of these ticks, Ctrl-C included: all go back to the program that they had. docs/book/src/update.md \
+says which boards can.
 
 Examples:
   sim-host bench --list
   sim-host bench scenarios/five-agents.toml --bench bench.toml --commission
   sim-host bench scenarios/five-agents.toml --bench bench.toml --out out/bench
-  sim-host bench --bench bench.toml --erase";
+  sim-host bench --bench bench.toml --erase
+  sim-host bench three.toml --bench bench.toml --update image.elf";
 
 const NODE_HELP: &str = "\
 The node is blank until a bench configures it over its line, and the process ends when the line is closed. It has no \
@@ -302,6 +308,9 @@ pub(super) struct BenchArgs {
     /// Run nothing; make all nodes of the bench file blank at their next start
     #[arg(long, conflicts_with_all = ["scenario", "seed", "set", "list", "commission", "out", "every", "json", "junit", "no_can_log", "pcapng", "mcap"])]
     pub(super) erase: bool,
+    /// Record nothing; give all nodes of the scenario this program, or none: an ELF file, or bytes as they are in flash
+    #[arg(long, value_name = "IMAGE", conflicts_with_all = ["list", "commission", "erase", "out", "every", "json", "junit", "no_can_log", "pcapng", "mcap", "image", "verbose"])]
+    pub(super) update: Option<PathBuf>,
     #[command(flatten)]
     pub(super) output: OutputArgs,
 }

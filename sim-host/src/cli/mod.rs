@@ -22,10 +22,13 @@ use crate::host_node::{self, End};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
+use crate::program::Program;
 use crate::record::{BusLogs, Summary, failures, is_standard_output, write_atomic};
 use crate::replay::replay;
 use crate::report::{self, Report};
-use crate::run::{self, Claim, Fidelity, LargeOptions, RunError, RunOptions, Verbosity, Wanted};
+use crate::run::{
+    self, Claim, Fidelity, LargeOptions, RunError, RunOptions, UpdateProgress, Verbosity, Wanted,
+};
 use crate::scenario::{self, AnyScenario, LargeScenario, Override, Scenario, TimeSpec};
 
 pub use arguments::Cli;
@@ -173,6 +176,7 @@ fn bench_command(args: &BenchArgs, arguments: &[OsString]) -> Result<Exit, Failu
             let options = options(Fidelity::Bench, bench()?, &args.output, None, String::new())?;
             commissioned(run::commission(&args.settings.load(scenario)?, &options), &options)
         }
+        Some(scenario) if args.update.is_some() => update_command(args, scenario, bench()?),
         Some(scenario) => {
             let command = command(arguments);
             let wanted = wanted(scenario, &args.settings.set, args.bench.as_deref(), &args.output, &command);
@@ -205,6 +209,24 @@ fn wanted<'a>(
         junit: output.junit.as_deref(),
         command,
     }
+}
+
+/// Gives all nodes a new program, or none.
+fn update_command(args: &BenchArgs, scenario: &Path, bench: Option<BenchFile>) -> Result<Exit, Failure> {
+    // Before any node is touched.
+    let image = args.update.as_deref().unwrap_or(Path::new(""));
+    let program = Program::load(image).map_err(|why| Failure::bad_input(format!("--update {why}")))?;
+    let scenario = args.settings.load(scenario)?;
+    let options = options(Fidelity::Bench, bench, &args.output, None, String::new())?;
+    let mut progress = UpdateProgress::new(options.verbosity == Verbosity::Quiet);
+    let outcome = run::update(&scenario, &options, &program, &mut |stage| progress.at(stage));
+    drop(progress);
+    let exit = |exit| if exit == Exit::Interrupted { options.interrupt.exit() } else { exit };
+    let outcome = outcome.map_err(|error| Failure { message: error.message, exit: exit(error.exit) })?;
+    if options.verbosity > Verbosity::Quiet {
+        print(&printable_lines(&outcome.to_string()))?;
+    }
+    Ok(Exit::Success)
 }
 
 /// Prints what the nodes have now, a line each.

@@ -5,7 +5,7 @@ use super::task::{Action, Outside, Source};
 use super::{HubError, Line, Received};
 use funnelnet_protocol::Refusal;
 use funnelnet_protocol::serial::{self, HOST, MAX_FRAME, MAX_RAW};
-use funnelnet_protocol::service::{Identity, Reply, Request};
+use funnelnet_protocol::service::{Body, Identity, Reply, Request};
 use std::time::Duration;
 
 /// How long a node that has said nothing is left alone before it is asked again who it is: it may have been
@@ -108,7 +108,7 @@ impl Contact {
     ///
     /// # Errors
     /// As [`Contact::write`].
-    pub(crate) async fn request(&mut self, request: &Request) -> Result<(), HubError> {
+    pub(crate) async fn request(&mut self, request: &impl Body) -> Result<(), HubError> {
         let (mut scratch, mut frame) = ([0; MAX_RAW], [0; MAX_FRAME]);
         let length = serial::encode_service(request, HOST, &mut scratch, &mut frame).unwrap_or(0);
         self.write(frame.get(..length).unwrap_or(&frame)).await
@@ -252,7 +252,7 @@ impl Contact {
     /// No answer within `limit`, with a new request `every` so often; the node is gone, or an interrupt.
     pub(super) async fn ask<T>(
         &mut self,
-        request: &Request,
+        request: &impl Body,
         (limit, every): (Duration, Duration),
         awaited: &'static str,
         mut pick: impl FnMut(Received) -> Option<T>,

@@ -3,6 +3,7 @@
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
 use funnelnet_protocol::config::ConfigError;
 use funnelnet_protocol::service::{StageError, StoreError};
+use funnelnet_protocol::update::UpdateError;
 use std::path::PathBuf;
 use std::time::Duration;
 use std::{fmt, io};
@@ -113,6 +114,44 @@ pub enum HubError {
         expected: u32,
         /// Checksum of what it has, 0 where that is nothing.
         found: u32,
+    },
+    /// Nodes cannot take a program.
+    CannotUpdate {
+        /// Their ids, and why.
+        nodes: Vec<(u8, String)>,
+    },
+    /// A node refused a step of an update.
+    NotTaken {
+        /// Its id.
+        node: u8,
+        /// The step.
+        what: &'static str,
+        /// Why.
+        reason: UpdateError,
+    },
+    /// A node was to come back with a new program, and has the one that it had.
+    OldProgram {
+        /// Its id.
+        node: u8,
+    },
+    /// A node was restarted, and is on trial with the same program as before.
+    StaysOnTrial {
+        /// Its id.
+        node: u8,
+    },
+    /// A node stopped by itself while its program was on trial.
+    StoppedOnTrial {
+        /// Its id.
+        node: u8,
+        /// Tick in which it was not there any more.
+        tick: u32,
+    },
+    /// A node has not completed the trial of its program.
+    NotConfirmed {
+        /// Its id.
+        node: u8,
+        /// Ticks that it says are left.
+        left: u32,
     },
     /// A node went on speaking without saying what was awaited.
     Babbles {
@@ -228,6 +267,11 @@ impl HubError {
             | Self::Checksum { node, .. }
             | Self::NotCommitted { node }
             | Self::NotErased { node, .. }
+            | Self::NotTaken { node, .. }
+            | Self::OldProgram { node }
+            | Self::StaysOnTrial { node }
+            | Self::StoppedOnTrial { node, .. }
+            | Self::NotConfirmed { node, .. }
             | Self::WireVersion { node, .. } => Some(node),
             _ => None,
         }
@@ -288,6 +332,31 @@ impl fmt::Display for HubError {
                 f,
                 "node {node} has the configuration with checksum {found:08x} and not {expected:08x}, which it was given"
             ),
+            Self::CannotUpdate { nodes } => {
+                f.write_str("not all nodes can take this program:")?;
+                nodes.iter().try_for_each(|(node, why)| write!(f, "\nnode {node}: {why}"))
+            }
+            Self::NotTaken { node, what, reason } => {
+                write!(f, "node {node} refused the {what}: {reason}")?;
+                // It had said that it took the announcement.
+                let forgot = *reason == UpdateError::NotBegun;
+                if forgot { f.write_str("; it has been restarted meanwhile") } else { Ok(()) }
+            }
+            Self::OldProgram { node } => write!(
+                f,
+                "node {node} came back with the program that it had: the new one did not come up there"
+            ),
+            Self::StaysOnTrial { node } => write!(
+                f,
+                "node {node} is on trial with a program of another update, and was restarted, but did not go back"
+            ),
+            Self::StoppedOnTrial { node, tick } => write!(
+                f,
+                "node {node} stopped by itself at tick {tick} of its trial: does the scenario run so, with sim-host run?"
+            ),
+            Self::NotConfirmed { node, left } => {
+                write!(f, "node {node} has not completed its trial: ticks that it says are left: {left}")
+            }
             Self::Babbles { node, tick, awaited, waited } => write!(
                 f,
                 "node {node} goes on speaking, but said no {awaited} of tick {tick} within {} s",

@@ -31,6 +31,7 @@ pub(crate) mod recording;
 mod shadow;
 mod sound;
 mod task;
+mod update;
 pub(crate) mod watch;
 
 pub use absence::{Absence, OnLoss};
@@ -41,6 +42,7 @@ pub use halt::Halted;
 pub use line::{Line, Received};
 pub use on_can::{CanCounts, FrameBytes, Relayed};
 pub use task::{Action, Source, Step, Task};
+pub use update::{Update, Updated};
 
 pub(crate) use task::Outside;
 
@@ -257,6 +259,11 @@ impl Conductor {
     /// What nodes have said that cannot be so, a sentence each.
     pub fn contradictions(&self) -> Vec<String> {
         self.doubts.sentences()
+    }
+
+    /// The tick that comes next.
+    pub fn next_tick(&self) -> u32 {
+        self.tick
     }
 
     /// When the host sent and read what belongs to the last tick, by index.

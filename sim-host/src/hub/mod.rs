@@ -10,15 +10,17 @@ mod link;
 mod outlets;
 mod readers;
 mod talk;
+mod update;
 
 pub use crate::conductor::{
     Absence, CanCounts, Commissioned, Contact, Failed, FrameBytes, Halted, HubError, Known, OnLoss, Patience,
-    Received, Relayed, Stamps,
+    Received, Relayed, Stamps, Updated,
 };
 pub use can::CanSide;
 pub use commission::Commissioning;
 pub use link::{Link, SLICE, Stream};
 pub use talk::Talk;
+pub use update::{Trial, UpdateStage, Updating};
 
 use crate::bus::ideal::IdealBus;
 use crate::can::Heard;

@@ -227,6 +227,11 @@ fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, Run
         own_clock::stop_when_alone(&mut configs);
         return Ok(configs);
     }
+    lockstep_configs(scenario, file)
+}
+
+/// The same for nodes that tick by this program's clock.
+pub(super) fn lockstep_configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, RunError> {
     let mut configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     if scenario.safety.holdover_ns.is_none() {
         let holdover_ns = file.holdover_ns(configs.len());

@@ -39,7 +39,7 @@ pub fn erase(options: &RunOptions) -> Result<Vec<Commissioned>, RunError> {
     nodes.map_err(|failed| told(failed, "erased", "try again, a blank node can be erased, too"))
 }
 
-fn bench_file(options: &RunOptions) -> Result<&BenchFile, RunError> {
+pub(super) fn bench_file(options: &RunOptions) -> Result<&BenchFile, RunError> {
     options.bench.as_ref().ok_or_else(|| RunError::defect("commissioning without a bench file"))
 }
 
@@ -67,7 +67,7 @@ fn in_groups(known: &Known, done: &str) -> String {
     groups.map(|(name, nodes)| format!("{name}: {}", list(nodes))).collect::<Vec<_>>().join("; ")
 }
 
-fn list(ids: &[u8]) -> String {
+pub(super) fn list(ids: &[u8]) -> String {
     ids.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
 }
 

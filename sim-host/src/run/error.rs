@@ -95,7 +95,12 @@ fn exit(error: &HubError) -> Exit {
         | HubError::Lost { .. }
         | HubError::Silent { .. }
         | HubError::Babbles { .. }
-        | HubError::RanApart { .. } => Exit::ExpectationFailed,
+        | HubError::RanApart { .. }
+        | HubError::NotTaken { .. }
+        | HubError::OldProgram { .. }
+        | HubError::StaysOnTrial { .. }
+        | HubError::StoppedOnTrial { .. }
+        | HubError::NotConfirmed { .. } => Exit::ExpectationFailed,
         HubError::Interrupted => Exit::Interrupted,
         HubError::NoQemu { .. }
         | HubError::NoImage { .. }
@@ -107,6 +112,7 @@ fn exit(error: &HubError) -> Exit {
         | HubError::NotStaged { .. }
         | HubError::NotCommitted { .. }
         | HubError::NotErased { .. }
+        | HubError::CannotUpdate { .. }
         | HubError::Checksum { .. }
         | HubError::Uid { .. }
         | HubError::WireVersion { .. }

@@ -28,6 +28,8 @@ pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod told;
+mod update;
+mod update_progress;
 
 pub use claim::Claim;
 pub use commission::{commission, erase};
@@ -47,6 +49,8 @@ pub use places::Wanted;
 pub(crate) use places::{files_named_in, is_one_file, overwritten};
 pub use rows::Rows;
 use rows::{Both, Nobody};
+pub use update::{UpdateOutcome, update};
+pub use update_progress::UpdateProgress;
 
 use crate::emergent::EmergentTrajectory;
 use crate::printable::{printable, printable_lines};

@@ -122,6 +122,19 @@ impl Bench {
         command.arg(self.path("scenario.toml")).arg("--commission").args(arguments).spawn().unwrap()
     }
 
+    pub fn spawn_update(&self, image: &Path, arguments: &[&str]) -> Child {
+        let mut command = self.command();
+        command.arg(self.path("scenario.toml")).arg("--update").arg(image).args(arguments).spawn().unwrap()
+    }
+
+    /// The same with standard error on the terminal at this path.
+    pub fn spawn_update_on(&self, terminal: &str, image: &Path) -> Child {
+        let terminal = fs::OpenOptions::new().read(true).write(true).open(terminal).unwrap();
+        let mut command = self.command();
+        command.env("TERM", "xterm").arg(self.path("scenario.toml")).arg("--update").arg(image);
+        command.stderr(terminal).spawn().unwrap()
+    }
+
     pub fn spawn_erase(&self) -> Child {
         self.command().arg("--erase").spawn().unwrap()
     }
