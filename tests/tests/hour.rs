@@ -155,7 +155,7 @@ fn an_hour_of_node_time_is_the_hour_of_the_simulator() {
         let strangers = 2 * (ticks + 1);
         assert_eq!(
             u64::from(counters.accepted) + counters.all_refused(),
-            4 * (ticks + 3) + 2,
+            u64::from(4 * (ticks + 3) + 2),
             "{counters:?}"
         );
         assert_eq!(counters.refused(Refusal::UnknownSource), strangers, "{counters:?}");
