@@ -120,7 +120,10 @@ image_build() { # IMAGE
     local binary
     binary=$(image_field "$1" 3)
     image_cargo build "$1" --release
-    [[ $1 == "$binary" ]] || cp "$(dirname "$(image_path "$1")")/$binary" "$(image_path "$1")"
+    [[ $1 != "$binary" ]] || return 0
+    cp "$(dirname "$(image_path "$1")")/$binary" "$(image_path "$1")"
+    # An image that has the binary's own name has to be built again.
+    unset "BUILT[$binary]"
 }
 
 read_boards() { BOARDS=$(python3 firmware/boards.py boards) && IMAGES_OF_NODES=$(python3 firmware/boards.py images); }
@@ -496,7 +499,8 @@ cmd_cost() { #: count instructions on the emulated Cortex-M4F and on the host; M
 # The table that the image prints; 1 where a row is over its limit.
 emulator_cost() {
     local status=0
-    timeout 120 qemu-system-arm -M mps2-an386 -display none -serial none -monitor none -icount shift=0 \
+    # In the foreground, so that who ends this script ends it, too.
+    timeout --foreground 120 qemu-system-arm -M mps2-an386 -display none -serial none -monitor none -icount shift=0 \
         -semihosting-config enable=on,target=native -kernel "$IMAGES/cost" </dev/null || status=$?
     (( status <= 1 )) || fail "counting on the emulator ended with exit code $status (124: it took too long)"
     return "$status"
@@ -755,12 +759,14 @@ cmd_test() { #: set up, then every check: those of the host and those of the tar
     target=$!
     set +m
     # shellcheck disable=SC2064 # as they are now
-    trap "kill -- -$target 2>/dev/null; rm -f '$log'" EXIT
+    trap "kill -- -$target 2>/dev/null || true; say 'what ran beside, until then:'; cat '$log'; rm -f '$log'" EXIT
     for name in $ON_HOST; do timed "$name"; done
     local status=0
     wait "$target" || status=$?
+    trap - EXIT
     say "what ran beside: $ON_TARGET"
     cat "$log"
+    rm -f "$log"
     (( status == 0 )) || fail "the checks beside ended with exit code $status"
     for name in $LAST; do timed "$name"; done
     say "all checks passed"

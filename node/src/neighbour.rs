@@ -395,6 +395,11 @@ impl<F: Real> Neighbours<F> {
         self.of(id).first().map(Edge::presence)
     }
 
+    /// Whether the edge to neighbour `id` is barred; `None` for a stranger.
+    pub fn is_barred(&self, id: NodeId) -> Option<bool> {
+        self.of(id).first().map(|edge| edge.hearing == Hearing::Barred)
+    }
+
     /// Whether any component of neighbour `id` was ever heard, or has been since it became a neighbour;
     /// `None` for a stranger.
     pub fn was_heard(&self, id: NodeId) -> Option<bool> {

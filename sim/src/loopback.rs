@@ -103,7 +103,9 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
     let engine = engine.with_commits(commits(scenario, &params)?);
     // Events of clocks are part of those.
     let engine = engine.with_clocks(Clocks::of(scenario));
-    if scenario.stays_whole() {
+    // A plant goes on where no node is left that ticks.
+    let has_plants = (0..scenario.nodes.len()).any(|index| scenario.has_plant(index));
+    if scenario.stays_whole() && !has_plants {
         return Ok(engine);
     }
     let course = scenario.course().on_clock(&scenario.time);

@@ -203,6 +203,16 @@ fn a_lie_within_the_limits_is_believed() {
     assert!((200..300).contains(&at) && ramp.dropped == Some(at + 9), "{ramp:?}");
 }
 
+/// Who is barred to the end is heard: it is not what fails such a run.
+#[test]
+fn a_liar_that_is_dropped_to_the_end_is_no_silent_node() {
+    let scenario = scenario(PLACES[0], 1, "constant = 5", "", LIMITS);
+    let verdict = Simulation::new(&scenario).unwrap().run();
+    let heard = verdict.checks.iter().find(|check| check.name == "heard").unwrap();
+    assert!(heard.pass, "{heard:?}");
+    assert!(run(PLACES[0], 1, "constant = 5", "", LIMITS).dropped.is_some());
+}
+
 #[test]
 fn limits_do_the_same_on_can() {
     let on = |bus: &str| scenario(PLACES[0], 1, "constant = 5", bus, LIMITS);

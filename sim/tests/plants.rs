@@ -84,6 +84,16 @@ fn the_plant_of_a_node_that_has_stopped_goes_on_and_is_judged() {
     assert!((f64::from(end) - free(2.0) - gone).abs() < 2e-3, "{end}");
 }
 
+/// Then nobody is left that ticks.
+#[test]
+fn plants_go_on_where_all_nodes_have_stopped() {
+    let (states, verdict) =
+        played("at = '1s', kind = 'sensor', nodes = [1, 2, 3, 4, 5], for = '200ms', loss = 1");
+    assert_eq!((states.len(), verdict.stops.len()), (2001, 5));
+    let moved = (states[1100][2] - states[2000][2]).abs();
+    assert!(moved > 0.3, "{moved}");
+}
+
 #[test]
 fn a_sensor_without_a_value_stops_its_node_after_ten_ticks_and_half_of_them_do_not() {
     let stopped = |event: &str| {

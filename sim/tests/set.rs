@@ -268,6 +268,54 @@ fn a_load_that_changes_moves_the_network_elsewhere_and_predictions_end() {
     assert_eq!(read(&[&format!("{NARROW}, node = 1")], "").predicted_to(), Some(1200));
 }
 
+/// The law that is bounded is that of the load, too.
+#[test]
+fn a_load_that_is_larger_than_all_before_is_borne() {
+    let text = r#"version = 1
+time = { tick = "1ms", duration = "2s" }
+graph = { kind = "ring", nodes = 5 }
+coupling.kind = "node-wise"
+coupling.gain = { kind = "reciprocal", scale = 1.0 }
+coupling.funnel = { kind = "constant", width = 0.2 }
+agent.dynamics = { kind = "affine", offset = 0.0 }
+node = [{ id = 1, dynamics = { offset = 0.01 } }]
+event = [{ at = "500ms", kind = "set", key = "agent.dynamics.offset", value = 4.0, node = 3 }]
+"#;
+    let scenario =
+        Scenario::parse(text, Path::new("load.toml"), &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let findings = Simulation::new(&scenario).unwrap().run().findings;
+    assert!(findings.max_ratio < 0.9, "{}", findings.max_ratio);
+}
+
+/// Between two ticks at which something is set funnels differ, though they are alike before and after.
+#[test]
+fn predictions_end_where_funnels_differ_for_a_while() {
+    let of = |at: &str| {
+        let first = "at = '500ms', kind = 'set', key = 'coupling.funnel.end', value = 0.1, node = 3";
+        let second = format!(
+            "at = '{at}', kind = 'set', key = 'coupling.funnel.end', value = 0.1, nodes = [1, 2, 4, 5]"
+        );
+        read(&[first, &second], "").predicted_to()
+    };
+    assert_eq!((of("1500ms"), of("500ms")), (Some(500), None));
+}
+
+/// `[faults]` may give any node a plant, whatever the seed draws.
+#[test]
+fn no_field_is_set_where_nodes_may_get_a_plant() {
+    let refused = |key: &str, kind: &str| {
+        let event = format!("[[event]]\nat = '1s'\nkind = 'set'\n{key}\n");
+        let text = format!("{RING}{TIME}[faults]\nrate = 1e-6\nkinds = ['{kind}']\n{event}{DRIVEN}");
+        Scenario::parse(&text, Path::new("ring.toml"), &[]).err().map(|errors| errors.to_string())
+    };
+    let field = "key = 'agent.dynamics.offset'\nvalue = 2.0";
+    assert!(
+        refused(field, "sensor").is_some_and(|text| text.contains("[faults] of kind sensor or actuator"))
+    );
+    assert_eq!(refused(field, "bounce"), None);
+    assert_eq!(refused("key = 'coupling.funnel.end'\nvalue = 0.1", "sensor"), None);
+}
+
 #[test]
 fn on_can_and_on_serial_lines_it_is_the_same() {
     let on = |bus: &str| played(&read(&[NARROW], bus));

@@ -57,6 +57,12 @@ function looks() {
     const { width, height } = picture.getBoundingClientRect();
     if (!isFolded(picture) && (width < 100 || height < 40)) found.push(`has a picture of ${width} x ${height}`);
   }
+  // Words of a picture that stick out of it are cut off.
+  for (const words of document.querySelectorAll('svg text')) {
+    const { left, right, top, bottom, width } = words.getBoundingClientRect(), edge = words.closest('svg').getBoundingClientRect();
+    const out = Math.max(edge.left - left, right - edge.right, edge.top - top, bottom - edge.bottom);
+    if (width > 0 && out > 2) found.push(`cuts off "${words.textContent}" by ${Math.round(out)} pixels`);
+  }
   return found;
 }
 

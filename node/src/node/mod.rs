@@ -207,6 +207,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.neighbours.presence(id)
     }
 
+    /// Whether the edge to neighbour `id` is barred, since too much of what it said could not be taken; `None` for a stranger.
+    pub fn neighbour_is_barred(&self, id: NodeId) -> Option<bool> {
+        self.neighbours.is_barred(id)
+    }
+
     /// Whether neighbour `id` was ever heard, in any component; `None` for a stranger.
     pub fn neighbour_was_heard(&self, id: NodeId) -> Option<bool> {
         self.neighbours.was_heard(id)

@@ -10,9 +10,15 @@ pub(super) fn padded(values: impl Iterator<Item = f64>) -> Range<f64> {
     if low > high {
         return -1.0..1.0;
     }
-    let margin = (0.05 * (high - low)).max(1e-9 * high.abs().max(low.abs())).max(1e-12);
+    let size = high.abs().max(low.abs());
+    // What differs by rounding alone is one value, and stands in the middle.
+    let margin = if high - low > SAME * size { 0.05 * (high - low) } else { 0.05 * size };
+    let margin = if margin > 0.0 { margin } else { 1.0 };
     low - margin..high + margin
 }
+
+/// Values are one where they differ by less, as a share of the largest.
+const SAME: f64 = 1e-6;
 
 /// This much wider than what is usual, a range is cut: a value far away would leave no room for the others.
 const FAR: f64 = 20.0;
@@ -72,7 +78,11 @@ fn within(value: f64, decimals: usize, exponent_decimals: usize) -> String {
         let text = format!("{value:.decimals$}");
         return text.trim_end_matches('0').trim_end_matches('.').replace('-', "\u{2212}");
     }
-    format!("{value:.exponent_decimals$e}").replace(".000e", "e").replace('-', "\u{2212}")
+    let text = format!("{value:.exponent_decimals$e}");
+    let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let is_whole = digits.split_once('.').is_some_and(|(_, rest)| rest.chars().all(|digit| digit == '0'));
+    let digits = if is_whole { digits.trim_end_matches('0').trim_end_matches('.') } else { digits };
+    format!("{digits}e{exponent}").replace('-', "\u{2212}")
 }
 
 /// The label of a power of ten on a logarithmic axis.
@@ -121,6 +131,17 @@ mod tests {
         assert!(cut.contains(&5.0) && cut.end < 20.0, "a run that is far away for most of the time: {cut:?}");
         let infinite = robust(&[0.0, 1.0, f64::INFINITY], [0.0, 1.0].into_iter());
         assert!(infinite.end < 2.0, "{infinite:?}");
+    }
+
+    #[test]
+    fn what_stays_as_it_is_has_short_labels() {
+        for value in [1.0, 21.5, 0.0, -3e-7, 2.5e6] {
+            let range = padded([value, value].into_iter());
+            let (label, step) = (labels(&range), (range.end - range.start) / 10.0);
+            let longest = (0..10).map(|k| label(&(range.start + f64::from(k) * step)).chars().count()).max();
+            assert!(longest <= Some(9), "{range:?} {longest:?}");
+        }
+        assert_eq!(labels(&(0.9e6..1.1e6))(&1e6), "1e6");
     }
 
     #[test]

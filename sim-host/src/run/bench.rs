@@ -35,7 +35,12 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     tell_left_out(&left_out, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
     let clocks = skipped_clocks(scenario, options);
-    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, ..scenario.without_events() };
+    let mut expect = scenario.expect.clone();
+    // A file without events has no time to recover in.
+    let no_recovery = made.is_empty() && expect.recovered_within_ns.take().is_some();
+    let without = scenario.without_events();
+    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, expect, ..without };
+    let no_recovery = tell_no_recovery(no_recovery, options);
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, file)?;
     let comparison = match scenario.bus.model {
@@ -81,13 +86,27 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
                 extrapolated: sum(|counters| counters.extrapolated),
                 late: sum(|counters| counters.late),
             });
-            let skipped =
-                skipped.into_iter().chain(clocks).map(str::to_owned).chain(kinds(&left_out)).collect();
+            let skipped = skipped
+                .into_iter()
+                .chain(clocks)
+                .chain(no_recovery)
+                .map(str::to_owned)
+                .chain(kinds(&left_out))
+                .collect();
             let bench = outcome.bench.map(|bench| BenchSummary { skipped, wires, ..bench });
             Ok(Outcome { logs: hub.into_logs(), bench, bus, ..outcome })
         }
         Err(error) => Err(error.and(hub.halt())),
     }
+}
+
+/// The key of an expectation that nothing is left for, where it is so.
+fn tell_no_recovery(is_so: bool, options: &RunOptions) -> Option<&'static str> {
+    let key = "expect.recovered_within";
+    if is_so && options.verbosity != Verbosity::Quiet {
+        eprint_line(&format!("skipped: {key}, since no event of the file is made"));
+    }
+    is_so.then_some(key)
 }
 
 /// A scenario on CAN is for a bench that has all of its nodes on one such bus.

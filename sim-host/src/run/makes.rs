@@ -5,7 +5,7 @@
 
 use crate::configure::listeners;
 use crate::engine::Scene;
-use crate::scenario::{EventKind, EventSpec, Scenario};
+use crate::scenario::{Detail, EventKind, EventSpec, Scenario};
 use std::collections::BTreeSet;
 
 /// How the nodes of a scenario are reached, by index.
@@ -78,8 +78,9 @@ impl Reach {
             EventKind::Corrupt => Some(
                 "a serial line has a checksum, by which a wrong bit is a lost frame; the simulated bus has none",
             ),
-            EventKind::Liar | EventKind::Replayer | EventKind::Impostor => {
-                own_ways().then_some(ON_ITS_OWN_WAY)
+            EventKind::Liar | EventKind::Replayer => own_ways().then_some(ON_ITS_OWN_WAY),
+            EventKind::Impostor => {
+                (own_ways() || self.is_heard_on_can(event, scenario)).then_some(ON_ITS_OWN_WAY)
             }
             EventKind::Clock => Some("a node's clock is its own"),
             EventKind::SyncLoss if self.own_clock => Some("no SYNC keeps the clocks of a bench together"),
@@ -95,6 +96,17 @@ impl Reach {
     /// Whether a node's states reach a neighbour without this program.
     fn has_own_way(&self, node: usize) -> bool {
         self.on_can.contains(&node) || self.is_wired(node)
+    }
+
+    /// Whether the one whose name is taken, or a neighbour of who takes it, is on CAN: all on that bus would hear a false frame, or none.
+    fn is_heard_on_can(&self, event: &EventSpec, scenario: &Scenario) -> bool {
+        let name = match &event.detail {
+            Detail::Impostor { name, .. } => Some(*name),
+            _ => None,
+        };
+        let hear = |&node: &usize| scenario.graph.neighbours(node).into_iter().map(|(other, _)| other);
+        let mut hearers = event.targets.nodes().iter().flat_map(hear).chain(name);
+        hearers.any(|node| self.on_can.contains(&node))
     }
 
     fn is_wired(&self, node: usize) -> bool {
@@ -192,6 +204,18 @@ mod tests {
         let events = "{ at = '1ms', kind = 'partition', link = [1, 2] }, { at = '2ms', kind = 'repair', link = [1, 2] }, \
                       { at = '3ms', kind = 'partition', link = [3, 4] }, { at = '4ms', kind = 'repair' }";
         assert_eq!(kinds(&reach, events), (vec!["partition", "repair"], vec!["partition", "repair"]));
+    }
+
+    #[test]
+    fn an_impostor_is_made_where_no_bus_carries_its_frame_to_others() {
+        let event = "{ at = '1ms', kind = 'impostor', node = 1, as = 3, offset = 1.0 }";
+        let made = |on_can: &[usize]| {
+            kinds(&Reach { on_can: on_can.iter().copied().collect(), ..Reach::default() }, event).0
+        };
+        assert_eq!(made(&[]), ["impostor"]);
+        // The one whose name it is, and a neighbour.
+        assert!(made(&[2]).is_empty() && made(&[1]).is_empty() && made(&[0]).is_empty());
+        assert_eq!(made(&[3]), ["impostor"]);
     }
 
     #[test]

@@ -28,14 +28,17 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
             let has_stopped = matches!(node.phase(), Phase::Faulted(_));
             if !listeners.iter().any(|listener| has_heard(listener, id)) {
                 unheard.push(id.get().into());
-            } else if !has_stopped
-                && !listeners.iter().any(|listener| listener.neighbour_presence(id) == Some(Presence::Known))
-            {
+            } else if !has_stopped && !listeners.iter().any(|listener| hears(listener, id)) {
                 silent.push(id.get().into());
             }
         }
         (unheard, silent)
     }
+}
+
+/// Who is barred is heard, and not believed.
+fn hears<V: VectorField<f32>>(listener: &Node<f32, V>, id: NodeId) -> bool {
+    listener.neighbour_presence(id) == Some(Presence::Known) || listener.neighbour_is_barred(id) == Some(true)
 }
 
 fn has_heard<V: VectorField<f32>>(listener: &Node<f32, V>, id: NodeId) -> bool {

@@ -186,7 +186,8 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
         if self.clocks.is_some() {
             return self.advance_by_clocks();
         }
-        let now = match self.world.as_mut().map(World::next_tick) {
+        let next = self.world.as_mut().map(World::next_tick);
+        let now = match next {
             Some((tick, now)) => {
                 self.happen(now);
                 self.deliver_before(now);
@@ -204,18 +205,18 @@ impl<M: Medium, V: VectorField<f32> + Clone> Engine<M, V> {
                 self.poll(index, now);
             }
         }
-        self.look_at_stopped();
+        if !self.devices.is_empty() {
+            self.look_at_stopped(next.map(|(tick, _)| tick));
+        }
         Some(&self.observations)
     }
 
-    /// Plants go on when their nodes have stopped.
-    fn look_at_stopped(&mut self) {
-        if self.devices.is_empty() {
-            return;
-        }
+    /// Plants go on when their nodes have stopped: to `tick`, or, where nobody counts ticks but the nodes, to the newest of theirs.
+    #[cold]
+    fn look_at_stopped(&mut self, tick: Option<u64>) {
         // A node that is off has no tick.
-        let ticks = self.observations.iter().map(|seen| seen.tick);
-        let newest = ticks.filter(|&tick| tick != NOTHING.tick).max().unwrap_or(0);
+        let ticks = self.observations.iter().map(|seen| seen.tick).filter(|&tick| tick != NOTHING.tick);
+        let newest = tick.and_then(|tick| u32::try_from(tick).ok()).or(ticks.max()).unwrap_or(0);
         let components = self.nodes.first().map_or(1, Node::components);
         for (index, slots) in self.observations.chunks_mut(components).enumerate() {
             if slots.iter().any(|seen| seen.tick < newest) {

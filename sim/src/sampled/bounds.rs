@@ -2,7 +2,7 @@
 //! 9).
 
 use super::{Followed, WORK, follow_for, promises};
-use crate::extremes::smaller;
+use crate::extremes::{larger, smaller};
 use crate::scenario::{BusModel, Coupling, Loss, Scenario};
 use funnelnet_node::params;
 
@@ -42,8 +42,27 @@ impl Bounds {
         Self::of_disturbed(scenario)
     }
 
-    /// The same for a network that something else may disturb: a real bus, or events.
+    /// The same for a network that something else may disturb: a real bus, or events. Where events set something they clip neither
+    /// what the law does before nor what it does after.
     pub fn of_disturbed(scenario: &Scenario) -> Self {
+        let before = Self::as_it_begins(scenario);
+        match scenario.as_staged() {
+            Some(after) => before.or_wider(Self::as_it_begins(&after)),
+            None => before,
+        }
+    }
+
+    /// Bounds that hold where either of both does.
+    fn or_wider(self, other: Self) -> Self {
+        let wider = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| larger(a, b));
+        Self {
+            input: wider(self.input, other.input),
+            slope: wider(self.slope, other.slope),
+            extrapolate: self.extrapolate.min(other.extrapolate),
+        }
+    }
+
+    fn as_it_begins(scenario: &Scenario) -> Self {
         let told = Self { input: scenario.u_max, ..Self::NONE };
         let Some(followed) = undisturbed(scenario) else { return told };
         let end = scenario.time.end_s();

@@ -95,7 +95,11 @@ impl Scenario {
             let now = NodeSpec { funnel: next.funnel, damping: next.damping, ..now.clone() };
             now == *next
         });
-        if only_funnel && equal_funnels(&self.nodes) && equal_funnels(&next.nodes) {
+        // Between two ticks at which something is set funnels differ.
+        let ticks: Vec<_> =
+            self.staged.iter().map(|staged| staged.as_ref().map(|staged| staged.tick)).collect();
+        let at_once = ticks.windows(2).all(|pair| pair[0] == pair[1]);
+        if at_once && only_funnel && equal_funnels(&self.nodes) && equal_funnels(&next.nodes) {
             return None;
         }
         self.staged.iter().flatten().map(|staged| staged.tick).min()
@@ -123,7 +127,7 @@ pub(super) fn read(
         for (event, new) in &events {
             let written = written(root, new)?;
             let targets = targets(event, scenario);
-            sound(tick, &targets, &nodes, (scenario, &staged), event, written)?;
+            sound(tick, &targets, &nodes, (scenario, &staged), (root, written))?;
         }
         for index in events.iter().flat_map(|(event, _)| targets(event, scenario)) {
             staged[index] = Some(Staged { tick, node: nodes[index].clone() });
@@ -212,8 +216,7 @@ fn sound(
     targets: &[usize],
     next: &[NodeSpec],
     (scenario, staged): (&Scenario, &[Option<Staged>]),
-    event: &EventSpec,
-    written: &Item,
+    (root, written): (&Item, &Item),
 ) -> Result<(), Box<Diagnostic>> {
     let refuse = |key: &str, allowed: String| {
         Err(written.get(key).unwrap_or(written).diagnostic(Problem::Value, allowed))
@@ -237,13 +240,18 @@ fn sound(
     if targets.iter().all(|&index| next[index] == scenario.nodes[index]) {
         return refuse("value", "changes nothing: its nodes have that from the start".to_owned());
     }
-    let of_field = matches!(&event.detail, Detail::Set(new) if new.key.starts_with("agent.dynamics"));
-    if let Some(index) = targets.iter().find(|&&index| of_field && scenario.has_plant(index)) {
+    let has_other_field = |index: usize| next[index].dynamics != scenario.nodes[index].dynamics;
+    if let Some(index) = targets.iter().find(|&&index| has_other_field(index) && scenario.has_plant(index)) {
         let allowed = format!(
             "must not be there for node {}, which an event of kind sensor or actuator gives a plant: that goes on as it is",
             index + 1
         );
         return refuse("key", allowed);
+    }
+    // Whatever the seed draws.
+    if may_draw_plants(root) && targets.iter().any(|&index| has_other_field(index)) {
+        let allowed = "must not be there beside [faults] of kind sensor or actuator, which give nodes a plant: that goes on as it is";
+        return refuse("key", allowed.to_owned());
     }
     let components = scenario.components();
     if targets.iter().any(|&index| next[index].state.len() != components) {
@@ -253,4 +261,11 @@ fn sound(
         );
     }
     Ok(())
+}
+
+/// Whether `[faults]` may have the sensor or the actuator of a node fail.
+fn may_draw_plants(root: &Item) -> bool {
+    let kinds = root.get("faults").and_then(|faults| faults.get("kinds")).map(|kinds| &kinds.value);
+    let Some(Value::Array(kinds)) = kinds else { return false };
+    kinds.iter().filter_map(Item::text).any(|kind| matches!(kind, "sensor" | "actuator"))
 }
