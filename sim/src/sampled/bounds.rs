@@ -3,7 +3,7 @@
 
 use super::{Followed, WORK, follow_for, promises};
 use crate::extremes::{larger, smaller};
-use crate::scenario::{BusModel, Coupling, Loss, Scenario};
+use crate::scenario::{BusModel, Coupling, Loss, NodeSpec, Scenario};
 use funnelnet_node::params;
 
 /// The largest input of a disturbed network over that of the undisturbed one: 4 is too little to come back
@@ -45,16 +45,21 @@ impl Bounds {
     /// The same for a network that something else may disturb: a real bus, or events. Where events set something they clip neither
     /// what the law does before nor what it does after.
     pub fn of_disturbed(scenario: &Scenario) -> Self {
-        let before = Self::as_it_begins(scenario);
-        match scenario.as_staged() {
-            Some(after) => before.or_wider(Self::as_it_begins(&after)),
-            None => before,
-        }
+        let end = scenario.time.end_s();
+        let width =
+            |nodes: &[NodeSpec]| nodes.iter().map(|node| node.funnel.width(end)).fold(f64::INFINITY, smaller);
+        let Some(after) = scenario.as_staged() else { return Self::within(scenario, width(&scenario.nodes)) };
+        let narrowest = smaller(width(&scenario.nodes), width(&after.nodes));
+        // In the funnels of the beginning: states may begin outside the others, and from there nothing can be followed.
+        let node = |(now, next): (&NodeSpec, NodeSpec)| NodeSpec { funnel: now.funnel, ..next };
+        let nodes = scenario.nodes.iter().zip(after.nodes).map(node).collect();
+        let after = Self::within(&Scenario { nodes, ..scenario.clone() }, narrowest);
+        Self::within(scenario, narrowest).or_wider(after)
     }
 
-    /// Bounds that hold where either of both does.
+    /// Bounds that hold where either of both does. What is not known of one is that of the other.
     fn or_wider(self, other: Self) -> Self {
-        let wider = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| larger(a, b));
+        let wider = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| larger(a, b)).or(a).or(b);
         Self {
             input: wider(self.input, other.input),
             slope: wider(self.slope, other.slope),
@@ -62,11 +67,10 @@ impl Bounds {
         }
     }
 
-    fn as_it_begins(scenario: &Scenario) -> Self {
+    /// Bounds of a run as it begins, whose narrowest funnel is `narrowest` (state units).
+    fn within(scenario: &Scenario, narrowest: f64) -> Self {
         let told = Self { input: scenario.u_max, ..Self::NONE };
         let Some(followed) = undisturbed(scenario) else { return told };
-        let end = scenario.time.end_s();
-        let narrowest = scenario.nodes.iter().map(|node| node.funnel.width(end)).fold(f64::INFINITY, smaller);
         let ticks = (narrowest / followed.bend).sqrt() / scenario.time.tick_s();
         // Who shall stop for neighbours that are lost must not be long in the dark about them.
         let (low, longest) = EXTRAPOLATE;
