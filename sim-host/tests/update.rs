@@ -315,6 +315,17 @@ fn another_program_that_is_on_trial_goes_back_first() {
     assert!(matches!(outcome.all_old().0, HubError::NoAnswer { node: 1, .. }));
 }
 
+#[test]
+fn another_program_that_is_on_trial_over_this_one_goes_back_and_that_is_all() {
+    let outcome = update([(); 3].map(|()| Made::updated().trying(&another())));
+    assert!(outcome.all_new().iter().all(|node| node.had_it));
+    assert_eq!(outcome.stages, [UpdateStage::WentBack(vec![1, 2, 3])]);
+    assert_eq!(outcome.nodes.iter().map(Updatable::starts).collect::<Vec<_>>(), [2; 3]);
+    let outcome =
+        update([Made::updated().trying(&another()), Made::new(Flaw::Nothing), Made::new(Flaw::Nothing)]);
+    assert_eq!(outcome.all_new().iter().map(|node| node.had_it).collect::<Vec<_>>(), [true, false, false]);
+}
+
 // --- the command
 
 /// Played nodes behind terminals, and a bench of them with the new program in a file.

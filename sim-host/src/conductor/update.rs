@@ -158,8 +158,13 @@ impl Update {
                 node.restart(self.patience).await?;
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
-                if node.has != Has::Old {
-                    return Err(HubError::StaysOnTrial { node: node.contact.id() });
+                match node.has {
+                    Has::Old => {}
+                    // The new program is what it had before that trial.
+                    Has::New => node.had_it = true,
+                    Has::Told | Has::OnTrial | Has::Another => {
+                        return Err(HubError::StaysOnTrial { node: node.contact.id() });
+                    }
                 }
                 ended.push(node.contact.id());
             }

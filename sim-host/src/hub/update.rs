@@ -98,6 +98,10 @@ impl<'a> Updating<'a> {
     /// each.
     pub fn update(mut self, program: &Program, trial: Trial) -> Result<Vec<Updated>, Failed> {
         self.send(program.bytes()).map_err(Failed::Before)?;
+        if self.update.is_done() {
+            // They have gone back to it.
+            return Ok(self.update.updated());
+        }
         // The last moment at which there is nothing to take back.
         self.outlets.check_interrupt().map_err(Failed::Before)?;
         match self.swap_and_try(trial) {

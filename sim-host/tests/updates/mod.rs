@@ -207,7 +207,12 @@ impl Made {
 
     /// One that is on trial with this program, and has the old one.
     pub fn on_trial(program: &[u8], flaw: Flaw) -> Self {
-        let mut made = Self::new(flaw);
+        Self::new(flaw).trying(program)
+    }
+
+    /// It is on trial with this program.
+    pub fn trying(self, program: &[u8]) -> Self {
+        let mut made = self;
         let mut updater = Updater::new(REGIONS, 7);
         let mut ask = |request: Request| now(updater.answer(&mut made.flash, &request, false));
         let crc = update::Checksum::of(program);
