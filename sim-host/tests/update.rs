@@ -180,7 +180,7 @@ fn whatever_fails_before_the_swap_leaves_every_node_as_it_was() {
 
 #[test]
 fn whatever_fails_between_swap_and_last_tick_takes_all_of_them_back() {
-    let cases: [(Flaw, &[u8], Seen); 7] = [
+    let cases: [(Flaw, &[u8], Seen); 8] = [
         (Flaw::NeverComesUp, &[], |error| matches!(error, HubError::OldProgram { .. })),
         (Flaw::SilentFrom(Moment::OnTrial), &[2], |error| matches!(error, HubError::NoAnswer { .. })),
         (Flaw::CutAt(Moment::Swap), &[2], |error| {
@@ -195,6 +195,8 @@ fn whatever_fails_between_swap_and_last_tick_takes_all_of_them_back() {
         (Flaw::SilentFrom(Moment::Tick(98)), &[2], |error| {
             matches!(error, HubError::NoAnswer { awaited: "state", .. })
         }),
+        // The others have not confirmed theirs.
+        (Flaw::CountsNoTicks, &[], |error| matches!(error, HubError::NotConfirmed { left: TICKS, .. })),
         (Flaw::CutAt(Moment::Tick(40)), &[2], |error| matches!(error, HubError::Died { .. })),
     ];
     for (flaw, expected_unsure, expected) in cases {
@@ -324,6 +326,16 @@ fn another_program_that_is_on_trial_over_this_one_goes_back_and_that_is_all() {
     let outcome =
         update([Made::updated().trying(&another()), Made::new(Flaw::Nothing), Made::new(Flaw::Nothing)]);
     assert_eq!(outcome.all_new().iter().map(|node| node.had_it).collect::<Vec<_>>(), [true, false, false]);
+}
+
+#[test]
+fn a_node_that_is_reset_on_trial_and_goes_back_does_not_pass_for_updated() {
+    // Before the first tick, before the last ones, and among them.
+    for asked in 1..=3 {
+        let outcome = second(Flaw::ResetWhenAsked(asked));
+        let (error, unsure) = outcome.all_old();
+        assert!(is_of_2(error) && unsure.is_empty(), "{asked}: {error}, {unsure:?}");
+    }
 }
 
 // --- the command

@@ -31,7 +31,7 @@ enum Has {
     Old,
     /// Another one than the new one, on trial.
     Another,
-    /// It was told to swap.
+    /// It was told to swap, or says on trial that it is on trial no more: only a look tells which one it has.
     Told,
     /// The new one, on trial.
     OnTrial,
@@ -259,7 +259,8 @@ impl Update {
             for node in self.nodes.iter_mut().filter(|node| node.has == Has::OnTrial) {
                 let status = node.status(0, self.patience).await?;
                 if !status.on_trial {
-                    node.has = Has::New;
+                    // It has completed its trial, or was reset and has gone back.
+                    node.has = Has::Told;
                 }
                 node.ticks_left = status.ticks_left;
                 if status.ticks_left > MOST_TICKS {
@@ -268,6 +269,20 @@ impl Update {
                 most = most.max(status.ticks_left);
             }
             Ok(most)
+        })
+    }
+
+    /// Whether each that was given the program is on trial still, with at most so many ticks left, as it said last.
+    ///
+    /// Its error: the first one that is not.
+    pub fn check_trials(&self, most: u32) -> Result<(), HubError> {
+        self.nodes.iter().filter(|node| !node.had_it).try_for_each(|node| {
+            let (id, left) = (node.contact.id(), node.ticks_left);
+            match node.has {
+                Has::OnTrial if left > most => Err(HubError::NotConfirmed { node: id, left }),
+                Has::OnTrial | Has::New => Ok(()),
+                Has::Old | Has::Another | Has::Told => Err(HubError::OldProgram { node: id }),
+            }
         })
     }
 

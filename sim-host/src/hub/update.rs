@@ -156,14 +156,16 @@ impl<'a> Updating<'a> {
     /// All nodes tick together: none completes a tick alone, so that all complete their trials or none does.
     fn run_trial(&mut self, conductor: &mut Conductor) -> Result<(), HubError> {
         let all = self.outlets.run(self.update.ticks_left())?;
+        self.update.check_trials(all)?;
         self.outlets.run(conductor.meet())?;
         self.outlets.run(conductor.start())?;
         for tick in 0..all.saturating_sub(LAST_TICKS) {
             self.tick(conductor)?;
             (self.tell)(&UpdateStage::Trial { left: all - tick - 1, all });
         }
-        // All are there still; from here on some may stay, so nobody is listened to any more.
         self.outlets.run(self.update.ticks_left())?;
+        self.update.check_trials(LAST_TICKS + 1)?;
+        // All are there still; from here on some may stay, so nobody is listened to any more.
         self.outlets.check_interrupt()?;
         self.outlets.hurry(self.patience.answer);
         for _ in 0..LAST_TICKS + MORE_TICKS {

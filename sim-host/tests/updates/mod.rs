@@ -93,6 +93,10 @@ pub enum Flaw {
     DeafToSwap,
     /// Its answer to that is lost.
     SwapUnheard,
+    /// It is reset as it is asked for the n-th time how many ticks its trial still takes.
+    ResetWhenAsked(u32),
+    /// It does not count the ticks of its trial.
+    CountsNoTicks,
     /// It is reset when this block comes.
     ResetAt(u32),
     /// What it is given never comes up there: its watchdog takes it back.
@@ -448,6 +452,17 @@ impl Script {
         }
     }
 
+    fn asked_for_ticks(&self) {
+        match self.flaw.get() {
+            Flaw::ResetWhenAsked(1) => {
+                self.restarts.set(true);
+                self.flaw.set(Flaw::Nothing);
+            }
+            Flaw::ResetWhenAsked(n) => self.flaw.set(Flaw::ResetWhenAsked(n - 1)),
+            _ => {}
+        }
+    }
+
     /// Takes note of a frame that has come; whether the node hears it.
     fn hears_block(&self, count: u32) -> bool {
         if count % 5 == 2 {
@@ -467,6 +482,7 @@ impl Script {
                     Request::Block(block) => self.at(Moment::Block(block.offset / update::BLOCK_UNIT)),
                     Request::Check => self.at(Moment::Check),
                     Request::Swap => self.at(Moment::Swap),
+                    Request::Status { length: 0 } => self.asked_for_ticks(),
                     _ => {}
                 }
                 hears = match self.flaw.get() {
@@ -615,6 +631,9 @@ impl Storage for PlayedStorage {
     }
 
     async fn note_ticks(&mut self, completed: u32) {
+        if self.script.flaw.get() == Flaw::CountsNoTicks {
+            return;
+        }
         now(self.updater.note_ticks(&mut *self.flash.lock().unwrap(), completed));
     }
 
