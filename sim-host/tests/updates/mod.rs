@@ -97,6 +97,8 @@ pub enum Flaw {
     ResetWhenAsked(u32),
     /// It does not count the ticks of its trial.
     CountsNoTicks,
+    /// What it says as it stops is lost.
+    ReportUnheard,
     /// It is reset when this block comes.
     ResetAt(u32),
     /// What it is given never comes up there: its watchdog takes it back.
@@ -508,6 +510,9 @@ impl Script {
 
     /// Whether the host hears this.
     fn is_heard(&self, reply: &Reply) -> bool {
+        if matches!(reply, Reply::Report(_)) {
+            return self.flaw.get() != Flaw::ReportUnheard;
+        }
         let Reply::Update(reply) = reply else { return true };
         let count = self.count(1);
         match self.flaw.get() {
