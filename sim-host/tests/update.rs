@@ -275,17 +275,24 @@ fn ctrl_c_in_the_last_ticks_is_not_heard_any_more() {
 }
 
 #[test]
-fn who_has_it_already_is_left_alone() {
+fn who_has_it_already_is_sent_nothing_and_loses_the_configuration_of_the_trial() {
     let outcome = update([Made::updated(), Made::new(Flaw::Nothing), Made::updated()]);
     let updated = outcome.all_new();
     assert_eq!(updated.iter().map(|node| node.had_it).collect::<Vec<_>>(), [true, false, true]);
-    assert_eq!(outcome.nodes.iter().map(Updatable::starts).collect::<Vec<_>>(), [1, 3, 1]);
+    assert_eq!(outcome.nodes.iter().map(Updatable::starts).collect::<Vec<_>>(), [2, 3, 2]);
+    let outcome = update([Made::updated(), Made::new(Flaw::HangsAt(Moment::Tick(50))), Made::updated()]);
+    assert_eq!(outcome.runs(), [Runs::New, Runs::Old, Runs::New]);
+    let Err(Failed::After(_, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
+    assert_eq!(known.unchanged, [1, 2, 3]);
+    assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (2, 2));
+    // No trial, nothing to lose.
     let outcome = update([Made::updated(), Made::new(Flaw::NeverComesUp), Made::updated()]);
     assert_eq!(outcome.runs(), [Runs::New, Runs::Old, Runs::New]);
     let Err(Failed::After(error, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
     assert!(matches!(error, HubError::OldProgram { node: 2 }), "{error}");
     // As they were.
     assert_eq!(known.unchanged, [1, 2, 3]);
+    assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (1, 1));
 }
 
 #[test]

@@ -286,24 +286,29 @@ impl Update {
         })
     }
 
-    /// Restarts all that have completed their trial, so that they have the configurations that they keep, and
-    /// looks whether they stay.
+    /// Restarts all, once the trial is completed, so that they have the configurations that they keep, and looks
+    /// whether the program stays. Those that had it before have run the trial, too.
     ///
     /// Its error: a node that does not, or does not come back.
     pub fn restart(&mut self) -> Task<'_, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
-            for node in self.nodes.iter_mut().filter(|node| !node.had_it) {
+            for node in &mut self.nodes {
                 // Stopped, and asked for the last time: else it would go back.
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
-                if node.has != Has::New {
-                    return Err(HubError::NotConfirmed { node: node.contact.id(), left: node.ticks_left });
+                let id = node.contact.id();
+                match node.has {
+                    Has::New => {}
+                    Has::Old | Has::Told => return Err(HubError::OldProgram { node: id }),
+                    Has::OnTrial | Has::Another => {
+                        return Err(HubError::NotConfirmed { node: id, left: node.ticks_left });
+                    }
                 }
                 node.restart(self.patience).await?;
             }
             let deadline = Deadline::after(self.swap, self.outside.now());
-            for node in self.nodes.iter_mut().filter(|node| !node.had_it) {
+            for node in &mut self.nodes {
                 let status =
                     node.look(left(&deadline, &self.outside), self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
@@ -316,8 +321,8 @@ impl Update {
     }
 
     /// Restarts all that are on trial, and waits until they are back with what they had; what is known of each
-    /// node then.
-    pub fn go_back(&mut self) -> Task<'_, Known> {
+    /// node then. Where the trial has been `configured`, those that have the program for good are restarted, too.
+    pub fn go_back(&mut self, configured: bool) -> Task<'_, Known> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
             let deadline = Deadline::after(self.swap, self.outside.now());
@@ -339,6 +344,12 @@ impl Update {
                         if node.end_trial(limit, self.patience, &self.image).await.is_err() {
                             break;
                         }
+                    }
+                }
+                if configured && node.has == Has::New {
+                    let limit = left(&deadline, &self.outside);
+                    if node.look(limit, self.patience, self.image.length).await.is_ok() {
+                        let _ = node.restart(self.patience).await;
                     }
                 }
                 match node.has {

@@ -63,6 +63,8 @@ pub struct Updating<'a> {
     outlets: Outlets,
     patience: Patience,
     tell: &'a mut dyn FnMut(&UpdateStage),
+    /// Nodes may have the configuration of the trial.
+    configured: bool,
 }
 
 impl<'a> Updating<'a> {
@@ -80,7 +82,7 @@ impl<'a> Updating<'a> {
     ) -> Result<Self, HubError> {
         let (seats, outlets) = Outlets::of(attached);
         let update = Update::new(seats.clone(), patience, swap, program.image());
-        let mut this = Self { update, seats, outlets, patience, tell };
+        let mut this = Self { update, seats, outlets, patience, tell, configured: false };
         let met = this.outlets.run(this.update.meet());
         met.map_err(|error| this.explain(error))?;
         Ok(this)
@@ -155,6 +157,7 @@ impl<'a> Updating<'a> {
     fn run_trial(&mut self, conductor: &mut Conductor) -> Result<(), HubError> {
         let all = self.outlets.run(self.update.ticks_left())?;
         self.update.check_trials(all)?;
+        self.configured = true;
         self.outlets.run(conductor.meet())?;
         self.outlets.run(conductor.start())?;
         for tick in 0..all.saturating_sub(LAST_TICKS) {
@@ -188,11 +191,11 @@ impl<'a> Updating<'a> {
         }
     }
 
-    /// An error with what is left behind, once all that are on trial have been restarted.
+    /// An error with what is left behind, once all that are on trial, or configured for it, have been restarted.
     fn take_back(&mut self, error: HubError) -> Failed {
         (self.tell)(&UpdateStage::GoingBack);
         self.outlets.hurry(self.patience.answer);
-        let known = self.outlets.run(self.update.go_back());
+        let known = self.outlets.run(self.update.go_back(self.configured));
         Failed::After(self.explain(error), Box::new(known))
     }
 
