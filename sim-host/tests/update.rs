@@ -443,6 +443,28 @@ fn the_command_says_which_node_failed_and_that_the_others_went_back() {
 }
 
 #[test]
+fn the_command_names_nodes_that_went_back_from_an_earlier_trial() {
+    let on_trial = || Made::on_trial(&another(), Flaw::Nothing);
+    let (_nodes, bench) = bench([on_trial(), on_trial(), Made::new(Flaw::WeakCell)]);
+    let ended = command(&bench, &bench.path("new.bin"), &[]);
+    assert!(!ended.err.contains("no node has changed"), "{}", ended.err);
+    ended.failed(
+        1,
+        &["each has the program that it had, but for those that went back from an earlier trial: 1, 2"],
+    );
+}
+
+#[test]
+fn the_command_says_where_a_scenario_runs_that_is_not_for_nodes() {
+    let bench = Bench::new(SCENARIO, &["/dev/a", "/dev/b", "/dev/c"].map(entry));
+    std::fs::write(bench.path("new.bin"), new()).unwrap();
+    for setting in ["bus.model=can", "bus.model=uart", "coupling.kind=weakly-centralised"] {
+        let ended = command(&bench, &bench.path("new.bin"), &["--set", setting]);
+        ended.failed(2, &["run it with sim-host run --on loopback"]);
+    }
+}
+
+#[test]
 fn the_command_names_nodes_that_cannot_take_it_before_anything_is_sent() {
     let (nodes, bench) = bench([Flaw::WithoutFeature, Flaw::Nothing, Flaw::WithoutFeature].map(Made::new));
     let ended = command(&bench, &bench.path("new.bin"), &[]);

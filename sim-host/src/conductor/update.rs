@@ -149,11 +149,10 @@ impl Update {
 
     /// Restarts those that are on trial with another program, or are ahead of others, which is the end of that.
     ///
-    /// Its error: a node that does not come back, or an interrupt.
-    pub fn end_other_trials(&mut self) -> Task<'_, Result<Vec<u8>, HubError>> {
+    /// `ended` gets the ids of those that have gone back. Its error: a node that does not, or an interrupt.
+    pub fn end_other_trials<'a>(&'a mut self, ended: &'a mut Vec<u8>) -> Task<'a, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
-            let mut ended = Vec::new();
             for node in self.nodes.iter_mut().filter(|node| node.has == Has::Another) {
                 node.restart(self.patience).await?;
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
@@ -168,7 +167,7 @@ impl Update {
                 }
                 ended.push(node.contact.id());
             }
-            Ok(ended)
+            Ok(())
         })
     }
 

@@ -96,7 +96,7 @@ impl<'a> Updating<'a> {
     /// Gives all nodes the program, or none.
     ///
     /// # Errors
-    /// [`Failed::Before`] any node was told to swap: each has what it had. [`Failed::After`] that: what is known of
+    /// [`Failed::Before`] any node was told to swap: each has what it had, or had before an earlier trial. [`Failed::After`] that: what is known of
     /// each.
     pub fn update(mut self, program: &Program, trial: Trial) -> Result<Vec<Updated>, Failed> {
         self.send(program.bytes()).map_err(Failed::Before)?;
@@ -113,10 +113,12 @@ impl<'a> Updating<'a> {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), HubError> {
-        let ended = self.outlets.run(self.update.end_other_trials())?;
-        if !ended.is_empty() {
-            (self.tell)(&UpdateStage::WentBack(ended));
+        let mut back = Vec::new();
+        let ended = self.outlets.run(self.update.end_other_trials(&mut back));
+        if !back.is_empty() {
+            (self.tell)(&UpdateStage::WentBack(back));
         }
+        ended?;
         let all = self.update.bytes_to_send();
         if all == 0 {
             return Ok(());
