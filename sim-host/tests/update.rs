@@ -125,8 +125,17 @@ fn a_swap_that_is_not_heard_is_said_again_and_one_whose_answer_is_lost_is_not() 
         let outcome = second(flaw);
         match flaw {
             Flaw::DeafToSwap => assert_eq!(outcome.all_new().len(), 3),
-            // Nor is the answer to the restart at the end ever heard.
-            _ => assert_eq!(outcome.nodes[1].runs_after_power_off(), Runs::New),
+            // Nor is the answer to the restart at the end ever heard, which is told; all have the program.
+            _ => {
+                let Err(Failed::After(error, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
+                assert!(matches!(error, HubError::NoAnswer { node: 2, awaited: "restart", .. }), "{error}");
+                assert_eq!((known.done.as_slice(), known.unsure.len()), (&[1, 2, 3][..], 0), "{known:?}");
+                assert_eq!(outcome.runs(), [Runs::New; 3]);
+                // The swap, the restart at the end, and the one after the failure, which the third gets alone.
+                assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (4, 3));
+                // Each of these restarts it was told three times.
+                assert_eq!(outcome.nodes[1].starts(), 8);
+            }
         }
     }
 }
