@@ -21,16 +21,19 @@ Segment = collections.namedtuple("Segment", "address data")
 
 
 def board_of(facts, name):
-    """The board of an image; a refusal where its chip takes no UF2."""
+    """The board of an image; a refusal where its chip takes no UF2, or where the image is only a part of what the flash needs."""
     found = {image["name"]: image["board"] for image in facts.images}
     by_name = {board["name"]: board for board in facts.boards}
-    takers = [image for image, board in found.items() if "uf2" in by_name[board]]
+    parts = [image["name"] for image in facts.images if image.get("features") in boards.PARTS]
+    takers = [image for image, board in found.items() if "uf2" in by_name[board] and image not in parts]
     if name not in found:
         sys.exit(f"image is {name}, which there is not; images that become a UF2 file: {', '.join(takers)}")
     board = by_name[found[name]]
     if "uf2" not in board:
         chip = board.get("chip", board["core"])
         sys.exit(f"image {name} is for {chip}, which takes no UF2 file; images that become one: {', '.join(takers)}")
+    if name in parts:
+        sys.exit(f"image {name} is one of two that a board with updates needs, and does nothing alone (docs/book/src/update.md); images that become a UF2 file: {', '.join(takers)}")
     return board
 
 

@@ -19,7 +19,13 @@ FACTS = {
         {"name": "pico", "family": "rp2040", "chip": "RP2040", "flash": [FLASH, 0x3F00], "storage": [STORAGE, 0x1000]},
         {"name": "nucleo", "family": "g4", "chip": "STM32G474RE", "flash": [0, 1]},
     ],
-    "images": [{"name": "pico", "board": "pico"}, {"name": "nucleo", "board": "nucleo"}],
+    "images": [
+        {"name": "pico", "board": "pico"},
+        {"name": "nucleo", "board": "nucleo"},
+        {"name": "pico_boot", "board": "pico", "features": "boot-loader"},
+        {"name": "pico_update", "board": "pico", "features": "update"},
+        {"name": "pico_usb", "board": "pico", "features": "usb"},
+    ],
 }
 BOARDS = boards.Boards(FACTS)
 PICO = uf2.board_of(BOARDS, "pico")
@@ -69,8 +75,13 @@ class Uf2(unittest.TestCase):
 
     def test_images_of_other_chips_and_unknown_ones_are_refused_by_name(self):
         self.assertEqual(self.refusal(uf2.board_of, BOARDS, "nucleo"),
-                         "image nucleo is for STM32G474RE, which takes no UF2 file; images that become one: pico")
-        self.assertIn("image is pica, which there is not; images that become a UF2 file: pico", self.refusal(uf2.board_of, BOARDS, "pica"))
+                         "image nucleo is for STM32G474RE, which takes no UF2 file; images that become one: pico, pico_usb")
+        self.assertIn("image is pica, which there is not; images that become a UF2 file: pico, pico_usb", self.refusal(uf2.board_of, BOARDS, "pica"))
+        self.assertEqual(uf2.board_of(BOARDS, "pico_usb"), PICO)
+
+    def test_parts_of_a_flash_with_updates_are_refused(self):
+        for image in ("pico_boot", "pico_update"):
+            self.assertRegex(self.refusal(uf2.board_of, BOARDS, image), f"image {image} is one of two .*; images that become a UF2 file: pico, pico_usb$")
 
     def test_what_is_not_for_the_flash_is_refused(self):
         self.assertIn("a segment is at 0x20000000 to 0x20000004, not in flash, 0x10000000 to 0x10004000", self.refusal(uf2.uf2, elf((0x2000_0000, b"code")), PICO))

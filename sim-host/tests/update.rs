@@ -125,10 +125,26 @@ fn a_swap_that_is_not_heard_is_said_again_and_one_whose_answer_is_lost_is_not() 
         let outcome = second(flaw);
         match flaw {
             Flaw::DeafToSwap => assert_eq!(outcome.all_new().len(), 3),
-            // Nor is the answer to the restart at the end ever heard.
-            _ => assert_eq!(outcome.nodes[1].runs_after_power_off(), Runs::New),
+            // Nor is the answer to the restart at the end ever heard, which is told; all have the program.
+            _ => {
+                let Err(Failed::After(error, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
+                assert!(matches!(error, HubError::NoAnswer { node: 2, awaited: "restart", .. }), "{error}");
+                assert_eq!((known.done.as_slice(), known.unsure.len()), (&[1, 2, 3][..], 0), "{known:?}");
+                assert_eq!(outcome.runs(), [Runs::New; 3]);
+                // The swap, the restart at the end, and the one after the failure, which the third gets alone.
+                assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (4, 3));
+                // Each of these restarts it was told three times.
+                assert_eq!(outcome.nodes[1].starts(), 8);
+            }
         }
     }
+}
+
+#[test]
+fn a_report_that_is_lost_after_the_trial_is_no_failure() {
+    let outcome = second(Flaw::ReportUnheard);
+    assert_eq!(outcome.all_new().len(), 3);
+    assert!(outcome.nodes.iter().all(|node| node.starts() == 3));
 }
 
 #[test]
@@ -180,7 +196,7 @@ fn whatever_fails_before_the_swap_leaves_every_node_as_it_was() {
 
 #[test]
 fn whatever_fails_between_swap_and_last_tick_takes_all_of_them_back() {
-    let cases: [(Flaw, &[u8], Seen); 7] = [
+    let cases: [(Flaw, &[u8], Seen); 8] = [
         (Flaw::NeverComesUp, &[], |error| matches!(error, HubError::OldProgram { .. })),
         (Flaw::SilentFrom(Moment::OnTrial), &[2], |error| matches!(error, HubError::NoAnswer { .. })),
         (Flaw::CutAt(Moment::Swap), &[2], |error| {
@@ -195,6 +211,8 @@ fn whatever_fails_between_swap_and_last_tick_takes_all_of_them_back() {
         (Flaw::SilentFrom(Moment::Tick(98)), &[2], |error| {
             matches!(error, HubError::NoAnswer { awaited: "state", .. })
         }),
+        // Seen before the others can confirm theirs.
+        (Flaw::CountsNoTicks, &[], |error| matches!(error, HubError::NotConfirmed { left: TICKS, .. })),
         (Flaw::CutAt(Moment::Tick(40)), &[2], |error| matches!(error, HubError::Died { .. })),
     ];
     for (flaw, expected_unsure, expected) in cases {
@@ -266,17 +284,24 @@ fn ctrl_c_in_the_last_ticks_is_not_heard_any_more() {
 }
 
 #[test]
-fn who_has_it_already_is_left_alone() {
+fn who_has_it_already_is_sent_nothing_and_loses_the_configuration_of_the_trial() {
     let outcome = update([Made::updated(), Made::new(Flaw::Nothing), Made::updated()]);
     let updated = outcome.all_new();
     assert_eq!(updated.iter().map(|node| node.had_it).collect::<Vec<_>>(), [true, false, true]);
-    assert_eq!(outcome.nodes.iter().map(Updatable::starts).collect::<Vec<_>>(), [1, 3, 1]);
+    assert_eq!(outcome.nodes.iter().map(Updatable::starts).collect::<Vec<_>>(), [2, 3, 2]);
+    let outcome = update([Made::updated(), Made::new(Flaw::HangsAt(Moment::Tick(50))), Made::updated()]);
+    assert_eq!(outcome.runs(), [Runs::New, Runs::Old, Runs::New]);
+    let Err(Failed::After(_, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
+    assert_eq!(known.unchanged, [1, 2, 3]);
+    assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (2, 2));
+    // No trial, nothing to lose.
     let outcome = update([Made::updated(), Made::new(Flaw::NeverComesUp), Made::updated()]);
     assert_eq!(outcome.runs(), [Runs::New, Runs::Old, Runs::New]);
     let Err(Failed::After(error, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
     assert!(matches!(error, HubError::OldProgram { node: 2 }), "{error}");
     // As they were.
     assert_eq!(known.unchanged, [1, 2, 3]);
+    assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (1, 1));
 }
 
 #[test]
@@ -313,6 +338,32 @@ fn another_program_that_is_on_trial_goes_back_first() {
     let outcome =
         update([Made::new(first), Made::on_trial(&another(), Flaw::Nothing), Made::new(Flaw::Nothing)]);
     assert!(matches!(outcome.all_old().0, HubError::NoAnswer { node: 1, .. }));
+}
+
+#[test]
+fn another_program_that_is_on_trial_over_this_one_goes_back_and_that_is_all() {
+    let outcome = update([(); 3].map(|()| Made::updated().trying(&another())));
+    assert!(outcome.all_new().iter().all(|node| node.had_it));
+    assert_eq!(outcome.stages, [UpdateStage::WentBack(vec![1, 2, 3])]);
+    assert_eq!(outcome.nodes.iter().map(Updatable::starts).collect::<Vec<_>>(), [2; 3]);
+    let outcome =
+        update([Made::updated().trying(&another()), Made::new(Flaw::Nothing), Made::new(Flaw::Nothing)]);
+    assert_eq!(outcome.all_new().iter().map(|node| node.had_it).collect::<Vec<_>>(), [true, false, false]);
+}
+
+#[test]
+fn a_node_that_is_reset_on_trial_and_goes_back_does_not_pass_for_updated() {
+    // Before the first tick, and before the last ones.
+    for asked in [1, 2] {
+        let outcome = second(Flaw::ResetWhenAsked(asked));
+        let (error, unsure) = outcome.all_old();
+        assert!(matches!(error, HubError::OldProgram { node: 2 }) && unsure.is_empty(), "{asked}: {error}");
+    }
+    // Among them the others may stay.
+    let outcome = second(Flaw::ResetWhenAsked(3));
+    let Err(Failed::After(error, known)) = &outcome.ended else { panic!("{:?}", outcome.ended) };
+    assert!(is_of_2(error) && known.unchanged.contains(&2), "{error}: {known:?}");
+    assert_eq!(outcome.runs()[1], Runs::Old);
 }
 
 // --- the command
@@ -398,6 +449,28 @@ fn the_command_says_which_node_failed_and_that_the_others_went_back() {
         ],
     );
     assert!(nodes.iter().all(|node| node.runs_after_power_off() == Runs::Old));
+}
+
+#[test]
+fn the_command_names_nodes_that_went_back_from_an_earlier_trial() {
+    let on_trial = || Made::on_trial(&another(), Flaw::Nothing);
+    let (_nodes, bench) = bench([on_trial(), on_trial(), Made::new(Flaw::WeakCell)]);
+    let ended = command(&bench, &bench.path("new.bin"), &[]);
+    assert!(!ended.err.contains("no node has changed"), "{}", ended.err);
+    ended.failed(
+        1,
+        &["each has the program that it had, but for those that went back from an earlier trial: 1, 2"],
+    );
+}
+
+#[test]
+fn the_command_says_where_a_scenario_runs_that_is_not_for_nodes() {
+    let bench = Bench::new(SCENARIO, &["/dev/a", "/dev/b", "/dev/c"].map(entry));
+    std::fs::write(bench.path("new.bin"), new()).unwrap();
+    for setting in ["bus.model=can", "bus.model=uart", "coupling.kind=weakly-centralised"] {
+        let ended = command(&bench, &bench.path("new.bin"), &["--set", setting]);
+        ended.failed(2, &["run it with sim-host run --on loopback"]);
+    }
 }
 
 #[test]

@@ -66,7 +66,7 @@ impl fmt::Display for Unfit {
             Self::Input { node, name } => write!(
                 f,
                 "node {node}: its field names the input '{name}', which a real node does not know: inputs from files are for simulation \
-                 and reference; run it with --on loopback"
+                 and reference; run it with sim-host run --on loopback"
             ),
             Self::Hosted { node } => write!(
                 f,
@@ -75,7 +75,7 @@ impl fmt::Display for Unfit {
             ),
             Self::NotLocal => f.write_str(
                 "weakly-centralised coupling cannot run on nodes: each would have to know the gains of all others within the \
-                 same tick; run it with --on loopback",
+                 same tick; run it with sim-host run --on loopback",
             ),
         }
     }

@@ -73,7 +73,7 @@ test('the table of a sweep sorts by mouse and by keyboard, up and down', async (
   assert.deepEqual(await values(page, i), up);
   await page.focus(button);
   await page.keyboard.press('Enter');
-  assert.deepEqual(await values(page, i), up.toReversed());
+  assert.deepEqual(await values(page, i), [...up].reverse());
   assert.equal(await page.$eval(`table.sorts thead th:nth-child(${i + 1})`, (head) => head.ariaSort), 'descending');
   assert.deepEqual(complaints, []);
   await page.close();

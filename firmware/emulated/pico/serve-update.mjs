@@ -4,10 +4,9 @@
 // end what its flash holds: checksums of as many bytes as OLD_LENGTH and NEW_LENGTH say. With `hangs` a program on trial hangs as soon as it begins, and the watchdog has to take it back.
 import fs from 'node:fs';
 import path from 'node:path';
-import zlib from 'node:zlib';
 import { Elf } from './elf.mjs';
 import { pico, serve } from './served.mjs';
-import { bytes } from './words.mjs';
+import { bytes, crc32 } from './words.mjs';
 
 const FLASH = 0x10000000, ACTIVE = { start: 0x10008000, end: 0x10048000 }, STATE = 0x10007000 - FLASH, SWAP_MAGIC = 0xf0;
 
@@ -17,7 +16,7 @@ const { chip } = board;
 for (const { address, bytes: part } of new Elf(path.resolve(program)).segments()) chip.flash.set(part, address - FLASH);
 board.powerOn();
 
-const crc = (length) => zlib.crc32(chip.flash.subarray(ACTIVE.start - FLASH, ACTIVE.start - FLASH + length));
+const crc = (length) => crc32(chip.flash.subarray(ACTIVE.start - FLASH, ACTIVE.start - FLASH + length));
 // The boot loader has told itself to swap, and nothing has confirmed that.
 const isOnTrial = () => chip.flash[STATE] === SWAP_MAGIC && chip.flash[STATE + 8] === 0xff;
 const runsProgram = () => chip.core.PC >= ACTIVE.start && chip.core.PC < ACTIVE.end;

@@ -13,6 +13,16 @@ export const KIND = { identity: 0x41, configured: 0x43, report: 0x46, stored: 0x
 
 export const bytes = (hex) => Uint8Array.from(Buffer.from(hex, 'hex'));
 
+// As zlib has it, which Node has had only since 20.15.
+export function crc32(bytes) {
+  let crc = ~0;
+  for (const byte of bytes) {
+    crc ^= byte;
+    for (let bit = 0; bit < 8; bit++) crc = crc & 1 ? (crc >>> 1) ^ 0xedb88320 : crc >>> 1;
+  }
+  return ~crc >>> 0;
+}
+
 export function words(scenario, ...overrides) {
   return JSON.parse(execFileSync(PROGRAM, [path.join(ROOT, scenario), ...overrides], { maxBuffer: 1 << 28 }));
 }

@@ -31,7 +31,7 @@ enum Has {
     Old,
     /// Another one than the new one, on trial.
     Another,
-    /// It was told to swap.
+    /// It was told to swap, or says on trial that it is on trial no more: only a look tells which one it has.
     Told,
     /// The new one, on trial.
     OnTrial,
@@ -149,21 +149,25 @@ impl Update {
 
     /// Restarts those that are on trial with another program, or are ahead of others, which is the end of that.
     ///
-    /// Its error: a node that does not come back, or an interrupt.
-    pub fn end_other_trials(&mut self) -> Task<'_, Result<Vec<u8>, HubError>> {
+    /// `ended` gets the ids of those that have gone back. Its error: a node that does not, or an interrupt.
+    pub fn end_other_trials<'a>(&'a mut self, ended: &'a mut Vec<u8>) -> Task<'a, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
-            let mut ended = Vec::new();
             for node in self.nodes.iter_mut().filter(|node| node.has == Has::Another) {
                 node.restart(self.patience).await?;
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
-                if node.has != Has::Old {
-                    return Err(HubError::StaysOnTrial { node: node.contact.id() });
+                match node.has {
+                    Has::Old => {}
+                    // The new program is what it had before that trial.
+                    Has::New => node.had_it = true,
+                    Has::Told | Has::OnTrial | Has::Another => {
+                        return Err(HubError::StaysOnTrial { node: node.contact.id() });
+                    }
                 }
                 ended.push(node.contact.id());
             }
-            Ok(ended)
+            Ok(())
         })
     }
 
@@ -254,7 +258,8 @@ impl Update {
             for node in self.nodes.iter_mut().filter(|node| node.has == Has::OnTrial) {
                 let status = node.status(0, self.patience).await?;
                 if !status.on_trial {
-                    node.has = Has::New;
+                    // It has completed its trial, or was reset and has gone back.
+                    node.has = Has::Told;
                 }
                 node.ticks_left = status.ticks_left;
                 if status.ticks_left > MOST_TICKS {
@@ -266,24 +271,43 @@ impl Update {
         })
     }
 
-    /// Restarts all that have completed their trial, so that they have the configurations that they keep, and
-    /// looks whether they stay.
+    /// Whether each that was given the program is on trial still, with at most so many ticks left, as it said last.
+    ///
+    /// Its error: the first one that is not.
+    pub fn check_trials(&self, most: u32) -> Result<(), HubError> {
+        self.nodes.iter().filter(|node| !node.had_it).try_for_each(|node| {
+            let (id, left) = (node.contact.id(), node.ticks_left);
+            match node.has {
+                Has::OnTrial if left > most => Err(HubError::NotConfirmed { node: id, left }),
+                Has::OnTrial | Has::New => Ok(()),
+                Has::Old | Has::Another | Has::Told => Err(HubError::OldProgram { node: id }),
+            }
+        })
+    }
+
+    /// Restarts all, once the trial is completed, so that they have the configurations that they keep, and looks
+    /// whether the program stays. Those that had it before have run the trial, too.
     ///
     /// Its error: a node that does not, or does not come back.
     pub fn restart(&mut self) -> Task<'_, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
-            for node in self.nodes.iter_mut().filter(|node| !node.had_it) {
+            for node in &mut self.nodes {
                 // Stopped, and asked for the last time: else it would go back.
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
-                if node.has != Has::New {
-                    return Err(HubError::NotConfirmed { node: node.contact.id(), left: node.ticks_left });
+                let id = node.contact.id();
+                match node.has {
+                    Has::New => {}
+                    Has::Old | Has::Told => return Err(HubError::OldProgram { node: id }),
+                    Has::OnTrial | Has::Another => {
+                        return Err(HubError::NotConfirmed { node: id, left: node.ticks_left });
+                    }
                 }
                 node.restart(self.patience).await?;
             }
             let deadline = Deadline::after(self.swap, self.outside.now());
-            for node in self.nodes.iter_mut().filter(|node| !node.had_it) {
+            for node in &mut self.nodes {
                 let status =
                     node.look(left(&deadline, &self.outside), self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
@@ -296,8 +320,8 @@ impl Update {
     }
 
     /// Restarts all that are on trial, and waits until they are back with what they had; what is known of each
-    /// node then.
-    pub fn go_back(&mut self) -> Task<'_, Known> {
+    /// node then. Where the trial has been `configured`, those that have the program for good are restarted, too.
+    pub fn go_back(&mut self, configured: bool) -> Task<'_, Known> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
             let deadline = Deadline::after(self.swap, self.outside.now());
@@ -319,6 +343,12 @@ impl Update {
                         if node.end_trial(limit, self.patience, &self.image).await.is_err() {
                             break;
                         }
+                    }
+                }
+                if configured && node.has == Has::New {
+                    let limit = left(&deadline, &self.outside);
+                    if node.look(limit, self.patience, self.image.length).await.is_ok() {
+                        let _ = node.restart(self.patience).await;
                     }
                 }
                 match node.has {

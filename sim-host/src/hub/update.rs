@@ -63,6 +63,8 @@ pub struct Updating<'a> {
     outlets: Outlets,
     patience: Patience,
     tell: &'a mut dyn FnMut(&UpdateStage),
+    /// Nodes may have the configuration of the trial.
+    configured: bool,
 }
 
 impl<'a> Updating<'a> {
@@ -80,7 +82,7 @@ impl<'a> Updating<'a> {
     ) -> Result<Self, HubError> {
         let (seats, outlets) = Outlets::of(attached);
         let update = Update::new(seats.clone(), patience, swap, program.image());
-        let mut this = Self { update, seats, outlets, patience, tell };
+        let mut this = Self { update, seats, outlets, patience, tell, configured: false };
         let met = this.outlets.run(this.update.meet());
         met.map_err(|error| this.explain(error))?;
         Ok(this)
@@ -94,10 +96,14 @@ impl<'a> Updating<'a> {
     /// Gives all nodes the program, or none.
     ///
     /// # Errors
-    /// [`Failed::Before`] any node was told to swap: each has what it had. [`Failed::After`] that: what is known of
+    /// [`Failed::Before`] any node was told to swap: each has what it had, or had before an earlier trial. [`Failed::After`] that: what is known of
     /// each.
     pub fn update(mut self, program: &Program, trial: Trial) -> Result<Vec<Updated>, Failed> {
         self.send(program.bytes()).map_err(Failed::Before)?;
+        if self.update.is_done() {
+            // They have gone back to it.
+            return Ok(self.update.updated());
+        }
         // The last moment at which there is nothing to take back.
         self.outlets.check_interrupt().map_err(Failed::Before)?;
         match self.swap_and_try(trial) {
@@ -107,10 +113,12 @@ impl<'a> Updating<'a> {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), HubError> {
-        let ended = self.outlets.run(self.update.end_other_trials())?;
-        if !ended.is_empty() {
-            (self.tell)(&UpdateStage::WentBack(ended));
+        let mut back = Vec::new();
+        let ended = self.outlets.run(self.update.end_other_trials(&mut back));
+        if !back.is_empty() {
+            (self.tell)(&UpdateStage::WentBack(back));
         }
+        ended?;
         let all = self.update.bytes_to_send();
         if all == 0 {
             return Ok(());
@@ -140,11 +148,9 @@ impl<'a> Updating<'a> {
         let ran = self.run_trial(&mut conductor);
         // Whether or not it went well: those on trial restart only when they stand still.
         self.outlets.hurry(self.patience.answer);
-        let halted = self.outlets.run(conductor.halt());
+        // One that is not heard to stop is stopped once more before its restart.
+        let _ = self.outlets.run(conductor.halt());
         ran?;
-        if let Some(&node) = halted.silent.first() {
-            return Err(HubError::NoAnswer { node, awaited: "report", waited: self.patience.answer });
-        }
         (self.tell)(&UpdateStage::Confirmed);
         self.outlets.run(self.update.restart())
     }
@@ -152,14 +158,17 @@ impl<'a> Updating<'a> {
     /// All nodes tick together: none completes a tick alone, so that all complete their trials or none does.
     fn run_trial(&mut self, conductor: &mut Conductor) -> Result<(), HubError> {
         let all = self.outlets.run(self.update.ticks_left())?;
+        self.update.check_trials(all)?;
+        self.configured = true;
         self.outlets.run(conductor.meet())?;
         self.outlets.run(conductor.start())?;
         for tick in 0..all.saturating_sub(LAST_TICKS) {
             self.tick(conductor)?;
             (self.tell)(&UpdateStage::Trial { left: all - tick - 1, all });
         }
-        // All are there still; from here on some may stay, so nobody is listened to any more.
         self.outlets.run(self.update.ticks_left())?;
+        self.update.check_trials(LAST_TICKS + 1)?;
+        // All are there still; from here on some may stay, so nobody is listened to any more.
         self.outlets.check_interrupt()?;
         self.outlets.hurry(self.patience.answer);
         for _ in 0..LAST_TICKS + MORE_TICKS {
@@ -184,11 +193,11 @@ impl<'a> Updating<'a> {
         }
     }
 
-    /// An error with what is left behind, once all that are on trial have been restarted.
+    /// An error with what is left behind, once all that are on trial, or configured for it, have been restarted.
     fn take_back(&mut self, error: HubError) -> Failed {
         (self.tell)(&UpdateStage::GoingBack);
         self.outlets.hurry(self.patience.answer);
-        let known = self.outlets.run(self.update.go_back());
+        let known = self.outlets.run(self.update.go_back(self.configured));
         Failed::After(self.explain(error), Box::new(known))
     }
 

@@ -174,7 +174,7 @@ pub(super) fn needs_no_can(scenario: &Scenario) -> Result<(), RunError> {
     }
     let model = scenario.bus.model.name();
     Err(RunError::bad_input(format!(
-        "bus.model = \"{model}\" is for nodes in this program; run it with --on loopback, or set bus.model to \"ideal\""
+        "bus.model = \"{model}\" is for nodes in this program; run it with sim-host run --on loopback, or set bus.model to \"ideal\""
     )))
 }
 

@@ -63,14 +63,21 @@ pub fn update(
     let unchanged = |error| told(Failed::Before(error));
     let attached = attach(file, &ids, &options.emulator()).map_err(unchanged)?;
     let patience = (file.patience(), file.swap_within());
-    let updating = Updating::new(attached, program, patience, tell).map_err(unchanged)?;
+    let mut back = Vec::new();
+    let mut tell = |stage: &UpdateStage| {
+        if let UpdateStage::WentBack(ids) = stage {
+            back.clone_from(ids);
+        }
+        tell(stage);
+    };
+    let updating = Updating::new(attached, program, patience, &mut tell).map_err(unchanged)?;
     if updating.is_done() {
         return Ok(outcome(Vec::new()));
     }
     updating.update(program, trial).map(outcome).map_err(|failed| match failed {
         // They have answered once.
-        Failed::Before(error) => told_after(RunError::in_the_run(error), &Known::default()),
-        Failed::After(error, known) => told_after(RunError::in_the_run(error), &known),
+        Failed::Before(error) => told_after(RunError::in_the_run(error), &Known::default(), &back),
+        Failed::After(error, known) => told_after(RunError::in_the_run(error), &known, &back),
     })
 }
 
@@ -116,10 +123,16 @@ fn told(failed: Failed) -> RunError {
         .and(format_args!("nothing was sent: every node has the program that it had{hint}"))
 }
 
-/// An error with what it leaves behind.
-fn told_after(error: RunError, known: &Known) -> RunError {
+/// An error with what it leaves behind. `back`: those whose earlier trial was ended.
+fn told_after(error: RunError, known: &Known, back: &[u8]) -> RunError {
     if known.done.is_empty() && known.unsure.is_empty() {
-        return error.and("no node has changed: each has the program that it had");
+        return match back {
+            [] => error.and("no node has changed: each has the program that it had"),
+            back => error.and(format_args!(
+                "each has the program that it had, but for those that went back from an earlier trial: {}",
+                list(back)
+            )),
+        };
     }
     let groups = [
         ("have the new program", &known.done),
@@ -148,7 +161,7 @@ mod tests {
 
     fn lines(known: Known) -> String {
         let error = RunError::in_the_run(HubError::OldProgram { node: 2 });
-        told_after(error, &known).message.split_once('\n').unwrap().1.to_owned()
+        told_after(error, &known, &[]).message.split_once('\n').unwrap().1.to_owned()
     }
 
     #[test]

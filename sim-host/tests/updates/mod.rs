@@ -93,6 +93,12 @@ pub enum Flaw {
     DeafToSwap,
     /// Its answer to that is lost.
     SwapUnheard,
+    /// It is reset as it is asked for the n-th time how many ticks its trial still takes.
+    ResetWhenAsked(u32),
+    /// It does not count the ticks of its trial.
+    CountsNoTicks,
+    /// What it says as it stops is lost.
+    ReportUnheard,
     /// It is reset when this block comes.
     ResetAt(u32),
     /// What it is given never comes up there: its watchdog takes it back.
@@ -207,7 +213,12 @@ impl Made {
 
     /// One that is on trial with this program, and has the old one.
     pub fn on_trial(program: &[u8], flaw: Flaw) -> Self {
-        let mut made = Self::new(flaw);
+        Self::new(flaw).trying(program)
+    }
+
+    /// It is on trial with this program.
+    pub fn trying(self, program: &[u8]) -> Self {
+        let mut made = self;
         let mut updater = Updater::new(REGIONS, 7);
         let mut ask = |request: Request| now(updater.answer(&mut made.flash, &request, false));
         let crc = update::Checksum::of(program);
@@ -443,6 +454,17 @@ impl Script {
         }
     }
 
+    fn asked_for_ticks(&self) {
+        match self.flaw.get() {
+            Flaw::ResetWhenAsked(1) => {
+                self.restarts.set(true);
+                self.flaw.set(Flaw::Nothing);
+            }
+            Flaw::ResetWhenAsked(n) => self.flaw.set(Flaw::ResetWhenAsked(n - 1)),
+            _ => {}
+        }
+    }
+
     /// Takes note of a frame that has come; whether the node hears it.
     fn hears_block(&self, count: u32) -> bool {
         if count % 5 == 2 {
@@ -462,6 +484,7 @@ impl Script {
                     Request::Block(block) => self.at(Moment::Block(block.offset / update::BLOCK_UNIT)),
                     Request::Check => self.at(Moment::Check),
                     Request::Swap => self.at(Moment::Swap),
+                    Request::Status { length: 0 } => self.asked_for_ticks(),
                     _ => {}
                 }
                 hears = match self.flaw.get() {
@@ -487,6 +510,9 @@ impl Script {
 
     /// Whether the host hears this.
     fn is_heard(&self, reply: &Reply) -> bool {
+        if matches!(reply, Reply::Report(_)) {
+            return self.flaw.get() != Flaw::ReportUnheard;
+        }
         let Reply::Update(reply) = reply else { return true };
         let count = self.count(1);
         match self.flaw.get() {
@@ -610,6 +636,9 @@ impl Storage for PlayedStorage {
     }
 
     async fn note_ticks(&mut self, completed: u32) {
+        if self.script.flaw.get() == Flaw::CountsNoTicks {
+            return;
+        }
         now(self.updater.note_ticks(&mut *self.flash.lock().unwrap(), completed));
     }
 

@@ -6,8 +6,8 @@ import { Board, IMAGES } from '../board.mjs';
 import { Elf } from '../elf.mjs';
 import { kind } from '../line.mjs';
 import { PowerCut } from '../nor.mjs';
-import { KIND, words } from '../words.mjs';
-import { UPDATED, answer, crc32, request } from './wire.mjs';
+import { KIND, crc32, words } from '../words.mjs';
+import { UPDATED, answer, request } from './wire.mjs';
 
 const FLASH = 0x10000000, ACTIVE = 0x10008000 - FLASH, ROOM = 256 << 10, SPARE = 0x10048000 - FLASH;
 const BLOCK = 256, TRIAL_TICKS = 100, MS = 1e6;

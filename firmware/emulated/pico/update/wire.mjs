@@ -1,12 +1,10 @@
 // Frames of an update, read afresh from protocol/README.md: COBS(kind, source, body, crc16) 0x00, with bodies in postcard.
-import zlib from 'node:zlib';
+import { crc32 } from '../words.mjs';
 
 const UPDATE = 0x50, CRC_START = 0xffff, CRC_POLYNOMIAL = 0x1021;
 export const UPDATED = 0x51;
 const ERRORS = ['running', 'absent', 'board', 'length', 'not-begun', 'order', 'block', 'incomplete', 'checksum', 'not-checked', 'on-trial', 'flash'];
 const WITH_NUMBER = new Set(['board', 'length', 'order', 'incomplete', 'checksum']);
-
-export const crc32 = (bytes) => zlib.crc32(bytes);
 
 function crc16(bytes) {
   let crc = CRC_START;
