@@ -381,3 +381,21 @@ fn check_says_that_it_follows_none_of_it_and_how_to_check_what_is_set() {
     );
     assert!(!found(&format!("{NARROW}, node = 2")).text.contains("--set"));
 }
+
+/// A shell reads what is printed, and `--set` what the shell gives.
+#[test]
+fn what_check_prints_sets_all_of_a_long_value() {
+    let funnel = "{ kind = 'exponential', start = 1.500000, end = 0.0500000, rate = 4.0000000 }";
+    let event = format!("at = '300ms', kind = 'set', key = 'coupling.funnel', value = {funnel}");
+    let report = funnelnet_sim::check::check(&read(&[&event], ""));
+    let events = report.findings.into_iter().find(|finding| finding.name == "events").unwrap();
+    let (_, printed) = events.text.split_once("from the start: ").unwrap();
+    let said = std::process::Command::new("sh").args(["-c", &format!("printf '%s\\n' {printed}")]).output();
+    let said = String::from_utf8(said.unwrap().stdout).unwrap();
+    let [option, set] = said.lines().collect::<Vec<_>>()[..] else { panic!("{said}") };
+    assert_eq!(option, "--set");
+    let set = funnelnet_sim::scenario::Override::parse(set).unwrap();
+    let path = std::path::Path::new("set.toml");
+    let from_the_start = Scenario::parse(&read(&[], "").as_run, path, &[set]).unwrap();
+    assert_eq!(from_the_start.nodes[0].funnel, read(&[&event], "").staged[0].as_ref().unwrap().node.funnel);
+}

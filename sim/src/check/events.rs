@@ -21,7 +21,10 @@ pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
 /// How to check what events set for all nodes.
 fn what_is_set(scenario: &Scenario) -> String {
     let of = |event: &EventSpec| match (&event.targets, &event.detail) {
-        (Targets::AllNodes, Detail::Set(new)) => Some(format!("--set '{}={}'", new.key, new.value)),
+        // A shell takes all between single quotes as it is, but for a single quote.
+        (Targets::AllNodes, Detail::Set(new)) => {
+            Some(format!("--set '{}={}'", new.key, new.toml.replace('\'', r"'\''")))
+        }
         _ => None,
     };
     let sets: Vec<String> = scenario.events.iter().filter_map(of).collect();

@@ -3,9 +3,11 @@
 use serde_json::json;
 
 use super::subject::Subject;
+use super::text::plural;
 use super::{Finding, Status, figure, largest};
 
 use crate::sampled::{self, Bounds};
+use crate::scenario::{Change, Scenario, Step, format_duration};
 
 /// Noise of two states in a row that goes beyond this many standard deviations is not waited for.
 const DEVIATIONS: f64 = 6.0;
@@ -23,12 +25,16 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     let Some(followed) = sampled::undisturbed(scenario) else {
         let text =
             "how fast honest nodes move is not known for this law, or for a run of this length".to_owned();
-        return Some(new(text, json!({})).stands(Status::NotChecked));
+        let found = new(text, json!({}));
+        return Some(match short_restart(scenario) {
+            Some(advice) => found.advise(Status::Warn, advice),
+            None => found.stands(Status::NotChecked),
+        });
     };
     let tick = scenario.time.tick_s();
     let noise = largest(scenario.nodes.iter().map(|node| node.noise)).1;
-    let rate = followed.slope + DEVIATIONS * 2.0_f64.sqrt() * noise / tick;
-    let far = largest(followed.last.iter().map(|x| x.abs())).1;
+    let jitter = DEVIATIONS * 2.0_f64.sqrt() * noise / tick;
+    let (rate, far) = (followed.slope + jitter, followed.far);
     let mut text = format!("honest states change by up to {} per second undisturbed", figure(rate));
     if let Some(limit) = safety.heard_rate {
         text += &format!(
@@ -39,7 +45,7 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
         );
     }
     let values = json!({
-        "rate": rate, "heard_rate": safety.heard_rate, "ends_at": far, "heard_limit": safety.heard_limit,
+        "rate": rate, "heard_rate": safety.heard_rate, "largest": far, "heard_limit": safety.heard_limit,
         "drop_after": safety.drop_after,
     });
     let found = new(text, values);
@@ -48,19 +54,59 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
         let advice = format!("{then}; let safety.heard_rate be {} or more", figure(ROOM * rate));
         return Some(found.advise(Status::Warn, advice).set("safety.heard_rate", figure(ROOM * rate)));
     }
-    let bound = Bounds::of(scenario).input;
-    if let Some((limit, bound)) = safety.heard_rate.zip(bound).filter(|(limit, bound)| limit < bound) {
+    // What a node does beside its input.
+    let (bound, rest) = (Bounds::of(scenario).input, followed.field + jitter);
+    if let Some((limit, bound)) = safety.heard_rate.zip(bound).filter(|(limit, bound)| *limit < bound + rest)
+    {
+        let below = if rest < limit {
+            format!("coupling.u_max be below {}, or ", figure(limit - rest))
+        } else {
+            String::new()
+        };
         let advice = format!(
-            "after an event inputs reach {}, and honest nodes may be faster than what is taken: edges between them can be dropped; let \
-             coupling.u_max be below {} by what the fields do",
+            "after an event inputs reach {}, and fields and noise {}: honest nodes may be faster than what is taken, and edges between \
+             them can be dropped; let {below}safety.heard_rate be more than {}",
             figure(bound),
-            figure(limit)
+            figure(rest),
+            figure(bound + rest)
         );
         return Some(found.advise(Status::Warn, advice));
     }
     if safety.heard_limit.is_some_and(|limit| limit < far) {
-        let advice = format!("states end at {}; {then}; let safety.heard_limit be larger", figure(far));
+        let advice = format!("states reach {}; {then}; let safety.heard_limit be larger", figure(far));
         return Some(found.advise(Status::Warn, advice).set("safety.heard_limit", figure(ROOM * far)));
     }
-    Some(found)
+    Some(match short_restart(scenario) {
+        Some(advice) => found.advise(Status::Warn, advice),
+        None => found,
+    })
+}
+
+/// What there is to say of a node that is off for no longer than its neighbours extrapolate it: they do not see that it
+/// has started anew, and it may come back too far from where it was.
+fn short_restart(scenario: &Scenario) -> Option<String> {
+    let safety = scenario.safety;
+    if safety.heard_rate.is_none() || safety.drop_after == 0 {
+        return None;
+    }
+    let longest = u64::from(Bounds::of(scenario).extrapolate);
+    let course = scenario.course();
+    let steps = course.steps();
+    let restart = |(place, step): (usize, &Step)| {
+        // Who is told to stop says so.
+        let Change::Off { node, told: false } = step.change else { return None };
+        let back = steps.get(place..)?.iter().find(|later| later.change == Change::On { node })?;
+        let tick = |step: &Step| scenario.time.first_tick(step.at_ns);
+        let ticks = tick(back) - tick(step);
+        (1..=longest).contains(&ticks).then_some((scenario.nodes.get(node)?.id, step.at_ns, ticks))
+    };
+    let (id, at_ns, ticks) = steps.iter().enumerate().find_map(restart)?;
+    Some(format!(
+        "node {id} is off for {} at {}, and its neighbours extrapolate it for {longest}: they do not see that it has started \
+         anew, and where it comes back far from where it was they drop its edges, to the end if it is not off again for \
+         longer; let it be off for more than {}",
+        plural(ticks as usize, "tick"),
+        format_duration(at_ns),
+        plural(longest as usize, "tick")
+    ))
 }

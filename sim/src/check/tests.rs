@@ -83,7 +83,60 @@ fn limits_of_what_is_heard_are_held_against_what_honest_nodes_say() {
     assert_eq!(status(&["safety.heard_rate=30", "bus.loss=0.01"]), Status::Warn);
     let u_max = ["safety.heard_rate=30", "bus.loss=0.01", "coupling.u_max=20"];
     assert_eq!(status(&u_max), Status::Ok);
+    // Fields do up to 10 beside that.
+    let sets = ["safety.heard_rate=29", "bus.loss=0.01", "coupling.u_max=20"];
+    let report = pair(&sets);
+    let advice = &find(&report, "heard").advice.as_ref().unwrap().text;
+    assert!(advice.contains("coupling.u_max be below 19") && advice.contains("more than 30"), "{advice}");
+    assert_eq!(status(&["safety.heard_rate=9", "bus.loss=0.01", "coupling.u_max=1"]), Status::Warn);
     assert_eq!(status(&["safety.heard_rate=30", "coupling.kind=edge-wise"]), Status::NotChecked);
+}
+
+/// `1 - cos(t)` times 5: it comes to 10, and ends where it began.
+#[test]
+fn a_limit_of_what_is_heard_is_held_against_the_way_and_not_the_end() {
+    let one = ["node.1.dynamics.sines.0.amplitude=5", "node.1.dynamics.sines.0.frequency=1"];
+    let other = ["node.2.dynamics.sines.0.amplitude=5", "node.2.dynamics.sines.0.frequency=1"];
+    let report = |limit| {
+        let sets: Vec<_> = one.iter().chain(&other).copied().chain(["time.duration=6283ms", limit]).collect();
+        pair(&sets)
+    };
+    let found = report("safety.heard_limit=6");
+    assert_eq!(find(&found, "heard").status, Status::Warn);
+    near(value(&found, "heard", "largest"), 10.0, 0.01);
+    assert_eq!(find(&report("safety.heard_limit=11"), "heard").status, Status::Ok);
+}
+
+#[test]
+fn a_restart_that_neighbours_do_not_see_is_warned_of() {
+    let of = |events: &str, sets: &[&str]| {
+        let overrides: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+        let text = format!("{PAIR}{events}");
+        check(&Scenario::parse(&text, Path::new("pair.toml"), &overrides).unwrap())
+    };
+    let rate = ["safety.heard_rate=40", "coupling.u_max=20"];
+    let status = |events: &str| find(&of(events, &rate), "heard").status;
+    let event = |at: &str, rest: &str| format!("[[event]]\nat = '{at}'\nnode = 1\nkind = {rest}\n");
+    let ticks = value(&of(&event("1s", "'bounce'\nfor = '5ms'"), &rate), "bounds", "extrapolate_ticks");
+    let long = ticks + 1.0;
+    assert_eq!(status(&event("1s", &format!("'bounce'\nfor = '{ticks}ms'"))), Status::Warn);
+    assert_eq!(status(&event("1s", &format!("'bounce'\nfor = '{long}ms'"))), Status::Ok);
+    let back = event("1005ms", "'join'");
+    assert_eq!(status(&(event("1s", "'crash'") + &back)), Status::Warn);
+    // It says that it stops.
+    assert_eq!(status(&(event("1s", "'leave'") + &back)), Status::Ok);
+    let report = of(&event("1s", "'bounce'\nfor = '5ms'"), &rate);
+    let advice = &find(&report, "heard").advice.as_ref().unwrap().text;
+    assert!(advice.starts_with("node 1 is off for 5 ticks at 1s, "), "{advice}");
+    assert!(advice.ends_with(&format!("for more than {ticks} ticks")), "{advice}");
+    // No edge is dropped, or nobody is known to be too fast.
+    let never = ["safety.heard_rate=40", "safety.drop_after=0", "coupling.u_max=20"];
+    assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &never), "heard").status, Status::Ok);
+    let alone = ["safety.heard_limit=50"];
+    assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &alone), "heard").status, Status::Ok);
+    // Nor where the motion is not known.
+    let edge = ["safety.heard_rate=40", "coupling.kind=edge-wise"];
+    assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &edge), "heard").status, Status::Warn);
 }
 
 #[test]

@@ -21,6 +21,8 @@ pub(super) struct Part {
     pub x: f64,
     /// Its change over the last tick.
     pub dx: f64,
+    /// Its field, in the middle of the last step.
+    pub f: f64,
     /// What the diffusive term is.
     pub truth: f64,
     /// What the node believes that it is, and its change.
@@ -256,7 +258,8 @@ impl<'s> Member<'s> {
             self.middle[component] = part.x + half * (field.component(component, t, now) + part.u);
         }
         for (component, part) in self.parts.iter_mut().enumerate() {
-            part.x += tick * (field.component(component, t + half, &self.middle) + part.u);
+            part.f = field.component(component, t + half, &self.middle);
+            part.x += tick * (part.f + part.u);
         }
     }
 }

@@ -71,6 +71,10 @@ pub(crate) struct Followed {
     pub input: f64,
     /// The largest `|x'|` (state units / s).
     pub slope: f64,
+    /// The largest `|f|` (state units / s).
+    pub field: f64,
+    /// The largest `|x|` (state units).
+    pub far: f64,
     /// Root mean square of the second derivative of the mean state, once the states have come together (state
     /// units / s^2).
     pub bend: f64,
@@ -163,6 +167,8 @@ fn follow_until(
         worst: Worst::NONE,
         input: 0.0,
         slope: 0.0,
+        field: 0.0,
+        far: 0.0,
         bend: 0.0,
         lost: None,
         left: None,
@@ -265,7 +271,9 @@ impl<'s> Network<'s> {
         let (low, high) = extremes(self.states());
         // A baseline may be far from a funnel that it is only compared with.
         let near = followed.worst.ratio < LOST || !promises(self.scenario);
-        let within = larger(low.abs(), high.abs()) <= params::LARGEST && near;
+        let far = larger(low.abs(), high.abs());
+        followed.far = larger(followed.far, far);
+        let within = far <= params::LARGEST && near;
         if !within {
             followed.lost = Some(t);
         }
@@ -285,6 +293,8 @@ impl<'s> Network<'s> {
             }
             let moved = largest(0.0, member.parts.iter().map(|part| part.dx.abs()));
             followed.slope = larger(followed.slope, moved / tick);
+            followed.field =
+                larger(followed.field, largest(0.0, member.parts.iter().map(|part| part.f.abs())));
         }
     }
 }

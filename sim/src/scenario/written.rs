@@ -64,7 +64,7 @@ fn entry(text: &mut String, key: &str, item: &Item) {
 }
 
 /// A value in one line, so that reading it gives the same again.
-fn inline(value: &Value) -> String {
+pub(super) fn inline(value: &Value) -> String {
     match value {
         Value::Integer(integer) => integer.to_string(),
         // `{:?}` has the fewest digits that read as the same number, and a point or an exponent.

@@ -44,6 +44,8 @@ pub struct NewValue {
     pub key: String,
     /// The value as written, shortened.
     pub value: String,
+    /// The value, all of it in one line of TOML.
+    pub toml: String,
     /// Place of the event among those of the file, from 0.
     pub place: usize,
 }

@@ -5,6 +5,7 @@ use super::{Detail, NewValue, Targets};
 use crate::scenario::diagnostic::Problem;
 use crate::scenario::reader::Section;
 use crate::scenario::staged::{ALLOWED, is_settable};
+use crate::scenario::written::inline;
 
 /// `node` or `nodes`; without either all nodes.
 pub(super) fn of_all_or_some(section: &mut Section<'_>, nodes: u64) -> Option<Targets> {
@@ -25,6 +26,6 @@ pub(super) fn new_value(section: &mut Section<'_>, place: usize) -> Detail {
         section.log().report(item.diagnostic(Problem::Value, allowed));
     }
     let key = key.and_then(|item| item.text()).unwrap_or_default().to_owned();
-    let value = value.map_or_else(String::new, |item| item.raw.clone());
-    Detail::Set(NewValue { key, value, place })
+    let (value, toml) = value.map(|item| (item.raw.clone(), inline(&item.value))).unwrap_or_default();
+    Detail::Set(NewValue { key, value, toml, place })
 }
