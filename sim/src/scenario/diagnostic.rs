@@ -21,8 +21,6 @@ pub enum Problem {
         /// The section as written.
         section: String,
     },
-    /// Part of the contract, but not of this version.
-    Unsupported,
     /// Anything about the file or the scenario as a whole.
     Whole,
 }

@@ -171,18 +171,11 @@ pub struct Choice<T> {
     pub name: &'static str,
     /// What it stands for.
     pub value: T,
-    /// Whether this version runs it.
-    pub supported: bool,
 }
 
 /// A kind that runs.
 pub const fn ready<T>(name: &'static str, value: T) -> Choice<T> {
-    Choice { name, value, supported: true }
-}
-
-/// A kind of the contract that this version cannot run.
-pub const fn later<T>(name: &'static str, value: T) -> Choice<T> {
-    Choice { name, value, supported: false }
+    Choice { name, value }
 }
 
 /// A table that is being read.
@@ -325,7 +318,7 @@ impl<'a> Section<'a> {
         item.text().map(str::to_owned)
     }
 
-    /// One of the named kinds. `None`, reported, where it is missing, unknown or not supported yet.
+    /// One of the named kinds. `None`, reported, where it is missing or unknown.
     pub fn choice<T: Copy>(
         &mut self,
         key: &'static str,
@@ -348,11 +341,6 @@ impl<'a> Section<'a> {
             return None;
         };
         self.variant = Some(format!(" of {key} '{}'", kind.name));
-        if !kind.supported {
-            let ready: Vec<_> = kinds.iter().filter(|kind| kind.supported).map(|kind| kind.name).collect();
-            self.log.report(unsupported(item, &format!("this version runs {}", ready.join(", "))));
-            return None;
-        }
         Some(kind.value)
     }
 
@@ -422,14 +410,6 @@ impl<'a> Section<'a> {
             placeholder
         })
     }
-}
-
-/// The diagnostic for what the contract has and this version has not.
-pub fn unsupported(item: &Item, hint: &str) -> Box<Diagnostic> {
-    let mut diagnostic =
-        item.diagnostic(Problem::Unsupported, "known, but not supported by this version yet");
-    diagnostic.hint = Some(hint.to_owned());
-    diagnostic
 }
 
 /// A number in `range`.

@@ -337,15 +337,6 @@ fn links_are_edges_with_one_direction_or_both() {
     }
 }
 
-#[test]
-fn what_comes_later_is_told_apart_from_what_is_unknown() {
-    let later = "known, but not supported by this version yet";
-    let message = errors("[expect]", "[[event]]\nat = \"1s\"\nkind = \"set\"\nnode = 1\n[expect]");
-    assert!(message.contains(later), "{message}");
-    assert!(message.starts_with("dir/a.toml:30:8: event[0].kind = \"set\""), "{message}");
-    assert_eq!(message.lines().count(), 1, "{message}");
-}
-
 /// Two components, and a matrix at node 2.
 const VECTOR: &[&str] = &[
     "agent.state=[1, 2]",
