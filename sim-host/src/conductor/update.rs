@@ -345,18 +345,24 @@ impl Update {
                         }
                     }
                 }
-                if configured && node.has == Has::New {
-                    let limit = left(&deadline, &self.outside);
-                    if node.look(limit, self.patience, self.image.length).await.is_ok() {
-                        let _ = node.restart(self.patience).await;
-                    }
-                }
                 match node.has {
                     _ if node.had_it => known.unchanged.push(id),
                     Has::Old => known.unchanged.push(id),
                     Has::New => known.done.push(id),
                     Has::Told | Has::OnTrial | Has::Another => known.unsure.push(id),
                 }
+            }
+            // They have the configuration of the trial still.
+            let stays = |node: &&mut Candidate| configured && node.has == Has::New;
+            for node in self.nodes.iter_mut().filter(stays) {
+                let limit = left(&deadline, &self.outside);
+                if node.look(limit, self.patience, self.image.length).await.is_ok() {
+                    let _ = node.restart(self.patience).await;
+                }
+            }
+            for node in self.nodes.iter_mut().filter(stays) {
+                let limit = left(&deadline, &self.outside);
+                let _ = node.look(limit, self.patience, self.image.length).await;
             }
             known
         })
