@@ -194,6 +194,18 @@ fn the_only_master_does_not_find_back_into_its_network() {
     assert!(!verdict.holds(), "{verdict}");
 }
 
+/// The same with two, where none is left to tell them the time: they are a network of their own from then on.
+#[test]
+fn masters_that_are_off_at_the_same_time_do_not_find_back_into_their_network() {
+    let scenario = read(&["at = '2s', kind = 'bounce', nodes = [1, 2], for = '200ms'"], DRIFTING);
+    let played = played(&scenario);
+    let last: Vec<u32> = played.seen[5000].iter().map(|seen| seen.tick).collect();
+    assert!(last[2..].iter().all(|tick| tick.abs_diff(5000) <= 1), "{last:?}");
+    assert!(last[0].abs_diff(last[1]) <= 1 && last[0] < 4000, "{last:?}");
+    let verdict = verdict(&scenario);
+    assert!(!verdict.holds(), "{verdict}");
+}
+
 /// A commit is for the tick of that number, on each clock.
 #[test]
 fn what_is_set_is_adopted_at_one_tick_while_the_master_changes() {

@@ -191,7 +191,7 @@ impl Candidate {
         };
         let answer = self.contact.wait_for(patience.answer, "staged", staged).await?;
         let node = self.contact.id();
-        let found = answer.map_err(|reason| HubError::NotStaged { node, reason })?;
+        let found = answer.map_err(|reason| HubError::NotStaged { node, reason }.on_reading(config))?;
         let expected = config.checksum();
         if found == expected { Ok(()) } else { Err(HubError::Checksum { node, expected, found }) }
     }

@@ -1,7 +1,7 @@
 //! What can go wrong with nodes behind streams of bytes, and what mends it.
 
 use funnelnet_node::neighbour::{WINDOW_AHEAD, WINDOW_BACK};
-use funnelnet_protocol::config::ConfigError;
+use funnelnet_protocol::config::{ConfigError, NodeConfig};
 use funnelnet_protocol::service::{StageError, StoreError};
 use funnelnet_protocol::update::UpdateError;
 use std::path::PathBuf;
@@ -275,6 +275,24 @@ impl HubError {
             | Self::WireVersion { node, .. } => Some(node),
             _ => None,
         }
+    }
+
+    /// Adds why a node may not have been able to read the bytes of `config`. An older one knows fewer of them under the
+    /// same wire version.
+    pub(super) fn on_reading(self, config: &NodeConfig) -> Self {
+        const UNREAD: ConfigError = ConfigError::Malformed;
+        let unread = match &self {
+            Self::Refused { reason, .. } | Self::NotStaged { reason: StageError::Config(reason), .. } => {
+                *reason == UNREAD
+            }
+            _ => false,
+        };
+        if !unread || config.heard.is_none() {
+            return self;
+        }
+        let words = "its firmware may be too old to know safety.heard_limit, safety.heard_rate and safety.drop_after: give it the image of \
+                     this version, or leave these keys out";
+        self.with_words(words.to_owned())
     }
 
     /// Adds what the node had to say.

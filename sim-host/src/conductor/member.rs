@@ -135,7 +135,7 @@ impl Member {
         };
         let answer =
             self.contact.ask(&request, (patience, patience / TIMES), "configured", configured).await?;
-        answer.map_err(|reason| HubError::Refused { node: config.id, reason })?;
+        answer.map_err(|reason| HubError::Refused { node: config.id, reason }.on_reading(config))?;
         // What it said before belongs to another run.
         self.contact.expect_its_own();
         Ok(())

@@ -3,7 +3,7 @@
 use super::*;
 use crate::bus::ideal::IdealParams;
 use funnelnet_protocol::WIRE_VERSION;
-use funnelnet_protocol::config::{Field, Shape, TickSource};
+use funnelnet_protocol::config::{ConfigError, Field, HeardLimits, Shape, TickSource};
 use funnelnet_protocol::message::{Component, NodeId, TickStamp};
 use funnelnet_protocol::serial::{MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Reply};
@@ -93,10 +93,13 @@ fn config(id: u8) -> NodeConfig {
 
 /// Of so many nodes that do not hear each other.
 fn conductor(nodes: u8) -> Conductor {
-    let seat = |id| Seat { id, place: "the line".to_owned(), uid: None };
-    let configs: Vec<_> = (1..=nodes).map(config).collect();
-    let bus = IdealBus::new(IdealParams::default(), 1, vec![Vec::new(); nodes.into()]);
-    Conductor::new((1..=nodes).map(seat).collect(), &configs, bus, PATIENCE)
+    conductor_of(&(1..=nodes).map(config).collect::<Vec<_>>())
+}
+
+fn conductor_of(configs: &[NodeConfig]) -> Conductor {
+    let seat = |config: &NodeConfig| Seat { id: config.id, place: "the line".to_owned(), uid: None };
+    let bus = IdealBus::new(IdealParams::default(), 1, vec![Vec::new(); configs.len()]);
+    Conductor::new(configs.iter().map(seat).collect(), configs, bus, PATIENCE)
 }
 
 /// One node that has been met, and started where it ticks by SYNC.
@@ -216,6 +219,26 @@ fn who_never_answers_a_request_is_given_up_in_the_time_for_one_answer() {
     let error = line.run(conductor.meet()).unwrap_err();
     assert_eq!(error.to_string(), "node 1 did not answer: no configured within 0.5 s");
     assert_eq!((line.now / MS, line.written.len()), (500, 4));
+}
+
+/// It speaks the same version of the wire, and finds 9 bytes too many.
+#[test]
+fn a_node_that_cannot_read_limits_of_what_is_heard_may_be_too_old() {
+    let told = |rate, reason| {
+        let heard = HeardLimits { rate, ..HeardLimits::NONE };
+        let mut line = Played::default();
+        line.say(0, [identity(), reply(&Reply::Configured(Err(reason)))].concat());
+        let mut conductor = conductor_of(&[NodeConfig { heard, ..config(1) }]);
+        line.run(conductor.meet()).unwrap_err().to_string()
+    };
+    let found = told(25.0, ConfigError::Malformed);
+    assert!(
+        found.starts_with("node 1 refused its configuration: the bytes are not a configuration"),
+        "{found}"
+    );
+    assert!(found.contains("\nits firmware may be too old to know safety.heard_limit"), "{found}");
+    assert!(!told(0.0, ConfigError::Malformed).contains("firmware"));
+    assert!(!told(25.0, ConfigError::Running).contains("firmware"));
 }
 
 #[test]
