@@ -33,7 +33,7 @@ def board_of(facts, name):
         chip = board.get("chip", board["core"])
         sys.exit(f"image {name} is for {chip}, which takes no UF2 file; images that become one: {', '.join(takers)}")
     if name in parts:
-        sys.exit(f"image {name} is one of two that a board with updates needs, and does nothing alone (docs/book/src/update.md); others that become a file: {', '.join(takers)}")
+        sys.exit(f"image {name} is one of two that a board with updates needs, and does nothing alone (book: update); images that become a UF2 file: {', '.join(takers)}")
     return board
 
 
