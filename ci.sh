@@ -19,8 +19,8 @@ readonly EMULATED=$ROOT/target/emulated
 readonly READERS=$ROOT/target/readers
 # Where the Python package is installed, with what its tests and notebooks need.
 readonly PACKAGE=$ROOT/target/python
-# Instructions per node-tick in loopback.
-readonly HOST_LIMIT=1650
+# Instructions per node-tick in loopback. 1650.4 were counted, 33 more than before nodes had limits of what they hear and events could set something: 1650 would hang on rounding.
+readonly HOST_LIMIT=1660
 # The same on CAN, in tenths of those in loopback. It is to be 25; 27.7 were counted.
 readonly CAN_TIMES_TEN=29
 # The paths above and below are those of cargo's default target folders.
