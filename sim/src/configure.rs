@@ -93,7 +93,7 @@ pub fn node_configs(scenario: &Scenario, drive: Drive) -> Result<Vec<NodeConfig>
 }
 
 /// What events stage in the nodes, by index: a whole configuration of each, also where nothing is staged; none where no event
-/// sets anything. The bounds are those of the run as it begins.
+/// sets anything. The bounds are those of [`node_configs`], and hold before and after.
 ///
 /// # Errors
 /// As [`node_configs`].
