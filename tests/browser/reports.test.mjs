@@ -51,6 +51,28 @@ for (const [name, file] of Object.entries(REPORTS)) {
   });
 }
 
+// 127 nodes for a minute, as `a_run_of_127_nodes` of sim-host/tests/report.rs has them. How long it takes is told; only a page that hangs fails.
+const MANY = `version = 1
+time = { tick = "10ms", duration = "60s" }
+graph = { kind = "ring-lattice", nodes = 127, degree = 4 }
+coupling = { kind = "node-wise", gain = { kind = "reciprocal", scale = 1.0 }, funnel = { kind = "constant", width = 30.0 } }
+agent = { dynamics = { kind = "affine", slope = -1.0, offset = 1.0 }, noise = 1.0 }
+`;
+test('a report of 127 nodes over a minute opens', { timeout: 120_000 }, async (t) => {
+  writeFileSync(at('many.toml'), MANY);
+  simHost('run', at('many.toml'), '-q', '--out', at('many'));
+  simHost('report', at('many'));
+  for (const width of WIDTHS) {
+    const began = performance.now();
+    const { page, complaints, asked } = await open(chromium, at('many/report.html'), { width });
+    await page.evaluate(() => new Promise((shown) => requestAnimationFrame(() => requestAnimationFrame(shown))));
+    t.diagnostic(`${width} pixels: shown after ${Math.round(performance.now() - began)} ms`);
+    assert.deepEqual([complaints, asked], [[], []]);
+    assert.equal(await page.$$eval('svg', (pictures) => pictures.length), 4);
+    await page.close();
+  }
+});
+
 // The first column that has numbers that are not in order.
 async function column(page) {
   return page.evaluate(() => {

@@ -134,6 +134,9 @@ impl Reflected {
 
     /// The same with a residual of this size, from a random vector.
     fn search(&self, start: u64, tolerance: f64) -> Option<Pair> {
+        // The iteration asks this, too: `Par::Seq` below does not reach its products. Threads cost it twice the processor time,
+        // and would make the bits depend on cores.
+        faer::set_global_parallelism(Par::Seq);
         let nodes = self.degrees.len();
         let params = PartialEigenParams {
             min_dim: DIMENSIONS.0,
@@ -253,6 +256,15 @@ mod tests {
             assert!(error < 1e-6 * exact, "{topology:?} {found:?} {exact}");
             assert!(found.relative() < 1e-6, "{topology:?} {found:?}");
         }
+    }
+
+    /// faer has threads where the reference is built, too.
+    #[cfg(feature = "reference")]
+    #[test]
+    fn a_search_starts_no_threads() {
+        faer::set_global_parallelism(Par::rayon(2));
+        graph(Topology::RandomRegular { degree: 4 }, 700).sparse_lambda2().unwrap();
+        assert_eq!(faer::get_global_parallelism(), Par::Seq);
     }
 
     /// Clusters joined by single edges: eigenvalues nearly alike, of which one search may end at the wrong one.
