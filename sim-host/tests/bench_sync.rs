@@ -100,7 +100,7 @@ fn without_sync_events_that_take_nodes_off_are_skipped_with_the_reason() {
     let ended = bench.run(&[]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert!(
-        ended.err.contains("without [sync] no node that ticks by its own clock is taken off"),
+        ended.err.contains("no node that ticks by its own clock is taken off or brought back without [sync]"),
         "{}",
         ended.err
     );

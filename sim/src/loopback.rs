@@ -87,8 +87,8 @@ pub fn engine_on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M>,
 }
 
 /// Why SYNC is not simulated on any bus.
-const SYNC_NEEDS_CAN: &str = "[sync] is simulated with bus.model = \"can\" or \"can-fd\" alone, where all hear a SYNC at the same time; a bench with \
-                              clock = \"own\" has it on serial lines, too";
+const SYNC_NEEDS_CAN: &str = "[sync] needs bus.model = \"can\" or \"can-fd\" in a simulation, where all hear a SYNC at the same time; a bench with clock = \"own\" \
+                              has it on serial lines, too";
 
 /// A medium and nodes, with all that a scenario has beside them: noise, times of computing, and clocks or events. `params` is what the nodes of a scenario make of
 /// their configurations; events ask for that more than once.

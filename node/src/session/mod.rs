@@ -285,8 +285,12 @@ impl<M: Model> Session<M> {
         if let Message::Ctrl { target, command: Command::Commit, at_tick, .. } = *message {
             return self.on_commit(target, at_tick);
         }
+        let mut now = now;
         if self.timing.is_some() {
-            return self.on_timed_message(message, (stamp, now));
+            match self.take_timed(message, (stamp, now)) {
+                Some(network) => now = network,
+                None => return,
+            }
         }
         match self.node.as_mut() {
             // The node counts what it refuses.

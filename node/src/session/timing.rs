@@ -10,7 +10,7 @@ use crate::observe::Phase;
 use crate::time::{self, Keeper, Rules};
 use funnelnet_law::field::VectorField;
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, NodeId, TickStamp};
+use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message};
 use funnelnet_protocol::refusal::Refusal;
 
 /// Time of a node that keeps it with others.
@@ -42,58 +42,44 @@ impl Timing {
         self.keeper.poll_at()
     }
 
-    /// Takes a message in place of the node, or hands it over; `stamp` is when a SYNC was on the wire, as far as its
-    /// link knows, by the own clock as `now` is (ns).
-    fn on_message<V: VectorField<f32>>(
+    /// Takes a message in place of the node, or gives the time at which the node is to take it, ns. `stamp` is when a
+    /// SYNC was on the wire, as far as its link knows, by the own clock as `now` is (ns).
+    fn take<V: VectorField<f32>>(
         &mut self,
         node: &mut Node<f32, V>,
         message: &Message,
         (stamp, now): (u64, u64),
-    ) {
+    ) -> Option<u64> {
         match *message {
             Message::Sync { source: Some(source), previous_tick, phase_us } => {
-                self.on_sync(node, source, (previous_tick, phase_us), (stamp, now));
+                match self.keeper.on_sync(source, (previous_tick, phase_us), stamp, now) {
+                    Ok(()) => node.accept(),
+                    Err(reason) => node.refuse(reason),
+                }
+                None
             }
             Message::Ctrl { command: Command::Start, target, at_tick, .. } if target.includes(node.id()) => {
-                self.on_start(node, message, at_tick, now);
+                self.start(node, at_tick, now).then_some(now)
             }
-            // The node counts what it refuses.
-            _ => drop(node.on_message(message, self.network(now))),
+            _ => Some(self.network(now)),
         }
     }
 
-    fn on_sync<V: VectorField<f32>>(
-        &mut self,
-        node: &mut Node<f32, V>,
-        source: NodeId,
-        said: (TickStamp, u16),
-        (stamp, now): (u64, u64),
-    ) {
-        match self.keeper.on_sync(source, said, stamp, now) {
-            Ok(()) => node.accept(),
-            Err(reason) => node.refuse(reason),
+    /// Starts the keeper; whether the node is to start, too. One that joins starts once it knows the tick: a node that
+    /// ticks by its timer would take that start for a long wait.
+    fn start<V: VectorField<f32>>(&mut self, node: &mut Node<f32, V>, at_tick: u16, now: u64) -> bool {
+        if node.phase() != Phase::Ready || self.waits {
+            node.refuse(Refusal::Phase);
+            return false;
         }
-    }
-
-    /// Starts keeper and node. One that joins starts once it knows the tick: a node that ticks by its timer would
-    /// take that start for a long wait.
-    fn on_start<V: VectorField<f32>>(
-        &mut self,
-        node: &mut Node<f32, V>,
-        start: &Message,
-        at_tick: u16,
-        now: u64,
-    ) {
-        let (is_ready, joins) = (node.phase() == Phase::Ready && !self.waits, at_tick == JOIN);
-        match (is_ready, joins) {
-            (false, _) => return node.refuse(Refusal::Phase),
-            (true, true) => node.accept(),
-            (true, false) => drop(node.on_message(start, now)),
-        }
-        self.waits = joins;
+        self.waits = at_tick == JOIN;
         // Of a newcomer nobody knows yet when tick 0 was.
-        let ticks = if joins { 1 } else { u64::from(at_tick) + 1 };
-        self.keeper.start(now, now, now.saturating_add(ticks.saturating_mul(node.tick_ns())), joins);
+        let ticks = if self.waits { 1 } else { u64::from(at_tick) + 1 };
+        self.keeper.start(now, now, now.saturating_add(ticks.saturating_mul(node.tick_ns())), self.waits);
+        if self.waits {
+            node.accept();
+        }
+        !self.waits
     }
 
     /// Takes note of when a SYNC of this node was on the wire, by the own clock, ns.
@@ -167,11 +153,11 @@ impl<M: Model> Session<M> {
         node.into_iter().chain(keeper).min()
     }
 
+    /// As [`Timing::take`].
     #[cold]
     #[inline(never)]
-    pub(super) fn on_timed_message(&mut self, message: &Message, times: (u64, u64)) {
-        if let (Some(timing), Some(node)) = (&mut self.timing, &mut self.node) {
-            timing.on_message(node, message, times);
-        }
+    pub(super) fn take_timed(&mut self, message: &Message, times: (u64, u64)) -> Option<u64> {
+        let (Some(timing), Some(node)) = (&mut self.timing, &mut self.node) else { return Some(times.1) };
+        timing.take(node, message, times)
     }
 }

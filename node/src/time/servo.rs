@@ -181,6 +181,7 @@ impl Servo {
     }
 
     /// What the network's clock is ahead of the map at `now`, by one observation and the rate so far, ns.
+    #[inline(never)]
     fn offset_of(&self, seen: Instant, now: u64) -> i64 {
         let mut from = Map::new(seen.own, seen.network);
         from.bend(seen.own, self.map.rate(), 0, 0);
@@ -206,15 +207,16 @@ impl Servo {
         self.period = passed;
         self.count = (self.count + 1).min(SETTLED);
         let n = if self.jitter == 0 { self.count } else { SETTLED };
-        let phase_gain = (((2 * (2 * n - 1)) << 16) / (n * (n + 1))).max(PHASE_GAIN);
-        let rate_gain = ((6 << 16) / (n * (n + 1))).max(RATE_GAIN);
+        let of_line = |times: i64| (times << 16).checked_div(n * (n + 1)).unwrap_or(0);
+        let phase_gain = of_line(2 * (2 * n - 1)).max(PHASE_GAIN);
+        let rate_gain = of_line(6).max(RATE_GAIN);
         let slew = per(offset, phase_gain << 16, next);
         let change = match self.jitter {
             // What takes the whole slew for longer says nothing of the rate.
             0 if slew.abs() >= LARGEST_RATE => 0,
             0 => per(offset, rate_gain << 16, passed),
             // Here it says the sign of it: jitter may have made the rate wrong by more than a slew.
-            _ => bounded(slew) * rate_gain / phase_gain,
+            _ => (bounded(slew) * rate_gain).checked_div(phase_gain).unwrap_or(0),
         };
         let rate = self.map.rate().saturating_add(change);
         self.map.bend(now, rate, slew, next);
@@ -228,6 +230,8 @@ fn difference(a: u64, b: u64) -> i64 {
 }
 
 /// `offset gain / passed`, as a rate.
+// Once in an image.
+#[inline(never)]
 fn per(offset: i64, gain: i64, passed: u64) -> i64 {
     let rate = i128::from(offset) * i128::from(gain) / i128::from(passed.max(1));
     i64::try_from(rate).unwrap_or(if rate < 0 { i64::MIN } else { i64::MAX })

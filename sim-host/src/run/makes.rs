@@ -30,7 +30,7 @@ pub(super) struct Skipped {
 }
 
 const ON_ITS_OWN_WAY: &str = "states travel without this program, on CAN or on a line from node to node";
-const OWN_CLOCK: &str = "without [sync] no node that ticks by its own clock is taken off or brought back: nobody could tell it the tick";
+const OWN_CLOCK: &str = "no node that ticks by its own clock is taken off or brought back without [sync]: nobody could tell it the tick";
 
 impl Reach {
     /// The events of a scenario that are made, and those that are not; both in their order.
