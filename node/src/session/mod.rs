@@ -354,6 +354,9 @@ impl<M: Model> Session<M> {
     fn configure(&mut self) -> Result<(), ConfigError> {
         let made = if self.is_running() { Err(ConfigError::Running) } else { self.make_node() };
         self.config_buffer = None;
+        if made.is_ok() {
+            self.set_timing();
+        }
         made
     }
 
@@ -367,7 +370,6 @@ impl<M: Model> Session<M> {
         self.safe |= stopped;
         let node = self.node.insert(Node::alone(params));
         node.meet(&config.neighbours);
-        self.timing = Timing::of(config);
         if let Some(arg) = self.restart_fault.take() {
             node.warn(FaultCode::PANIC, arg);
         }

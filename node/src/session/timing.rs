@@ -129,6 +129,13 @@ impl<M: Model> Session<M> {
         }
     }
 
+    /// Has time kept as the configuration of the node says, which is new.
+    // Not inlined because making the node would need stack for this, too.
+    #[inline(never)]
+    pub(super) fn set_timing(&mut self) {
+        self.timing = self.config.as_ref().and_then(Timing::of);
+    }
+
     #[cold]
     #[inline(never)]
     pub(super) fn keep_time(&mut self, now: u64) -> Option<Output> {
