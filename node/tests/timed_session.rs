@@ -193,6 +193,10 @@ const APART: [i64; 3] = [0, 140_000, -140_000];
 fn sessions_with_rules_of_time_tick_together_whatever_their_clocks_do() {
     let mut world = World::new(&APART, rules(&[1], 2_000), MS);
     world.start_all();
+    // Two stamps of a line, a few ms apart, say nothing of a rate.
+    world.run(60 * MS);
+    let keeper = world.members[1].session.keeper().unwrap();
+    assert_eq!((keeper.is_in_time(), keeper.rate()), (true, 0));
     world.run(20 * S);
     world.take_skew();
     world.run(60 * S);
