@@ -218,9 +218,8 @@ impl<F: Fate> World<F> {
 
     fn read<T>(&mut self, from: Source, until: u64, task: &mut Task<'_, T>) -> Result<(), HubError> {
         loop {
-            if let Source::Bus(bus) = from
-                && self.listen(bus, task)
-            {
+            let wanted = |&bus: &usize| from == Source::All || from == Source::Bus(bus);
+            if (0..self.buses.len()).filter(wanted).any(|bus| self.listen(bus, task)) {
                 return Ok(());
             }
             for node in 0..self.boards.len() {

@@ -43,8 +43,14 @@ struct Bench {
 }
 
 impl Bench {
-    /// With these masters, or none.
+    /// With these masters, or none. The host has the power of the nodes.
     fn new(events: &str, masters: &[u8]) -> Self {
+        let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+        world.has_power = true;
+        Self::of(world, (events, masters), |conductor| conductor)
+    }
+
+    fn of(world: World, (events, masters): (&str, &[u8]), with: impl FnOnce(Conductor) -> Conductor) -> Self {
         let scenario = ring(events, masters);
         let mut configs = node_configs(&scenario, OWN_CLOCK).unwrap();
         if !masters.is_empty() {
@@ -53,11 +59,9 @@ impl Bench {
             let rules = ids.fold(rules, TimeRules::with_master);
             configs.iter_mut().for_each(|config| config.time = rules);
         }
-        let conductor = conductor_of(&scenario, &configs, PATIENCE).with_own_clock();
+        let conductor = with(conductor_of(&scenario, &configs, PATIENCE)).with_own_clock();
         let silences = (0..NODES).map(|index| sim_host::engine::silences(&scenario, index)).collect();
         let conductor = if masters.is_empty() { conductor } else { conductor.with_sync(silences) };
-        let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
-        world.has_power = true;
         let mut bench = Self { conductor, world, ticks: 0, unrecorded: 0 };
         bench.world.run(bench.conductor.meet()).unwrap();
         bench.world.run(bench.conductor.start()).unwrap();
@@ -212,4 +216,37 @@ fn a_node_that_comes_where_nobody_tells_the_tick_is_named() {
                   { at = '6s', kind = 'join', node = 3 }";
     let error = Bench::new(events, &[1]).run(3_000).unwrap_err().to_string();
     assert!(error.contains("node 3") && error.contains("tick by the SYNC of a time master"), "{error}");
+}
+
+#[test]
+fn boards_that_keep_their_power_are_told_to_stop_and_come_back_by_another_configuration() {
+    let events = "{ at = '5s', kind = 'crash', node = 3 }, { at = '8s', kind = 'join', node = 3 }";
+    let world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+    let mut bench = Bench::of(world, (events, &[1]), |conductor| conductor);
+    bench.run(700).unwrap();
+    assert_eq!(bench.presence()[2], Presence::Off);
+    assert_eq!(bench.world.boards()[2].session().node().unwrap().phase(), Phase::Stopped);
+    bench.run(6_000).unwrap();
+    assert_eq!(bench.presence(), [Presence::Ran; NODES]);
+    assert_eq!(bench.conductor.contradictions(), [""; 0]);
+}
+
+#[test]
+fn on_a_bus_nodes_hear_the_master_themselves_and_the_host_carries_its_sync_to_lines() {
+    let events = "{ at = '5s', kind = 'bounce', node = 3, for = '1s' }";
+    let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS).with_bus(&[0, 1, 2], false);
+    world.has_power = true;
+    let on_can = |conductor: Conductor| {
+        conductor.with_can(vec![("can0".to_owned(), false)], |index| (index < 3).then_some(0))
+    };
+    let mut bench = Bench::of(world, (events, &[1, 4]), on_can);
+    bench.run(580).unwrap();
+    assert_eq!(bench.presence()[2], Presence::Off);
+    bench.run(6_000).unwrap();
+    assert_eq!(bench.presence(), [Presence::Ran; NODES]);
+    assert_eq!([1, 3].map(|index| bench.role(index)), [Role::Follows(master(1)); 2]);
+    assert_eq!(bench.conductor.can().map(|(_, counts)| counts.strangers).sum::<u64>(), 0);
+    let ticks: Vec<_> =
+        bench.world.boards().iter().map(|board| board.session().node().unwrap().tick()).collect();
+    assert!(ticks.iter().all(|&tick| tick.abs_diff(ticks[0]) <= 1), "{ticks:?}");
 }

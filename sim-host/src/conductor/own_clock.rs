@@ -296,11 +296,8 @@ impl Conductor {
         let now = self.now_ns();
         let nodes = &self.nodes;
         let patience = nodes.get(index).map_or(0, |node| u32::from(node.config.extrapolate_ticks));
-        let Some(OwnClock { recording, watch, .. }) = &mut self.own else { return Ok(()) };
-        let runs = |listener: usize| {
-            let is_here = nodes.get(listener).is_some_and(|node| !node.stopped && node.is_here());
-            is_here && !recording.is_coming(listener)
-        };
+        let Some(OwnClock { watch, .. }) = &mut self.own else { return Ok(()) };
+        let runs = |listener: usize| nodes.get(listener).is_some_and(|node| !node.stopped && node.is_here());
         let Some(refuses) = watch.state(index, tick, now, patience, runs) else { return Ok(()) };
         let (odd, even) = watch.odd_and_even(index, refuses);
         let (tick, other_tick) = (watch.newest(odd), watch.newest(even));

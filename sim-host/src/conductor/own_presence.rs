@@ -136,7 +136,7 @@ impl Conductor {
     }
 
     async fn start_joining(&mut self, index: usize) -> Result<(), HubError> {
-        let (now, since_start) = (self.outside.now(), self.now_ns());
+        let now = self.outside.now();
         let answer = self.patience.answer;
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         node.contact.expect_its_own();
@@ -148,7 +148,6 @@ impl Conductor {
         self.hearing.forget(index);
         if let Some(own) = &mut self.own {
             own.recording.come(index);
-            own.watch.begin(index, since_start);
         }
         self.pass(index, Some(Passing::Joins(Deadline::after(answer + period * PERIODS, now))));
         Ok(())

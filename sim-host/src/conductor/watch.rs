@@ -57,13 +57,6 @@ impl Watch {
         }
     }
 
-    /// A node begins anew at `now`, and nobody knows yet at which tick.
-    pub(crate) fn begin(&mut self, node: usize, now: u64) {
-        if let Some(node) = self.nodes.get_mut(node) {
-            (node.told, node.heard, node.newest, node.outside) = (now, 0, 0, 0);
-        }
-    }
-
     /// Takes note that a node has come to `tick`, whether or not its states come.
     pub(crate) fn reached(&mut self, node: usize, tick: u32) {
         if let Some(node) = self.nodes.get_mut(node) {
