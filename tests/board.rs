@@ -33,6 +33,8 @@ pub struct Board {
     session: Session,
     deframer: Deframer,
     on_can: Option<OnCan>,
+    /// Parts in a billion that its clock is too fast.
+    drift_ppb: i64,
     /// What its node saw at the last ticks that it told of.
     seen: VecDeque<Vec<Observation<f32>>>,
 }
@@ -45,6 +47,7 @@ impl Board {
             session: Session::new(identity),
             deframer: Deframer::new(),
             on_can: None,
+            drift_ppb: 0,
             seen: VecDeque::new(),
         }
     }
@@ -54,10 +57,38 @@ impl Board {
         self.on_can = Some(OnCan { saying: AnyFormat::new(fd), hearing: AnyFormat::new(fd) });
     }
 
+    /// Its clock is so many parts in a billion too fast from the beginning of the world on.
+    pub fn set_drift(&mut self, ppb: i64) {
+        self.drift_ppb = ppb;
+    }
+
+    /// What its clock shows at `now`, ns.
+    fn own(&self, now: u64) -> u64 {
+        now.saturating_add_signed(gained(now, self.drift_ppb))
+    }
+
+    /// When it shows `own` or more, ns.
+    fn when(&self, own: u64) -> u64 {
+        if self.drift_ppb == 0 {
+            return own;
+        }
+        let rate = 1_000_000_000 + i128::from(self.drift_ppb);
+        let mut at = u64::try_from((i128::from(own) * 1_000_000_000 / rate).max(0)).unwrap_or(u64::MAX);
+        while self.own(at) < own {
+            at += 1;
+        }
+        at
+    }
+
+    /// Its session.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
     /// Restarts it, blank.
     pub fn restart(&mut self) {
         let (seen, on_can) = (std::mem::take(&mut self.seen), self.on_can.take());
-        *self = Self { seen, on_can, ..Self::new() };
+        *self = Self { seen, on_can, drift_ppb: self.drift_ppb, ..Self::new() };
     }
 
     /// What the node says to a frame on its bus.
@@ -65,7 +96,8 @@ impl Board {
         let Some(can) = &mut self.on_can else { return Vec::new() };
         let mut said = Vec::new();
         for message in can.hearing.unpack(frame.id(), frame.data()) {
-            self.session.on_frame(message.map(serial::Frame::RealTime), now);
+            let own = self.own(now);
+            self.session.on_frame(message.map(serial::Frame::RealTime), own);
             said.append(&mut self.poll(now));
         }
         said
@@ -76,7 +108,8 @@ impl Board {
         let mut said = Vec::new();
         for &byte in bytes {
             if let Some(frame) = self.deframer.push(byte) {
-                self.session.on_frame(frame, now);
+                let own = now.saturating_add_signed(gained(now, self.drift_ppb));
+                self.session.on_frame(frame, own);
                 said.append(&mut self.poll(now));
             }
         }
@@ -85,10 +118,14 @@ impl Board {
 
     /// What the node says by itself.
     pub fn poll(&mut self, now: u64) -> Vec<Said> {
-        let mut said = Vec::new();
+        let (mut said, now) = (Vec::new(), self.own(now));
         while let Some(output) = self.session.poll(now) {
             match output {
                 Output::Send(message) => self.send(&message, &mut said),
+                Output::Sync(message) => {
+                    self.send(&message, &mut said);
+                    self.session.sync_sent(now);
+                }
                 Output::Reply(reply) => {
                     if matches!(reply, Reply::Telemetry(_)) {
                         self.note_seen();
@@ -117,7 +154,7 @@ impl Board {
 
     /// When it has something to say by itself.
     pub fn poll_at(&self) -> Option<u64> {
-        self.session.poll_at()
+        self.session.poll_at().map(|own| self.when(own))
     }
 
     /// What its node saw at a tick that it has told of lately, by component.
@@ -140,6 +177,11 @@ impl Board {
             }
         }
     }
+}
+
+/// What a clock that is so many parts in a billion too fast gains in `passed`, ns.
+fn gained(passed: u64, ppb: i64) -> i64 {
+    i64::try_from(i128::from(passed) * i128::from(ppb) / 1_000_000_000).unwrap()
 }
 
 impl Default for Board {

@@ -3,6 +3,7 @@
 
 use crate::board::{Board, Said};
 use funnelnet_link::Frame;
+use funnelnet_protocol::NodeConfig;
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::can::{Heard, PortFrame, Traffic};
 use sim_host::conductor::{Action, Conductor, HubError, Patience, Seat, Source, Step, Task};
@@ -75,6 +76,8 @@ pub struct World<F: Fate = Peace> {
     buses: Vec<Bus>,
     /// The line has ended, by node.
     ended: Vec<bool>,
+    /// The host has switched the board off, and reads of all lines do not look at this one.
+    off: Vec<bool>,
     now: u64,
     /// Time that a frame takes either way, ns.
     travel: u64,
@@ -93,6 +96,7 @@ impl<F: Fate> World<F> {
             to_host: vec![Line::new(); nodes],
             buses: Vec::new(),
             ended: vec![false; nodes],
+            off: vec![false; nodes],
             now: 0,
             travel,
             has_power: false,
@@ -105,6 +109,13 @@ impl<F: Fate> World<F> {
     pub fn with_bus(mut self, nodes: &[usize], fd: bool) -> Self {
         nodes.iter().for_each(|&node| self.boards[node].put_on_can(fd));
         self.buses.push(Bus { fd, nodes: nodes.to_vec(), to_host: Line::new() });
+        self
+    }
+
+    /// With a clock on each board that is so many parts in a billion too fast, by index.
+    #[must_use]
+    pub fn with_drifts(mut self, ppb: &[i64]) -> Self {
+        self.boards.iter_mut().zip(ppb).for_each(|(board, &ppb)| board.set_drift(ppb));
         self
     }
 
@@ -157,7 +168,7 @@ impl<F: Fate> World<F> {
                     self.boards[node].restart();
                     self.to_node[node].clear();
                     self.to_host[node].clear();
-                    self.ended[node] = !on;
+                    (self.ended[node], self.off[node]) = (!on, !on);
                     task.on_switched(node);
                 }
                 Ok(())
@@ -207,9 +218,8 @@ impl<F: Fate> World<F> {
 
     fn read<T>(&mut self, from: Source, until: u64, task: &mut Task<'_, T>) -> Result<(), HubError> {
         loop {
-            if let Source::Bus(bus) = from
-                && self.listen(bus, task)
-            {
+            let wanted = |&bus: &usize| from == Source::All || from == Source::Bus(bus);
+            if (0..self.buses.len()).filter(wanted).any(|bus| self.listen(bus, task)) {
                 return Ok(());
             }
             for node in 0..self.boards.len() {
@@ -219,7 +229,7 @@ impl<F: Fate> World<F> {
                     task.on_bytes(node, &bytes, at);
                     return Ok(());
                 }
-                if wanted && self.ended[node] {
+                if wanted && self.ended[node] && !(self.off[node] && from == Source::All) {
                     return Err(died(node));
                 }
             }
@@ -305,7 +315,11 @@ fn died(node: usize) -> HubError {
 
 /// The conductor of a scenario whose nodes are in a world.
 pub fn conductor(scenario: &Scenario, drive: Drive, patience: Patience) -> Conductor {
-    let configs = node_configs(scenario, drive).unwrap();
+    conductor_of(scenario, &node_configs(scenario, drive).unwrap(), patience)
+}
+
+/// The same with these configurations.
+pub fn conductor_of(scenario: &Scenario, configs: &[NodeConfig], patience: Patience) -> Conductor {
     let seat = |id| Seat { id, place: "the board".to_owned(), uid: None };
     let seats = configs.iter().map(|config| seat(config.id)).collect();
     let spec = &scenario.bus;
@@ -317,6 +331,6 @@ pub fn conductor(scenario: &Scenario, drive: Drive, patience: Patience) -> Condu
     );
     let course = scenario.course().on_clock(&scenario.time);
     let scene = || Scene::new(&course, scenario.time.tick_ns, listeners(scenario));
-    let conductor = Conductor::new(seats, &configs, bus, patience).with_noise(Noise::of(scenario));
+    let conductor = Conductor::new(seats, configs, bus, patience).with_noise(Noise::of(scenario));
     conductor.with_events((!scenario.stays_whole()).then(scene), Lies::of(scenario))
 }

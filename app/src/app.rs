@@ -117,6 +117,7 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
                     self.update(request, now).await;
                 }
                 Some(Input::Frame(frame)) => self.session.on_frame(frame, now),
+                Some(Input::Sync(sync, at)) => self.session.on_sync(&sync, at, now),
                 Some(Input::Change(change)) => self.on_change(change),
                 None => break,
             }
@@ -158,6 +159,11 @@ impl<'a, P: Plant, L: Link, S: Storage, W: Watchdog, C: Clock, G: Log> App<'a, P
             let Some(output) = self.session.poll(now) else { return self.listen() };
             match output {
                 Output::Send(message) => self.link.send(&message, now).await,
+                Output::Sync(message) => {
+                    self.link.send(&message, now).await;
+                    let sent = self.link.sent_at().unwrap_or_else(|| self.clock.now());
+                    self.session.sync_sent(sent);
+                }
                 Output::Reply(reply) => self.link.reply(&reply, self.session.id()).await,
                 Output::Report(event) => self.log.event(&event),
                 Output::StorageRequest => self.keep().await,

@@ -16,7 +16,7 @@ use funnelnet_law::program::Part;
 use funnelnet_law::start::{PARTS, Pace, SlowStart};
 use funnelnet_protocol::config::{
     Breach, ConfigError, ConfigField, Coupling, Field, Funnel, Gain, HeardLimits, Limits, MAX_COMPONENTS,
-    MAX_NEIGHBOURS, NodeConfig, Normalised, Shape, TickSource, Tuning,
+    MAX_NEIGHBOURS, NodeConfig, Normalised, Shape, TickSource, TimeRules, Tuning,
 };
 use funnelnet_protocol::message::NodeId;
 
@@ -24,6 +24,11 @@ pub use funnelnet_law::range::{
     DAMPING, LARGEST, LARGEST_PHASE, LARGEST_RATE, LARGEST_WEIGHT, LONGEST_ROUND, LONGEST_SLOW_START,
     SHORTEST_TICK_NS, SMALLEST, WIDEST_GUARD,
 };
+
+/// Longest time from one SYNC of a time master to the next, unless a tick is longer, us.
+const LONGEST_SYNC_PERIOD_US: f64 = 1e7;
+/// Largest jitter of the stamps of SYNC, us.
+const LARGEST_SYNC_JITTER_US: f64 = 1e6;
 
 /// Ticks for which a newcomer waits at most: neighbours that are apart come together in a second or never.
 pub const NEWCOMER_PATIENCE: u16 = 500;
@@ -201,6 +206,7 @@ impl<F: Real, V, G: GainFunction<F>> Params<F, V, G> {
         }
         check_funnel(&config.funnel)?;
         check_tuning(&config.tuning, &config.heard)?;
+        check_time(config)?;
         let (tick, period) = (f64::from(tick_ns) * 1e-9, config.period_ns() as f64 * 1e-9);
         let start = check_start(&config.tuning, &config.coupling)?;
         let (shortest, grown_after) = match start.is_none() {
@@ -353,6 +359,24 @@ fn check_tuning(tuning: &Tuning, heard: &HeardLimits) -> Result<(), ConfigError>
     // A zero is what was not said.
     let mut said = told.into_iter().filter(|(_, value, _)| *value != 0.0);
     said.try_for_each(|(field, value, (low, high))| check(field, 0, value.into(), low, high))
+}
+
+/// Only timers can keep a time, and a period has ticks.
+#[inline(never)]
+fn check_time(config: &NodeConfig) -> Result<(), ConfigError> {
+    let TimeRules { period_us, jitter_us, .. } = config.time;
+    if config.time.is_none() {
+        return Ok(());
+    }
+    if config.tick_source != TickSource::Timer {
+        return Err(ConfigError::TimeOfTicks);
+    }
+    // One of them at least, and 0 is a host.
+    let first = config.time.masters().next().unwrap_or(0);
+    check(ConfigField::SyncMasters, 0, first.into(), 1.0, f64::from(NodeId::MAX))?;
+    let tick_us = (config.period_ns() as f64 / 1e3).max(1.0);
+    check(ConfigField::SyncPeriod, 0, period_us.into(), tick_us, LONGEST_SYNC_PERIOD_US.max(tick_us))?;
+    check(ConfigField::SyncJitter, 0, jitter_us.into(), 0.0, LARGEST_SYNC_JITTER_US)
 }
 
 /// A tracker has no funnel to be kept.

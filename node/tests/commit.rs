@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_law::PreparedField;
+use funnelnet_node::time::{Keeper, Role};
 use funnelnet_node::{Configured, Event, InputRange, Model, Output, Phase, PlantSetup, Session, Task};
 use funnelnet_protocol::config::{
-    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource,
+    Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, TimeRules,
 };
 use funnelnet_protocol::message::{Command, Message, NodeId, Severity, Target, TickStamp};
 use funnelnet_protocol::report::{Counters, Telemetry};
@@ -355,6 +356,25 @@ fn what_cannot_change_while_it_runs_is_refused_and_changes_nothing() {
         board.tell(commit(0));
         let expected = Identity { id: next.id, checksum: next.checksum(), ..board.identity() };
         assert_eq!((board.identity(), board.phase()), (expected, Phase::Ready));
+    }
+}
+
+#[test]
+fn rules_of_time_cannot_change_while_a_node_runs_and_all_else_can() {
+    let config = |width, period_us| {
+        let time = TimeRules { period_us, ..TimeRules::NONE }.with_master(NodeId::new(2).unwrap());
+        NodeConfig { tick_source: TickSource::Timer, time, ..with_width(&config(2, 1), width) }
+    };
+    for (period_us, refused) in [(100_000, 0), (50_000, 1)] {
+        let mut board = Board::ready(config(10.0, 100_000));
+        board.stage(&config(20.0, period_us));
+        board.tell(ctrl(Command::Start, 0));
+        board.drain(MS);
+        board.tell(commit(2));
+        assert_eq!(board.counters().refused(Refusal::Value), refused);
+        let adopted = board.drain(2 * MS).contains(&Output::Report(Event::Adopted { tick: 2 }));
+        assert_eq!(adopted, refused == 0);
+        assert_eq!(board.session.keeper().map(Keeper::role), Some(Role::Leads));
     }
 }
 

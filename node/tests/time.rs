@@ -21,7 +21,7 @@ fn id(number: u8) -> NodeId {
 
 fn rules(number: u8, masters: &[u8], holdover_ns: Option<u64>) -> Rules {
     let masters = masters.iter().fold(Masters::default(), |masters, &number| masters.and(id(number)));
-    Rules { id: id(number), masters, period_ns: PERIOD, tick_ns: TICK, holdover_ns }
+    Rules { id: id(number), masters, period_ns: PERIOD, tick_ns: TICK, holdover_ns, jitter_ns: 0 }
 }
 
 /// A node with a clock of its own.

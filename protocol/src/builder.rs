@@ -2,7 +2,7 @@
 
 use crate::config::{
     Breach, ConfigError, ConfigField, Coupling, EdgeConfig, Field, Funnel, Gain, HeardLimits, Limits,
-    MAX_COMPONENTS, MAX_NEIGHBOURS, NodeConfig, Program, Shape, Sine, TickSource, Tuning,
+    MAX_COMPONENTS, MAX_NEIGHBOURS, NodeConfig, Program, Shape, Sine, TickSource, TimeRules, Tuning,
 };
 use funnelnet_law::range::LARGEST;
 use heapless::Vec;
@@ -171,6 +171,12 @@ impl NodeBuilder {
     /// Sets the limits of what is taken of a neighbour's states.
     pub fn heard(mut self, limits: HeardLimits) -> Self {
         self.config.heard = limits;
+        self
+    }
+
+    /// Sets how the node keeps time with others.
+    pub fn time(mut self, rules: TimeRules) -> Self {
+        self.config.time = rules;
         self
     }
 

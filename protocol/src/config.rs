@@ -4,7 +4,9 @@
 
 use core::fmt;
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
+
+use crate::message::NodeId;
 
 pub use funnelnet_law::field::{Field, MAX_COMPONENTS, MAX_MATRIX, MAX_SINES, Sine, State, scalar};
 pub use funnelnet_law::funnel::{Funnel, Normalised, Shape};
@@ -100,6 +102,65 @@ impl HeardLimits {
     }
 }
 
+/// How nodes that tick by their timers keep one time, by SYNC of time masters. All zero where they keep none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TimeRules {
+    /// Nodes that may be time master: bit `id % 8` of byte `id / 8`.
+    pub masters: [u8; MASTER_BYTES],
+    /// Time from one SYNC to the next, us.
+    pub period_us: u32,
+    /// How far the stamp of a SYNC may be from the instant at which it was on the wire, us. 0 is said of the
+    /// stamps of CAN controllers.
+    pub jitter_us: u32,
+}
+
+/// Bytes of a set of ids.
+pub const MASTER_BYTES: usize = 16;
+
+impl TimeRules {
+    /// None: nothing is said.
+    pub const NONE: Self = Self { masters: [0; MASTER_BYTES], period_us: 0, jitter_us: 0 };
+    /// Bytes of them, where they are said.
+    pub(crate) const BYTES: usize = MASTER_BYTES + 8;
+
+    /// Whether nothing is said.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        *self == Self::NONE
+    }
+
+    /// The ids of the nodes that may be time master, with 0 where the set has it.
+    pub fn masters(&self) -> impl Iterator<Item = u8> {
+        let bytes = self.masters;
+        (0..=NodeId::MAX)
+            .filter(move |id| bytes.get(usize::from(id / 8)).is_some_and(|byte| byte >> (id % 8) & 1 == 1))
+    }
+
+    /// The same with one master more.
+    #[must_use]
+    pub fn with_master(mut self, id: NodeId) -> Self {
+        if let Some(byte) = self.masters.get_mut(usize::from(id.get() / 8)) {
+            *byte |= 1 << (id.get() % 8);
+        }
+        self
+    }
+
+    /// As they travel: the set, the period, the jitter.
+    fn bytes(&self) -> [u8; Self::BYTES] {
+        let numbers = [self.period_us, self.jitter_us].map(u32::to_le_bytes);
+        let all = self.masters.iter().chain(numbers.as_flattened());
+        let mut bytes = [0; Self::BYTES];
+        bytes.iter_mut().zip(all).for_each(|(to, from)| *to = *from);
+        bytes
+    }
+}
+
+impl Serialize for TimeRules {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.bytes().serialize(serializer)
+    }
+}
+
 /// Everything that a node is told before it starts. Read by [`NodeConfig::read`], where it is to stay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeConfig {
@@ -144,6 +205,9 @@ pub struct NodeConfig {
     /// has the bytes that it had before there were any.
     #[serde(skip_serializing_if = "HeardLimits::is_none")]
     pub heard: HeardLimits,
+    /// How it keeps time with others; as for what is heard, not written where nothing is said.
+    #[serde(skip_serializing_if = "TimeRules::is_none")]
+    pub time: TimeRules,
 }
 
 impl NodeConfig {
@@ -225,6 +289,9 @@ fields! {
     LimitHigh = "limits.high",
     HeardLimit = "safety.heard_limit",
     HeardRate = "safety.heard_rate",
+    SyncMasters = "sync.masters",
+    SyncPeriod = "sync.period (us)",
+    SyncJitter = "jitter of SYNC (us)",
 }
 
 /// Why a node refuses a configuration.
@@ -266,6 +333,8 @@ pub enum ConfigError {
     Busy,
     /// No node can compute this coupling from what its neighbours send.
     NotLocal,
+    /// Time masters keep timers together, and this node ticks by SYNC.
+    TimeOfTicks,
 }
 
 impl fmt::Display for ConfigError {
@@ -292,6 +361,9 @@ impl fmt::Display for ConfigError {
             }
             Self::NotLocal => f.write_str(
                 "no node can run weakly-centralised coupling: it would have to know the gains of all others",
+            ),
+            Self::TimeOfTicks => f.write_str(
+                "time masters are for nodes that tick by their timers, and this one ticks by SYNC",
             ),
             Self::Busy => f.write_str("the node has not answered the request before yet: ask again"),
             Self::PolicyOfCoupling => {

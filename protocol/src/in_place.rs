@@ -6,8 +6,8 @@
 use core::fmt;
 
 use crate::config::{
-    Breach, Coupling, Field, Funnel, Gain, HeardLimits, Limits, NodeConfig, Program, Shape, TickSource,
-    Tuning,
+    Breach, Coupling, Field, Funnel, Gain, HeardLimits, Limits, MASTER_BYTES, NodeConfig, Program, Shape,
+    TickSource, TimeRules, Tuning,
 };
 use crate::refusal::Refusal;
 use heapless::Vec;
@@ -48,11 +48,12 @@ impl NodeConfig {
             program: Program::none(),
             limits: Limits { low: 0.0, high: 0.0 },
             heard: HeardLimits::NONE,
+            time: TimeRules::NONE,
         }
     }
 
-    /// Becomes what `bytes` are, the body of a CONFIGURE or STAGE. The limits of what is heard may be missing:
-    /// then there are none.
+    /// Becomes what `bytes` are, the body of a CONFIGURE or STAGE. The limits of what is heard and the rules
+    /// of time may be missing: then there are none.
     ///
     /// # Errors
     /// `Length` for trailing bytes, `Value` for anything else that is not a configuration. It is of no use
@@ -69,7 +70,8 @@ impl NodeConfig {
         let mut source = Deserializer::from_flavor(Bytes { bytes, zeros: missing });
         self.fill(&mut source).map_err(|_| Refusal::Value)?;
         let rest = source.finalize().map_err(|_| Refusal::Value)?;
-        self.heard = HeardLimits::read(rest.bytes)?;
+        let (heard, time) = divide(rest.bytes)?;
+        (self.heard, self.time) = (HeardLimits::read(heard)?, TimeRules::read(time)?);
         if rest.zeros == 0 { Ok(()) } else { Err(Refusal::Value) }
     }
 
@@ -96,6 +98,7 @@ impl NodeConfig {
             limits: Limits { low, high },
             // Behind them, where it is there.
             heard: _,
+            time: _,
         } = self;
         value(id, source)?;
         value(tick_ns, source)?;
@@ -127,8 +130,22 @@ impl NodeConfig {
     }
 }
 
+/// What is left of a configuration: limits of what is heard, and rules of time, each where there are any.
+fn divide(rest: &[u8]) -> core::result::Result<(&[u8], &[u8]), Refusal> {
+    const BOTH: usize = HeardLimits::BYTES + TimeRules::BYTES;
+    let heard = match rest.len() {
+        0 | TimeRules::BYTES => 0,
+        HeardLimits::BYTES | BOTH => HeardLimits::BYTES,
+        _ => return Err(Refusal::Length),
+    };
+    rest.split_at_checked(heard).ok_or(Refusal::Length)
+}
+
 impl HeardLimits {
-    /// Reads what is left of a configuration.
+    /// Bytes of them, where they are said.
+    const BYTES: usize = 9;
+
+    /// Reads them.
     fn read(rest: &[u8]) -> core::result::Result<Self, Refusal> {
         let (limit, rate, drop_after) = match *rest {
             [] => return Ok(Self::NONE),
@@ -138,6 +155,19 @@ impl HeardLimits {
         let heard = Self { limit: f32::from_le_bytes(limit), rate: f32::from_le_bytes(rate), drop_after };
         // A configuration has one form, so that its checksum is one.
         if heard.is_none() { Err(Refusal::Value) } else { Ok(heard) }
+    }
+}
+
+impl TimeRules {
+    /// Reads them.
+    fn read(rest: &[u8]) -> core::result::Result<Self, Refusal> {
+        let Some((masters, [a, b, c, d, e, f, g, h])) = rest.split_first_chunk::<MASTER_BYTES>() else {
+            return Ok(Self::NONE);
+        };
+        let [period_us, jitter_us] = [[*a, *b, *c, *d], [*e, *f, *g, *h]].map(u32::from_le_bytes);
+        let time = Self { masters: *masters, period_us, jitter_us };
+        // One form of them, too.
+        if time.is_none() { Err(Refusal::Value) } else { Ok(time) }
     }
 }
 

@@ -15,7 +15,7 @@ pub const REAL_TIME: u8 = 0x10;
 /// Source of frames that come from the host.
 pub const HOST: u8 = 0;
 /// Longest body, bytes: a [`crate::NodeConfig`] with everything in it.
-pub const MAX_BODY: usize = 1376;
+pub const MAX_BODY: usize = 1400;
 /// Longest frame before COBS: kind, source, body, CRC.
 pub const MAX_RAW: usize = 2 + MAX_BODY + 2;
 /// Longest frame on the wire, final zero included.

@@ -3,7 +3,8 @@
 
 use funnelnet_protocol::config::{
     Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, HeardLimits, Limits, MAX_COMPONENTS,
-    MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Program, Shape, Sine, TickSource, Tuning,
+    MAX_MATRIX, MAX_NEIGHBOURS, MAX_SINES, NodeConfig, Normalised, Program, Shape, Sine, TickSource,
+    TimeRules, Tuning,
 };
 use funnelnet_protocol::message::{Component, Message, NodeId, TickStamp};
 use funnelnet_protocol::report::{Counters, Kept, Losses, Report};
@@ -54,12 +55,20 @@ fn largest_config() -> NodeConfig {
         program: Program::none(),
         limits: Limits { low: -1.0, high: 1.0 },
         heard: HeardLimits::NONE,
+        time: TimeRules::NONE,
     }
 }
 
-/// The same with limits of what is heard, which are the longest.
+/// The same with limits of what is heard.
 fn largest_guarded_config() -> NodeConfig {
     NodeConfig { heard: HeardLimits { limit: 2.0, rate: 3.0, drop_after: 255 }, ..largest_config() }
+}
+
+/// The same with rules of time, too, which are the longest.
+fn largest_timed_config() -> NodeConfig {
+    let masters = [1, 10, 127].into_iter().filter_map(NodeId::new);
+    let rules = TimeRules { period_us: 0x0403_0201, jitter_us: 0x0807_0605, ..TimeRules::NONE };
+    NodeConfig { time: masters.fold(rules, TimeRules::with_master), ..largest_guarded_config() }
 }
 
 fn encode_service(service: &impl Body) -> Vec<u8> {
@@ -87,13 +96,13 @@ fn deframe(bytes: &[u8]) -> Vec<Result<Owned, Refusal>> {
 #[test]
 fn largest_configuration_fits_and_little_is_wasted() {
     let mut body = [0; MAX_BODY];
-    let request = Request::Configure(largest_guarded_config());
+    let request = Request::Configure(largest_timed_config());
     let length = request.encode(&mut body).unwrap();
     assert!(length <= MAX_BODY && length + 32 > MAX_BODY, "{length} of {MAX_BODY}");
     let frames = deframe(&encode_service(&request));
     let [Ok(Owned::Service(kind, 1, body))] = &frames[..] else { panic!("{frames:?}") };
     assert_eq!(Request::decode(*kind, body), Ok(request));
-    assert_eq!(Request::decode(*kind, &body[..body.len() - 10]), Err(Refusal::Value));
+    assert_eq!(Request::decode(*kind, &body[..body.len() - 34]), Err(Refusal::Value));
     assert_eq!(Request::decode(*kind, &body[..body.len() - 1]), Err(Refusal::Length));
     assert_eq!(Request::decode(*kind, &[&body[..], &[0]].concat()), Err(Refusal::Length));
 }
@@ -181,6 +190,45 @@ fn a_configuration_ends_with_the_limits_of_what_is_heard_where_there_are_any() {
     assert_eq!(largest_guarded_config().checksum(), NodeConfig::checksum_of(&long));
 }
 
+/// Rules of time come after them, and only where they are said.
+#[test]
+fn a_configuration_ends_with_the_rules_of_time_where_there_are_any() {
+    let encoded = |config: NodeConfig| {
+        let mut body = [0; MAX_BODY];
+        let length = Request::Stage(config).encode(&mut body).unwrap();
+        body[..length].to_vec()
+    };
+    // Nodes 1, 10 and 127, the period, the jitter.
+    let rules = [2, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x80, 1, 2, 3, 4, 5, 6, 7, 8];
+    let unguarded = NodeConfig { heard: HeardLimits::NONE, ..largest_timed_config() };
+    assert_eq!(unguarded.time.masters().collect::<Vec<_>>(), [1, 10, 127]);
+    let [bare, guarded, timed, both] =
+        [largest_config(), largest_guarded_config(), unguarded.clone(), largest_timed_config()].map(encoded);
+    assert_eq!(timed, [&bare[..], &rules].concat());
+    assert_eq!(both, [&guarded[..], &rules].concat());
+    let mut room = NodeConfig::empty();
+    // From each to the next, and back.
+    for _ in 0..2 {
+        for (bytes, config) in [
+            (&both, largest_timed_config()),
+            (&guarded, largest_guarded_config()),
+            (&timed, unguarded.clone()),
+            (&bare, largest_config()),
+        ] {
+            assert_eq!((room.read(bytes), &room), (Ok(()), &config));
+        }
+    }
+    let whole = [bare.len(), guarded.len(), timed.len(), both.len()];
+    for other in (bare.len()..both.len() + 2).filter(|length| !whole.contains(length)) {
+        let bytes = [&both[..], &[0]].concat();
+        assert_eq!(room.read(&bytes[..other]), Err(Refusal::Length), "{other}");
+    }
+    // There is one form of it, too.
+    assert_eq!(room.read(&[&bare[..], &[0; 24]].concat()), Err(Refusal::Value));
+    assert_eq!(room.read(&[&guarded[..], &[0; 24]].concat()), Err(Refusal::Value));
+    assert_eq!(largest_timed_config().checksum(), NodeConfig::checksum_of(&both));
+}
+
 /// Append-only: a variant keeps its number, an answer its kind and its length.
 #[test]
 fn storing_has_these_bytes() {
@@ -196,7 +244,7 @@ fn storing_has_these_bytes() {
     for wrong in [&[7; 15][..], &[7; 17], &[]] {
         assert_eq!(Request::decode(0x4D, wrong), Err(Refusal::Length));
     }
-    let answers: [(Reply, u8, &[u8]); 16] = [
+    let answers: [(Reply, u8, &[u8]); 17] = [
         (Reply::Stored(Ok(u32::MAX)), 0x48, &[0, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]),
         (Reply::Stored(Err(StoreError::Running)), 0x48, &[1, 0]),
         (Reply::Stored(Err(StoreError::Blank)), 0x48, &[1, 1]),
@@ -211,6 +259,7 @@ fn storing_has_these_bytes() {
         (Reply::Stored(Err(StoreError::Busy)), 0x48, &[1, 4]),
         (Reply::Staged(Err(StageError::Store(StoreError::Busy))), 0x4C, &[1, 1, 4]),
         (Reply::Configured(Err(ConfigError::Busy)), 0x43, &[1, 7]),
+        (Reply::Configured(Err(ConfigError::TimeOfTicks)), 0x43, &[1, 9]),
         (Reply::Keyed(Ok(300)), 0x4E, &[0, 0xAC, 0x02]),
         (Reply::Keyed(Err(StoreError::Failed)), 0x4E, &[1, 3]),
     ];

@@ -12,7 +12,7 @@ use funnelnet_law::program::Operation;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
     EdgeConfig, Field, HeardLimits, Limits, MAX_COMPONENTS, MAX_NEIGHBOURS, MAX_SINES, Program, Sine,
-    TickSource, Tuning,
+    TickSource, TimeRules, Tuning,
 };
 use std::fmt;
 
@@ -152,6 +152,7 @@ fn configs(scenario: &Scenario, drive: Drive, bounds: Bounds) -> Result<Vec<Node
             program: program(&node.dynamics),
             limits: limits(node),
             heard: heard(&scenario.safety),
+            time: TimeRules::NONE,
         })
     };
     scenario.nodes.iter().enumerate().map(config).collect()
@@ -194,6 +195,7 @@ pub(crate) fn alone_config(scenario: &LargeScenario, node: &NodeSpec) -> Result<
         program: program(&node.dynamics),
         limits: limits(node),
         heard: HeardLimits::NONE,
+        time: TimeRules::NONE,
     })
 }
 

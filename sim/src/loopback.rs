@@ -86,6 +86,10 @@ pub fn engine_on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Engine<M>,
     engine_of(scenario, medium, params)
 }
 
+/// Why SYNC is not simulated on any bus.
+const SYNC_NEEDS_CAN: &str = "[sync] needs bus.model = \"can\" or \"can-fd\" in a simulation, where all hear a SYNC at the same time; a bench with clock = \"own\" \
+                              has it on serial lines, too";
+
 /// A medium and nodes, with all that a scenario has beside them: noise, times of computing, and clocks or events. `params` is what the nodes of a scenario make of
 /// their configurations; events ask for that more than once.
 ///
@@ -96,6 +100,9 @@ pub fn engine_of<M: Medium, V: VectorField<f32> + Clone>(
     medium: M,
     params: impl Fn(&[NodeConfig], &Scenario) -> Result<Vec<Params<f32, V>>, Refused>,
 ) -> Result<Engine<M, V>, Refused> {
+    if scenario.sync.is_some() && !scenario.bus.model.is_can() {
+        return Err(Refused::Bus(SYNC_NEEDS_CAN.to_owned()));
+    }
     let nodes = |drive: Drive| made(&node_configs(scenario, drive)?, scenario, &params);
     let compute = scenario.nodes.iter().map(|node| node.compute_ns).collect();
     let engine = Engine::new(nodes(LOOPBACK)?, medium).with_noise(Noise::of(scenario)).with_compute(compute);

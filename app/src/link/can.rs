@@ -76,6 +76,12 @@ pub trait Controller {
         None
     }
 
+    /// When the last SYNC that it has received began on the bus, by the app's clock, which shows `now` (ns), where it
+    /// knows that: the frame may have waited for the task since.
+    fn sync_at(&self, _now: u64) -> Option<u64> {
+        None
+    }
+
     /// Drops the frames that were taken and not sent, but one that is being sent.
     fn cancel(&mut self);
 
@@ -201,6 +207,10 @@ impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
     fn next(&mut self, now: u64) -> Option<Input<'_>> {
         match self.hear() {
             Some(Heard::Change(change)) => Some(Input::Change(change)),
+            Some(Heard::Message(Ok(sync @ Message::Sync { source: Some(_), .. }))) => {
+                let at = self.controller.sync_at(now);
+                Some(at.map_or(Input::Frame(Ok(Frame::RealTime(sync))), |at| Input::Sync(sync, at)))
+            }
             Some(Heard::Message(message)) => Some(Input::Frame(message.map(Frame::RealTime))),
             None => self.service.next(now).map(for_the_service_line),
         }
@@ -209,6 +219,10 @@ impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
     async fn send(&mut self, message: &Message, _: u64) {
         let request = self.port.send(message);
         self.obey(request);
+        if matches!(message, Message::Sync { .. }) {
+            // It is stamped when the controller has it.
+            self.flush();
+        }
         if matches!(message, Message::Fault { .. }) {
             self.outgoing.say(&serial::encode(message), &mut self.service);
         }

@@ -20,6 +20,9 @@ use crate::clock::Clock;
 pub enum Input<'a> {
     /// A frame, or the reason for refusing one.
     Frame(Result<Frame<'a>, Refusal>),
+    /// A SYNC, and when it was on the wire, by the app's clock, ns. A link that does not know that hands it over
+    /// as a frame.
+    Sync(Message, u64),
     /// The link's own state has changed.
     Change(Change),
 }
@@ -48,6 +51,12 @@ pub trait Link {
     /// Takes a frame of the real-time plane to send, at `now` (ns). Frames are not queued: of two with the
     /// same identifier that wait, the latest wins.
     async fn send(&mut self, message: &Message, now: u64);
+
+    /// When the last SYNC that was [sent](Self::send) was on the wire, by the app's clock, ns, where the link knows
+    /// that better than whoever has just sent it.
+    fn sent_at(&self) -> Option<u64> {
+        None
+    }
 
     /// Sends a frame of the service plane, which comes from the node `source`, 0 while blank.
     async fn reply(&mut self, reply: &Reply, source: u8);

@@ -40,6 +40,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         outcome
     }
 
+    /// Counts a frame that somebody else has taken for the node.
+    pub fn accept(&mut self) {
+        count(&mut self.counters.accepted);
+    }
+
     /// Counts a frame that the link could not decode.
     pub fn refuse(&mut self, reason: Refusal) {
         self.counters.refuse(reason);

@@ -57,7 +57,13 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     pub(super) fn joins(&mut self, at_tick: u16) -> bool {
         // To a timer it is a time.
         let told = at_tick == JOIN && self.params.tick_source == TickSource::Sync;
-        let joins = told && self.params.coupling != Law::None && self.neighbours.count() != 0;
+        told && self.becomes_newcomer()
+    }
+
+    /// Makes it one, unless it has nobody to join.
+    #[cold]
+    pub(super) fn becomes_newcomer(&mut self) -> bool {
+        let joins = self.params.coupling != Law::None && self.neighbours.count() != 0;
         if joins {
             self.newcomer = Some(Newcomer::default());
         }

@@ -1,6 +1,7 @@
 //! The life of a node: it starts, is stopped, and fails.
 
 use super::Node;
+use super::clock::Schedule;
 use super::step::Step;
 use crate::observe::{Event, Phase};
 use funnelnet_law::field::VectorField;
@@ -40,6 +41,20 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             // A commit needs a storage, and comes by `commit_at` from whoever has one.
             _ => Err(Refusal::Phase),
         }
+    }
+
+    /// Starts a node that comes to a network that runs, and whose timer keeps the network's time: `tick` is its
+    /// first one, and comes at `at` (ns). One that does not run yet.
+    pub fn come(&mut self, tick: u32, at: u64) {
+        if self.phase != Phase::Ready {
+            return;
+        }
+        self.phase = Phase::Running;
+        (self.clock.tick, self.clock.schedule) = (tick, Schedule::At(at));
+        if !self.becomes_newcomer() {
+            self.announce();
+        }
+        self.outbox.report(Event::Started);
     }
 
     fn halt(&mut self, phase: Phase) {

@@ -172,6 +172,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.params.id
     }
 
+    /// Period of its ticks, ns.
+    pub(crate) fn tick_ns(&self) -> u64 {
+        self.params.tick_ns
+    }
+
     /// Its own vector field, as it was made for its tick period.
     pub fn field(&self) -> &V {
         &self.params.field

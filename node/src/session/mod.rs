@@ -4,6 +4,7 @@
 
 mod storage_request;
 mod telemetry;
+mod timing;
 
 pub use storage_request::Task;
 
@@ -21,12 +22,15 @@ use funnelnet_protocol::serial::{Frame, HOST};
 use funnelnet_protocol::service::{Identity, Reply, Request, ResetCause, StageError, StoreError};
 use storage_request::{Staged, StorageRequest};
 use telemetry::Teller;
+use timing::Timing;
 
 /// Action that the firmware shall take next.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Output {
     /// Put this frame of the real-time plane on the link.
     Send(Message),
+    /// Put this SYNC of a time master on the link, and say by [`Session::sync_sent`] when it was on the wire.
+    Sync(Message),
     /// Put this frame of the service plane on the link.
     Reply(Reply),
     /// Log this event.
@@ -49,6 +53,8 @@ pub struct Session<M: Model = Configured> {
     identity: Identity,
     model: M,
     node: Option<Node<f32, M::Field>>,
+    /// The time that the node keeps with others, where its configuration says how.
+    timing: Option<Timing>,
     /// The configuration that the node was made of.
     config: Option<NodeConfig>,
     /// Buffer for a configuration on its way to the storage or from there.
@@ -92,6 +98,7 @@ impl<M: Model> Session<M> {
             identity,
             model,
             node: None,
+            timing: None,
             config: None,
             config_buffer: None,
             staged: None,
@@ -174,7 +181,12 @@ impl<M: Model> Session<M> {
 
     /// Ticks that its node has completed and waits for, for the watchdog; a blank one waits.
     pub fn progress(&self) -> Progress {
-        self.node.as_ref().map_or_else(Progress::default, Node::progress)
+        let progress = self.node.as_ref().map_or_else(Progress::default, Node::progress);
+        match &self.timing {
+            None => progress,
+            // Its node knows the time of the network, and who looks that of the clock.
+            Some(timing) => Progress { next: progress.next.map(|next| timing.own(next)), ..progress },
+        }
     }
 
     /// Time at which [`Session::poll`] has something to do next, ns on the caller's clock; `None`: not before
@@ -182,13 +194,17 @@ impl<M: Model> Session<M> {
     pub fn poll_at(&self) -> Option<u64> {
         let asks = self.reply.is_some() || self.storage_request.is_some() || self.refused.is_some();
         let waits = self.safe || asks;
-        if waits { Some(0) } else { self.node.as_ref()?.poll_at() }
+        if waits {
+            return Some(0);
+        }
+        let at = self.node.as_ref()?.poll_at();
+        if self.timing.is_none() { at } else { self.own_time(at) }
     }
 
     /// Takes what the link received at `now` (ns). What is refused is counted and changes nothing.
     pub fn on_frame(&mut self, frame: Result<Frame<'_>, Refusal>, now: u64) {
         let outcome = match frame {
-            Ok(Frame::RealTime(message)) => return self.on_message(&message, now),
+            Ok(Frame::RealTime(message)) => return self.on_stamped(&message, (now, now)),
             Ok(Frame::Service { kind, body, .. }) => self.on_request(kind, body),
             Err(reason) => Err(reason),
         };
@@ -236,6 +252,13 @@ impl<M: Model> Session<M> {
         {
             return Some(Output::Reply(reply));
         }
+        let mut now = now;
+        if self.timing.is_some() {
+            if let Some(output) = self.keep_time(now) {
+                return Some(output);
+            }
+            now = self.network_time(now);
+        }
         let node = self.node.as_mut()?;
         match node.poll(now) {
             Some(Action::Send(message)) => Some(Output::Send(message)),
@@ -257,9 +280,17 @@ impl<M: Model> Session<M> {
         core::mem::take(&mut self.safe) || stopped
     }
 
-    fn on_message(&mut self, message: &Message, now: u64) {
+    /// Takes a message that was on the wire at the first of these times, and is known at the second one, ns.
+    fn on_stamped(&mut self, message: &Message, (stamp, now): (u64, u64)) {
         if let Message::Ctrl { target, command: Command::Commit, at_tick, .. } = *message {
             return self.on_commit(target, at_tick);
+        }
+        let mut now = now;
+        if self.timing.is_some() {
+            match self.take_timed(message, (stamp, now)) {
+                Some(network) => now = network,
+                None => return,
+            }
         }
         match self.node.as_mut() {
             // The node counts what it refuses.
@@ -323,6 +354,9 @@ impl<M: Model> Session<M> {
     fn configure(&mut self) -> Result<(), ConfigError> {
         let made = if self.is_running() { Err(ConfigError::Running) } else { self.make_node() };
         self.config_buffer = None;
+        if made.is_ok() {
+            self.set_timing();
+        }
         made
     }
 

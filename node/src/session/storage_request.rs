@@ -6,7 +6,7 @@ use crate::model::Model;
 use crate::node::adopt::Lasting;
 use crate::params::Params;
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::ConfigError;
+use funnelnet_protocol::config::{ConfigError, TimeRules};
 use funnelnet_protocol::message::{FaultCode, Target, TickStamp};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::service::{Key, Reply, StageError, StoreError};
@@ -42,6 +42,7 @@ pub(super) enum StorageRequest {
 pub(super) struct Staged {
     checksum: u32,
     lasting: Lasting,
+    time: TimeRules,
 }
 
 impl<M: Model> Session<M> {
@@ -87,7 +88,7 @@ impl<M: Model> Session<M> {
     fn note_staged(&mut self, outcome: Result<u32, StoreError>) -> Result<u32, StageError> {
         outcome.map_err(StageError::Store)?;
         let config = self.config_buffer.as_ref().ok_or(StageError::Store(StoreError::Failed))?;
-        let staged = Staged { checksum: config.checksum(), lasting: Lasting::of(config) };
+        let staged = Staged { checksum: config.checksum(), lasting: Lasting::of(config), time: config.time };
         self.staged = Some(staged);
         Ok(staged.checksum)
     }
@@ -137,16 +138,23 @@ impl<M: Model> Session<M> {
     pub(super) fn on_commit(&mut self, target: Target, at_tick: u16) {
         let meant = self.node.as_ref().map_or(target == Target::All, |node| target.includes(node.id()));
         let running = self.is_running();
+        let other_time = self.staged.is_some_and(|staged| !self.keeps_time_by(&staged.time));
         match (self.staged, self.node.as_mut()) {
             _ if !meant => {}
             _ if self.storage_request.is_some() || self.performing.is_some() => self.refuse(Refusal::Phase),
             (None, _) => self.refuse(Refusal::Phase),
+            // A keeper goes by the rules that it was started with.
+            _ if running && other_time => self.refuse(Refusal::Value),
             // The node counts what it refuses.
             (Some(Staged { lasting, .. }), Some(node)) if running => {
                 let _ = node.commit_at(TickStamp::low(at_tick.into(), 16), lasting);
             }
             _ => self.storage_request = Some(StorageRequest::Commit),
         }
+    }
+
+    fn keeps_time_by(&self, rules: &TimeRules) -> bool {
+        self.config.as_ref().is_some_and(|config| config.time == *rules)
     }
 
     pub(super) fn may_store(&self) -> Result<(), StoreError> {

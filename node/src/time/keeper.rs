@@ -4,6 +4,7 @@
 use super::map::Map;
 use super::servo::{Servo, Taken};
 use crate::observe::Event;
+use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::message::{Message, NodeId, TickStamp, UNKNOWN_PHASE};
 use funnelnet_protocol::refusal::Refusal;
 
@@ -52,9 +53,28 @@ pub struct Rules {
     pub tick_ns: u64,
     /// Time for which the node goes on without a SYNC that it can use, ns; `None`: for ever.
     pub holdover_ns: Option<u64>,
+    /// How far the stamp of a SYNC may be from the instant at which it was on the wire, ns; 0 for those of CAN
+    /// controllers.
+    pub jitter_ns: u64,
 }
 
 impl Rules {
+    /// Those of a configuration that [`Params`](crate::Params) have accepted; none where its node keeps no time
+    /// with others.
+    #[must_use]
+    pub fn of(config: &NodeConfig) -> Option<Self> {
+        let said = &config.time;
+        let id = NodeId::new(config.id).filter(|_| !said.is_none())?;
+        Some(Self {
+            id,
+            masters: said.masters().filter_map(NodeId::new).fold(Masters::default(), Masters::and),
+            period_ns: u64::from(said.period_us) * NS_PER_US,
+            tick_ns: config.period_ns(),
+            holdover_ns: (config.holdover_ns > 0).then_some(config.holdover_ns),
+            jitter_ns: u64::from(said.jitter_us) * NS_PER_US,
+        })
+    }
+
     /// `ns` in whole ticks, at least one.
     fn whole_ticks(&self, ns: u64) -> u64 {
         let ticks = ns.checked_div(self.tick_ns).unwrap_or(0).max(1);
@@ -154,7 +174,7 @@ impl Keeper {
     pub const fn new(rules: Rules) -> Self {
         Self {
             rules,
-            servo: Servo::new(Map::new(0, 0)),
+            servo: Servo::new(Map::new(0, 0), rules.jitter_ns),
             role: Role::Waits,
             runs: false,
             epoch: 0,
@@ -174,7 +194,7 @@ impl Keeper {
     /// One that `joins` listens first.
     pub fn start(&mut self, own: u64, network: u64, epoch: u64, joins: bool) {
         *self = Self { runs: true, epoch, ..Self::new(self.rules) };
-        self.servo = Servo::new(Map::new(own, network));
+        self.servo = Servo::new(Map::new(own, network), self.rules.jitter_ns);
         self.heard_at = self.servo.map().own(epoch);
         self.taken_at = self.heard_at;
         let Rules { id, masters, .. } = self.rules;
@@ -198,6 +218,15 @@ impl Keeper {
     #[must_use]
     pub fn own(&self, network: u64) -> u64 {
         self.servo.map().own(network)
+    }
+
+    /// The tick of the network that comes next when the own clock shows `own`, and when that is on the
+    /// network's clock, ns.
+    #[must_use]
+    pub fn next_tick(&self, own: u64) -> (u32, u64) {
+        let passed = self.network(own).saturating_sub(self.epoch);
+        let tick = passed.checked_div(self.rules.tick_ns).unwrap_or(0).saturating_add(1);
+        (tick as u32, self.epoch.saturating_add(tick.saturating_mul(self.rules.tick_ns)))
     }
 
     /// Role of the node.
@@ -287,7 +316,7 @@ impl Keeper {
         }
         match self.servo.observe(stamp, network, now) {
             Taken::First => {}
-            Taken::Joined | Taken::Bent => self.taken_at = now,
+            Taken::Joined | Taken::Bent | Taken::Kept => self.taken_at = now,
             Taken::LeftOut => return Err(Refusal::TickWindow),
         }
         let Rules { id, masters, .. } = self.rules;

@@ -37,6 +37,8 @@ impl Map {
     /// Time of the network when the own clock shows `own`, ns. Never goes back while the map stays; a time
     /// before its begin is taken for that.
     #[must_use]
+    // Once in an image: it is asked for at many places, and 128 bits are long on 32.
+    #[inline(never)]
     pub fn network(&self, own: u64) -> u64 {
         let passed = own.saturating_sub(self.own);
         let network = i128::from(self.network) + i128::from(passed) + self.gained(passed);
@@ -52,6 +54,7 @@ impl Map {
     /// The time of the own clock from which on that of the network is `network` or more, ns: at most a few ns
     /// after the first such one.
     #[must_use]
+    #[inline(never)]
     pub fn own(&self, network: u64) -> u64 {
         let wanted = network.saturating_sub(self.network);
         let mut passed = wanted;

@@ -3,6 +3,10 @@
 //! A filter of second order with a memory that grows: its gains are those of a straight line through all
 //! observations (`2 (2n - 1) / (n (n + 1))`, `6 / (n (n + 1))`), until they reach the ones that stay, 0.3 and
 //! 0.05. What is to be made up for is slewed over one period.
+//!
+//! Stamps of lines are not those of controllers: a computer, a driver or a program in between makes them late,
+//! now more and now less, and never early. So of every few such observations the one that came soonest counts,
+//! two of them say nothing of the rate, and the gains are the last ones from the beginning.
 
 use super::map::{LARGEST_RATE, Map, ONE, bounded};
 
@@ -24,6 +28,8 @@ const OUTLIER_NS: i64 = 100_000;
 const STEP_NS: i64 = 50_000;
 /// What two observations may differ by beside 500 ppm, at the join, ns.
 const JITTER_NS: i64 = 100_000;
+/// Observations with jitter of which one counts.
+const SIEVE: u8 = 4;
 
 /// An instant by both clocks, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +49,8 @@ pub enum Taken {
     Bent,
     /// It does not agree with those before it, and was left out.
     LeftOut,
+    /// It waits for others, of which the best one counts.
+    Kept,
 }
 
 /// Servo that bends a map by observations.
@@ -56,13 +64,20 @@ pub struct Servo {
     /// Time between the last two, ns.
     period: u64,
     joined: bool,
+    /// How late stamps may be, ns; 0 for those of controllers.
+    jitter: i64,
+    /// The best observation since the last one that counted, and how many there were.
+    best: Option<Instant>,
+    tried: u8,
 }
 
 impl Servo {
-    /// A servo that has observed nothing, and a map by which both clocks run alike.
+    /// A servo that has observed nothing, and a map by which both clocks run alike; stamps may be late by
+    /// `jitter` (ns), or are those of controllers (0).
     #[must_use]
-    pub const fn new(map: Map) -> Self {
-        Self { map, seen: [None; 3], count: 0, period: 0, joined: false }
+    pub const fn new(map: Map, jitter: u64) -> Self {
+        let jitter = if jitter > i64::MAX as u64 { i64::MAX } else { jitter as i64 };
+        Self { map, seen: [None; 3], count: 0, period: 0, joined: false, jitter, best: None, tried: 0 }
     }
 
     /// The map.
@@ -86,6 +101,7 @@ impl Servo {
     /// Forgets the observations of another master; the rate stays, since the own clock has not changed.
     pub fn turn_to_another(&mut self) {
         self.seen = [None; 3];
+        (self.best, self.tried) = (None, 0);
     }
 
     /// Time by which the network's clock is ahead of the map at `now`, by an observation and the rate so far,
@@ -98,7 +114,32 @@ impl Servo {
     /// Takes an observation: when the own clock showed `own`, that of the network showed `network` (ns).
     /// `now` is the time of the own clock at which that is known.
     pub fn observe(&mut self, own: u64, network: u64, now: u64) -> Taken {
-        let new = Instant { own, network };
+        match self.sieve(Instant { own, network }, now) {
+            Some(best) => self.take(best, now),
+            None => Taken::Kept,
+        }
+    }
+
+    /// The observation that counts, if there is one now: without jitter, and before the join, each does.
+    fn sieve(&mut self, new: Instant, now: u64) -> Option<Instant> {
+        if self.jitter == 0 || !self.joined {
+            return Some(new);
+        }
+        let best = match self.best {
+            // Of two the one by which the network's clock is further on has come sooner.
+            Some(best) if self.offset_of(best, now) >= self.offset_of(new, now) => best,
+            _ => new,
+        };
+        (self.best, self.tried) = (Some(best), self.tried + 1);
+        if self.tried < SIEVE {
+            return None;
+        }
+        self.tried = 0;
+        self.best.take()
+    }
+
+    fn take(&mut self, new: Instant, now: u64) -> Taken {
+        let Instant { own, network } = new;
         let last = self.seen[2].filter(|last| own > last.own);
         self.seen = [self.seen[1], self.seen[2], Some(new)];
         let Some(last) = last else {
@@ -111,21 +152,23 @@ impl Servo {
             return self.join(new, passed, fast, now);
         }
         let offset = self.offset_of(new, now);
-        if offset.saturating_sub(self.middle(now)).abs() > OUTLIER_NS {
+        if offset.saturating_sub(self.middle(now)).abs() > OUTLIER_NS.max(self.jitter) {
             return Taken::LeftOut;
         }
-        self.bend(offset, (passed, now.saturating_sub(own)), now);
+        let next = if self.jitter == 0 { now.saturating_sub(own) } else { passed };
+        self.bend(offset, (passed, next), now);
         Taken::Bent
     }
 
     /// Joins by two observations that agree: `passed` ns apart by the own clock, and `fast` ns more by that
     /// of the network.
     fn join(&mut self, new: Instant, passed: u64, fast: i64, now: u64) -> Taken {
-        if fast.abs() > JITTER_NS + i64::try_from(passed / 2000).unwrap_or(i64::MAX) {
+        let most = JITTER_NS.max(self.jitter);
+        if fast.abs() > most.saturating_add(i64::try_from(passed / 2000).unwrap_or(i64::MAX)) {
             self.seen = [None, None, Some(new)];
             return Taken::LeftOut;
         }
-        let rate = bounded(per(fast, ONE, passed));
+        let rate = if self.jitter == 0 { bounded(per(fast, ONE, passed)) } else { self.map.rate() };
         self.map.bend(now, rate, 0, 0);
         let offset = self.offset_of(new, now);
         if offset.abs() > STEP_NS {
@@ -138,6 +181,7 @@ impl Servo {
     }
 
     /// What the network's clock is ahead of the map at `now`, by one observation and the rate so far, ns.
+    #[inline(never)]
     fn offset_of(&self, seen: Instant, now: u64) -> i64 {
         let mut from = Map::new(seen.own, seen.network);
         from.bend(seen.own, self.map.rate(), 0, 0);
@@ -162,12 +206,18 @@ impl Servo {
         }
         self.period = passed;
         self.count = (self.count + 1).min(SETTLED);
-        let n = self.count;
-        let phase_gain = (((2 * (2 * n - 1)) << 16) / (n * (n + 1))).max(PHASE_GAIN);
-        let rate_gain = ((6 << 16) / (n * (n + 1))).max(RATE_GAIN);
+        let n = if self.jitter == 0 { self.count } else { SETTLED };
+        let of_line = |times: i64| (times << 16).checked_div(n * (n + 1)).unwrap_or(0);
+        let phase_gain = of_line(2 * (2 * n - 1)).max(PHASE_GAIN);
+        let rate_gain = of_line(6).max(RATE_GAIN);
         let slew = per(offset, phase_gain << 16, next);
-        // What takes the whole slew for longer says nothing of the rate.
-        let change = if slew.abs() < LARGEST_RATE { per(offset, rate_gain << 16, passed) } else { 0 };
+        let change = match self.jitter {
+            // What takes the whole slew for longer says nothing of the rate.
+            0 if slew.abs() >= LARGEST_RATE => 0,
+            0 => per(offset, rate_gain << 16, passed),
+            // Here it says the sign of it: jitter may have made the rate wrong by more than a slew.
+            _ => (bounded(slew) * rate_gain).checked_div(phase_gain).unwrap_or(0),
+        };
         let rate = self.map.rate().saturating_add(change);
         self.map.bend(now, rate, slew, next);
     }
@@ -180,6 +230,8 @@ fn difference(a: u64, b: u64) -> i64 {
 }
 
 /// `offset gain / passed`, as a rate.
+// Once in an image.
+#[inline(never)]
 fn per(offset: i64, gain: i64, passed: u64) -> i64 {
     let rate = i128::from(offset) * i128::from(gain) / i128::from(passed.max(1));
     i64::try_from(rate).unwrap_or(if rate < 0 { i64::MIN } else { i64::MAX })

@@ -3,7 +3,7 @@
 use super::clock::{self, CLOCKS, Clock};
 use super::wires::{self, Wire};
 use crate::hub::{OnLoss, Patience};
-use crate::scenario::reader::{Choice, Log, Section, ready};
+use crate::scenario::reader::{Choice, Log, Range, Section, ready};
 use crate::scenario::tree::{self, Item, Value};
 use crate::scenario::{Diagnostic, Diagnostics, LARGEST_RUN, Problem, Scenario, read_text};
 use std::path::{Path, PathBuf};
@@ -23,6 +23,9 @@ const SWAP: Duration = Duration::from_secs(60);
 const SWAP_ANSWERS: u32 = 10;
 /// How long a node may take to boot and say who it is: boards restart when their port is opened.
 const BOOT: Duration = Duration::from_secs(10);
+
+/// How wrong the clock of a process may be.
+const DRIFT: Range = Range::between(-1000.0, 1000.0, "ppm").on_host();
 
 const ON_LOSS: [Choice<OnLoss>; 2] = [ready("stop", OnLoss::Stop), ready("go-on", OnLoss::GoOn)];
 
@@ -52,6 +55,8 @@ pub struct BenchNode {
     pub can: Option<String>,
     /// File that a process keeps its configuration in.
     pub storage: Option<PathBuf>,
+    /// How much too fast the clock of a process is, parts in a billion.
+    pub drift_ppb: i64,
 }
 
 /// A whole `bench.toml`.
@@ -215,6 +220,11 @@ fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode>
         let allowed = "must come with host = true: boards have a storage of their own";
         log.report(item.diagnostic(Problem::Value, allowed));
     }
+    let drift = section.optional_number("drift_ppm", DRIFT);
+    if let (Some(item), None) = (item.get("drift_ppm"), host.as_ref()) {
+        let allowed = "must come with host = true: boards have a crystal of their own";
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
     let uid = section.value("uid", None, |item| read_uid(item).map(Some));
     if let (Some(uid), true) = (item.get("uid"), emulator.is_some()) {
         log.report(
@@ -243,7 +253,8 @@ fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode>
     }
     section.finish();
     // Within 1 to LARGEST_RUN.
-    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can, storage })
+    let drift_ppb = drift.map_or(0, |ppm| (ppm * 1000.0).round() as i64);
+    Some(BenchNode { id: u8::try_from(id).unwrap_or(0), at: at?, uid, can, storage, drift_ppb })
 }
 
 /// The file's interfaces: a name, or several in an array.
@@ -334,7 +345,7 @@ mod tests {
     fn every_way_to_reach_a_node_is_read() {
         let file = BenchFile::parse(FILE, Path::new("bench.toml")).unwrap();
         assert_eq!((file.baud, file.answer), (115_200, Duration::from_secs(2)));
-        let node = |id, at, uid| BenchNode { id, at, uid, can: None, storage: None };
+        let node = |id, at, uid| BenchNode { id, at, uid, can: None, storage: None, drift_ppb: 0 };
         let expected = [
             node(1, Where::Serial("/dev/ttyACM0".into()), Some(0x0123_4567_89AB_CDEF)),
             node(2, Where::UsbSerial("066AFF".into()), None),

@@ -42,6 +42,9 @@ fn command(node: &BenchNode, fd: bool) -> Result<Command, HubError> {
     let program = std::env::current_exe().map_err(HubError::io("find this program"))?;
     let mut command = Command::new(program);
     command.args(["node", "--inherited", "--uid", &format!("{:x}", node.id)]);
+    if node.drift_ppb != 0 {
+        command.arg(format!("--drift-ppm={}", node.drift_ppb as f64 / 1000.0));
+    }
     if let Some(interface) = &node.can {
         command.args(["--can", interface]).args(fd.then_some("--can-fd"));
     }

@@ -1,17 +1,23 @@
 //! How far apart in time nodes with clocks of their own run the same tick.
 
 use crate::hub::Stamps;
+use std::collections::VecDeque;
 use std::time::Duration;
+
+/// Ticks of which the end of a run consists.
+const LAST: usize = 100;
 
 /// The largest time between the first and the last node that sent what a tick came to.
 ///
 /// As the host has read them, or by the time on their bus where they are on CAN, with the spread of the
 /// start, the ways of the frames and what the host's system takes: all of this shortens the time that a frame
 /// has to reach its tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Skew {
     /// The tick, and the time.
     pub largest: Option<(u64, Duration)>,
+    /// Those of the last ticks.
+    last: VecDeque<Duration>,
 }
 
 impl Skew {
@@ -20,9 +26,21 @@ impl Skew {
         let times = || stamps.iter().filter_map(|stamps| stamps.bus.or(stamps.state));
         let (Some(first), Some(last)) = (times().min(), times().max()) else { return };
         let skew = last - first;
+        if self.last.len() == LAST {
+            self.last.pop_front();
+        }
+        self.last.push_back(skew);
         if self.largest.is_none_or(|(_, largest)| skew > largest) {
             self.largest = Some((k, skew));
         }
+    }
+
+    /// The median of the last hundred ticks: what a computer holds up now and then is not in it.
+    #[must_use]
+    pub fn at_the_end(&self) -> Option<Duration> {
+        let mut last: Vec<_> = self.last.iter().copied().collect();
+        last.sort_unstable();
+        last.get(last.len() / 2).copied()
     }
 }
 

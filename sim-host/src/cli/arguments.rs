@@ -284,6 +284,9 @@ pub(super) struct NodeArgs {
     /// The unique number that it tells the host, in hexadecimal digits
     #[arg(long, value_name = "HEX", default_value = "0", value_parser = parse_uid)]
     pub(super) uid: u64,
+    /// How much too fast its clock is, ppm, to try what boards with crystals of their own do
+    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_drift)]
+    pub(super) drift_ppm: f64,
     /// The line is a socket at standard input
     #[arg(long, hide = true, conflicts_with = "serial")]
     pub(super) inherited: bool,
@@ -475,6 +478,12 @@ pub(super) struct ExportArgs {
 /// Clap names the option and the value itself, so only what is allowed is left to say.
 fn parse_uid(text: &str) -> Result<u64, &'static str> {
     u64::from_str_radix(text, 16).map_err(|_| "must be up to 16 hexadecimal digits")
+}
+
+/// Clap names the option and the value itself, so only what is allowed is left to say.
+fn parse_drift(text: &str) -> Result<f64, &'static str> {
+    let drift = text.parse().ok().filter(|drift: &f64| drift.abs() <= 1000.0);
+    drift.ok_or("must be a number from -1000 to 1000 (ppm)")
 }
 
 /// Clap names the option and the value itself, so only what is allowed is left to say.

@@ -18,7 +18,7 @@ use crate::check;
 use crate::compare::{Recorded, compare, overlay_svg};
 use crate::exit::Exit;
 use crate::flash_file::FileStorage;
-use crate::host_node::{self, End};
+use crate::host_node::{self, End, Kind};
 use crate::hub::Commissioned;
 use crate::interrupt::Interrupt;
 use crate::printable::printable_lines;
@@ -446,7 +446,7 @@ fn node_command(args: &NodeArgs) -> Result<Exit, Failure> {
         None => host_node::inherited_line()
             .map_err(|error| missing(format!("standard input is no socket: {error}")))?,
     };
-    let end = host_node::run(line, can, storage, args.uid);
+    let end = host_node::run(line, can, storage, Kind { uid: args.uid, drift_ppm: args.drift_ppm });
     if let End::CanGone(why) = &end {
         complain(&format!("the CAN interface is gone: {why}"));
     }

@@ -287,12 +287,19 @@ impl HubError {
             }
             _ => false,
         };
-        if !unread || config.heard.is_none() {
+        let keys = [
+            (!config.heard.is_none())
+                .then_some("safety.heard_limit, safety.heard_rate and safety.drop_after"),
+            (!config.time.is_none()).then_some("[sync]"),
+        ];
+        let keys: Vec<_> = keys.into_iter().flatten().collect();
+        if !unread || keys.is_empty() {
             return self;
         }
-        let words = "its firmware may be too old to know safety.heard_limit, safety.heard_rate and safety.drop_after: give it the image of \
-                     this version, or leave these keys out";
-        self.with_words(words.to_owned())
+        let keys = keys.join(", ");
+        self.with_words(format!(
+            "its firmware may be too old to know {keys}: give it the image of this version, or leave these keys out"
+        ))
     }
 
     /// Adds what the node had to say.

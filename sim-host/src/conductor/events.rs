@@ -39,6 +39,9 @@ impl Conductor {
             if !self.is_on(index) {
                 self.take_power(index).await?;
                 self.forget(index);
+                if let Some(own) = &mut self.own {
+                    own.recording.leave(index);
+                }
             }
         }
         self.happen(0).await
@@ -79,6 +82,9 @@ impl Conductor {
     }
 
     async fn change(&mut self, change: Change, at: u64) -> Result<(), HubError> {
+        if self.own.is_some() {
+            return self.change_own(change, at).await;
+        }
         let done = match change {
             Change::Off { node, told } => self.take_off(node, told, at).await.map_err(|error| (node, error)),
             Change::On { node } => self.bring(node, at).await.map_err(|error| (node, error)),
@@ -153,7 +159,7 @@ impl Conductor {
 
     /// Takes the power of a node away, without a word of its own. Where this program does not have its power,
     /// it tells the node to stop as if all did: then it says nothing, and its memory goes with the next configuration.
-    async fn take_power(&mut self, index: usize) -> Result<(), HubError> {
+    pub(super) async fn take_power(&mut self, index: usize) -> Result<(), HubError> {
         let Some(node) = self.nodes.get_mut(index) else { return Ok(()) };
         node.contact.drop_queued();
         if self.outside.switch(index, false).await? {
@@ -201,7 +207,7 @@ impl Conductor {
     }
 
     /// Forgets what was known of a node that is off now.
-    fn forget(&mut self, index: usize) {
+    pub(super) fn forget(&mut self, index: usize) {
         self.later.retain(|later| later.node != index);
         let Some(node) = self.nodes.get_mut(index) else { return };
         (node.off, node.was_off) = (true, true);
@@ -239,7 +245,7 @@ impl Conductor {
 }
 
 /// That node alone.
-fn target(id: u8) -> Target {
+pub(super) fn target(id: u8) -> Target {
     NodeId::new(id).map_or(Target::All, Target::Node)
 }
 

@@ -106,6 +106,11 @@ impl Member {
         self.identity.is_some_and(|identity| identity.id != serial::HOST)
     }
 
+    /// The unique number that its chip must have.
+    pub(super) fn uid(&self) -> Option<u64> {
+        self.uid
+    }
+
     /// What is known of it at a tick of which it has said nothing.
     pub(super) fn presence(&self) -> Presence {
         match self {

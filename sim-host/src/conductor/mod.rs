@@ -27,6 +27,8 @@ pub(crate) mod measure;
 mod member;
 mod on_can;
 mod own_clock;
+mod own_presence;
+mod own_sync;
 pub(crate) mod recording;
 mod shadow;
 mod sound;
@@ -63,6 +65,7 @@ use hearing::Hearing;
 use member::Member;
 use on_can::Bus;
 use own_clock::OwnClock;
+pub use own_sync::SyncCounts;
 use std::collections::VecDeque;
 use std::time::Duration;
 

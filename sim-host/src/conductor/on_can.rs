@@ -180,9 +180,8 @@ impl Bus {
     }
 
     fn sort_message(&mut self, message: Message, at: u64) {
-        let source = match (source(&message), &message) {
-            (Some(source), _) => source.get(),
-            (None, Message::Sync { source: Some(_), .. }) => return self.counts.strangers += 1,
+        let source = match (source(&message), message) {
+            (Some(source), _) | (None, Message::Sync { source: Some(source), .. }) => source.get(),
             // Of this program.
             (None, _) => return,
         };
@@ -228,6 +227,18 @@ impl Conductor {
         let nodes = &self.nodes;
         let runs = |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.is_here() && !node.stopped);
         for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus)) {
+            side.say(message).await?;
+        }
+        Ok(())
+    }
+
+    /// Says `message` once on each bus but `from`, by index.
+    pub(super) async fn say_on_others(
+        &mut self,
+        from: Option<usize>,
+        message: &Message,
+    ) -> Result<(), HubError> {
+        for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| Some(bus) != from) {
             side.say(message).await?;
         }
         Ok(())

@@ -4,6 +4,8 @@
 //! Nothing here waits for one node. A row is closed when all have told their tick.
 
 use super::deadline::ns;
+use super::own_presence::Passing;
+use super::own_sync::Medium;
 use super::recording::{Leap, Recording};
 use super::task::{Reading, Source};
 use super::watch::{Failing, Watch};
@@ -19,9 +21,13 @@ const LOOK_AROUND: Duration = Duration::from_millis(50);
 
 /// What belongs to a run of nodes with clocks of their own.
 pub(super) struct OwnClock {
-    recording: Recording,
-    watch: Watch,
+    pub(super) recording: Recording,
+    pub(super) watch: Watch,
     start_spread: Duration,
+    /// Where nodes keep time by SYNC.
+    pub(super) medium: Option<Medium>,
+    /// Nodes that events take off and bring back, by index.
+    pub(super) passing: Vec<Option<Passing>>,
 }
 
 impl OwnClock {
@@ -47,7 +53,8 @@ impl Conductor {
         let mut recording = Recording::new(count, components);
         let on_can = self.nodes.iter().enumerate().filter(|(_, node)| node.on_can.is_some());
         on_can.for_each(|(index, _)| recording.set_apart(index));
-        let own = OwnClock { recording, watch, start_spread: Duration::ZERO };
+        let (start_spread, passing) = (Duration::ZERO, vec![None; count]);
+        let own = OwnClock { recording, watch, start_spread, medium: None, passing };
         Self { own: Some(own), ..self }
     }
 
@@ -78,7 +85,8 @@ impl Conductor {
         let start = serial::encode(&START);
         self.begin = self.outside.now();
         self.begin_events().await?;
-        for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none()) {
+        // Who is absent at first is off, and one that has come before the start is on its way.
+        for node in self.nodes.iter_mut().filter(|node| node.on_can.is_none() && node.is_here()) {
             node.contact.write(&start).await?;
         }
         self.say_on_can(&START).await?;
@@ -94,8 +102,9 @@ impl Conductor {
         while !self.close_row() {
             let reading = self.outside.read_any(self.look_around()).await?;
             if let Some(reading) = reading {
-                self.take_reading(reading)?;
+                self.take_reading(reading).await?;
             }
+            self.go_on_passing().await?;
             self.forward().await?;
             self.watch()?;
         }
@@ -123,23 +132,26 @@ impl Conductor {
         due.map_or(later, |due| later.min(self.begin.saturating_add(due)))
     }
 
-    fn take_reading(&mut self, Reading { from, at }: Reading) -> Result<(), HubError> {
+    async fn take_reading(&mut self, Reading { from, at }: Reading) -> Result<(), HubError> {
         let at = Duration::from_nanos(at.saturating_sub(self.begin));
         match from {
-            Source::Line(index) => self.take_from_line(index, at),
+            Source::Line(index) => self.take_from_line(index, at).await,
             Source::Bus(_) | Source::All => self.take_from_buses(at),
         }
     }
 
-    fn take_from_line(&mut self, index: usize, at: Duration) -> Result<(), HubError> {
+    async fn take_from_line(&mut self, index: usize, at: Duration) -> Result<(), HubError> {
         while let Some(received) = self.nodes.get_mut(index).and_then(|node| node.contact.next_received()) {
             let on_can = self.nodes.get(index).is_some_and(|node| node.on_can.is_some());
             match received {
                 // A node on CAN says the others there.
                 Received::Message(message) if on_can && !matches!(message, Message::Fault { .. }) => {}
+                // Of before an event took it off.
+                Received::Message(_) if self.is_off(index) => {}
+                Received::Reply(Reply::Telemetry(_)) if self.is_off(index) => {}
                 Received::Message(message) => self.take_own(index, message, (at, None))?,
                 Received::Reply(Reply::Telemetry(told)) => self.record(index, &told, at)?,
-                Received::Reply(_) => {}
+                Received::Reply(reply) => self.take_answer(index, reply).await?,
             }
         }
         Ok(())
@@ -149,7 +161,7 @@ impl Conductor {
         for index in 0..self.nodes.len() {
             while let Some((message, on_bus)) = self.next_on_its_bus(index) {
                 // It says a fault on its line, too, and earlier where it is off the bus.
-                if !matches!(message, Message::Fault { .. }) {
+                if !matches!(message, Message::Fault { .. }) && !self.is_off(index) {
                     let on_bus = on_bus.checked_sub(self.begin).map(Duration::from_nanos);
                     self.take_own(index, message, (at, on_bus))?;
                 }
@@ -204,12 +216,19 @@ impl Conductor {
                 self.record_state(index, (tick, component, x), (at, on_bus))?;
             }
             Message::Fault { tick, severity, .. } => {
+                if self.take_goodbye(index, &message, now)? {
+                    return Ok(());
+                }
                 self.note_fault(index, &message, now);
                 if severity == Severity::Stopped {
                     self.end_recording(index, self.rebuilt(index, tick));
                 }
             }
             Message::Edge { neighbour, weight, .. } => self.check_weight(index, neighbour.get(), weight),
+            Message::Sync { source: Some(source), .. } => {
+                self.carry_sync(index, source, &message, now);
+                return Ok(());
+            }
             Message::Ctrl { .. } | Message::Sync { .. } => return Ok(()),
         }
         self.put_on_bus(index, message, now);
@@ -236,6 +255,11 @@ impl Conductor {
             self.doubts.note(node.contact.id(), OTHER_COMPONENT, self.tick, value);
         }
         has
+    }
+
+    /// Whether an event keeps a node off.
+    fn is_off(&self, index: usize) -> bool {
+        self.nodes.get(index).is_some_and(|node| node.off)
     }
 
     /// The telemetry of a node is what is waited for, so a node on CAN is heard by its line.
@@ -272,11 +296,11 @@ impl Conductor {
         let now = self.now_ns();
         let nodes = &self.nodes;
         let patience = nodes.get(index).map_or(0, |node| u32::from(node.config.extrapolate_ticks));
-        let runs = |listener: usize| nodes.get(listener).is_some_and(|node| !node.stopped);
-        let Some(own) = &mut self.own else { return Ok(()) };
-        let Some(refuses) = own.watch.state(index, tick, now, patience, runs) else { return Ok(()) };
-        let (odd, even) = own.watch.odd_and_even(index, refuses);
-        let (tick, other_tick) = (own.watch.newest(odd), own.watch.newest(even));
+        let Some(OwnClock { watch, .. }) = &mut self.own else { return Ok(()) };
+        let runs = |listener: usize| nodes.get(listener).is_some_and(|node| !node.stopped && node.is_here());
+        let Some(refuses) = watch.state(index, tick, now, patience, runs) else { return Ok(()) };
+        let (odd, even) = watch.odd_and_even(index, refuses);
+        let (tick, other_tick) = (watch.newest(odd), watch.newest(even));
         let id = |index: usize| nodes.get(index).map_or(0, |node| node.contact.id());
         Err(HubError::RanApart { node: id(odd), tick, other: id(even), other_tick })
     }
@@ -285,6 +309,7 @@ impl Conductor {
     async fn forward(&mut self) -> Result<(), HubError> {
         let now = self.now_ns();
         self.happen(now).await?;
+        self.say_syncs().await?;
         self.deliver_before(now.saturating_add(1)).await?;
         for node in &mut self.nodes {
             node.contact.flush().await?;

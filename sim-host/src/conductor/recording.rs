@@ -6,6 +6,7 @@
 //! the telemetry, so the outcome of a tick is waited for until the node tells the next one.
 
 use super::{Stamps, observation};
+use crate::engine::NOTHING;
 use crate::presence::Presence;
 use funnelnet_node::Observation;
 use funnelnet_protocol::report::Telemetry;
@@ -33,10 +34,16 @@ struct Track {
     telling: u32,
     /// First tick that it has not run, once it has stopped.
     end: Option<u32>,
+    /// Since then an event keeps it off.
+    off: bool,
+    /// It has been told to come, and the first tick that it tells is where it begins.
+    comes: bool,
     /// Its states come on another way than its telemetry.
     apart: bool,
     /// Tick of its newest state that has come whole.
     newest: u32,
+    /// First tick of one that has come during the run.
+    began: Option<u32>,
     missed: u64,
     /// Rows that were closed before what their tick came to was read from its bus.
     no_bus_time: u64,
@@ -135,8 +142,16 @@ impl Recording {
     /// # Errors
     /// It is of a tick that the node cannot tell of now; nothing has changed.
     pub(crate) fn refuse(&mut self, node: usize, told: &Telemetry) -> Result<(), Leap> {
+        let row = self.tick;
         let Some(track) = self.tracks.get_mut(node) else { return Ok(()) };
+        if track.comes {
+            track.begin_at(told.tick.max(row));
+        }
         let (from, to) = (track.telling, told.tick);
+        if from > to && from - to <= MAX_LEAP && track.began == Some(from) {
+            // Of before its first row, which others have closed without it.
+            return Ok(());
+        }
         if to.wrapping_sub(from) > MAX_LEAP {
             return Err(Leap { from, to });
         }
@@ -150,6 +165,28 @@ impl Recording {
         if let Some(track) = self.tracks.get_mut(node) {
             track.end = Some(tick);
         }
+    }
+
+    /// An event has taken a node off, whatever it has told.
+    pub(crate) fn leave(&mut self, node: usize) {
+        if let Some(track) = self.tracks.get_mut(node) {
+            let told = track.telling;
+            (track.end, track.off, track.comes) =
+                (Some(track.end.map_or(told, |end| end.min(told))), true, false);
+        }
+    }
+
+    /// A node that is off has been told to come.
+    pub(crate) fn come(&mut self, node: usize) {
+        if let Some(track) = self.tracks.get_mut(node) {
+            track.cells.clear();
+            track.comes = true;
+        }
+    }
+
+    /// Whether a node that has been told to come has not told of a tick yet.
+    pub(crate) fn is_coming(&self, node: usize) -> bool {
+        self.tracks.get(node).is_some_and(|track| track.comes)
     }
 
     /// Whether something is awaited from a node.
@@ -178,7 +215,11 @@ impl Recording {
             let awaits_bus = track.apart && !track.has_ended(tick);
             track.no_bus_time += u64::from(awaits_bus && cell.stamps.bus.is_none());
             *stamps = cell.stamps;
-            fill(seen, &cell);
+            if *presence == Presence::Off {
+                seen.fill(NOTHING);
+            } else {
+                fill(seen, &cell);
+            }
         }
         self.tick = tick.wrapping_add(1);
         true
@@ -196,6 +237,12 @@ impl Recording {
 }
 
 impl Track {
+    /// It runs from that tick on.
+    fn begin_at(&mut self, tick: u32) {
+        (self.end, self.off, self.comes, self.stale) = (None, false, false, false);
+        (self.telling, self.newest, self.began) = (tick, tick, Some(tick));
+    }
+
     fn awaited(&self) -> bool {
         self.end.is_none_or(|end| self.telling < end)
     }
@@ -211,6 +258,7 @@ impl Track {
             self.stale = !cell.has_state();
         }
         match () {
+            () if self.has_ended(tick) && self.off => Presence::Off,
             () if self.has_ended(tick) && !self.stale => Presence::Stopped,
             () if !self.has_ended(tick) && cell.is_whole() => Presence::Ran,
             () => Presence::Unrecorded,

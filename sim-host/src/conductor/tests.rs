@@ -3,7 +3,7 @@
 use super::*;
 use crate::bus::ideal::IdealParams;
 use funnelnet_protocol::WIRE_VERSION;
-use funnelnet_protocol::config::{ConfigError, Field, HeardLimits, Shape, TickSource};
+use funnelnet_protocol::config::{ConfigError, Field, HeardLimits, Shape, TickSource, TimeRules};
 use funnelnet_protocol::message::{Component, NodeId, TickStamp};
 use funnelnet_protocol::serial::{MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Reply};
@@ -239,6 +239,16 @@ fn a_node_that_cannot_read_limits_of_what_is_heard_may_be_too_old() {
     assert!(found.contains("\nits firmware may be too old to know safety.heard_limit"), "{found}");
     assert!(!told(0.0, ConfigError::Malformed).contains("firmware"));
     assert!(!told(25.0, ConfigError::Running).contains("firmware"));
+}
+
+#[test]
+fn so_may_one_that_cannot_read_rules_of_time() {
+    let time = TimeRules { period_us: 100_000, ..TimeRules::NONE }.with_master(NodeId::new(1).unwrap());
+    let mut line = Played::default();
+    line.say(0, [identity(), reply(&Reply::Configured(Err(ConfigError::Malformed)))].concat());
+    let mut conductor = conductor_of(&[NodeConfig { time, ..config(1) }]);
+    let found = line.run(conductor.meet()).unwrap_err().to_string();
+    assert!(found.contains("\nits firmware may be too old to know [sync]: "), "{found}");
 }
 
 #[test]

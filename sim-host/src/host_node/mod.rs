@@ -59,12 +59,21 @@ impl From<&End> for Exit {
     }
 }
 
-/// Runs a node until its line is closed, with what `storage` keeps for it. `uid` is the unique number that it
-/// gives itself.
-pub fn run(line: Line, can: Option<CanPort>, storage: Option<FileStorage>, uid: u64) -> End {
+/// What makes a node another one than its neighbour.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Kind {
+    /// The unique number that it gives itself.
+    pub uid: u64,
+    /// How much too fast its clock is, ppm.
+    pub drift_ppm: f64,
+}
+
+/// Runs a node until its line is closed, with what `storage` keeps for it.
+pub fn run(line: Line, can: Option<CanPort>, storage: Option<FileStorage>, kind: Kind) -> End {
+    let Kind { uid, drift_ppm } = kind;
     let fd = matches!(can, Some(CanPort::Fd(_)));
     let can = can.map(Arc::new);
-    let (inbox, clock) = (Inbox::open(line.from_host, can.clone()), SystemClock::start());
+    let (inbox, clock) = (Inbox::open(line.from_host, can.clone()), SystemClock::start(drift_ppm));
     let service = Serial::new(HostLine::new(&inbox, line.to_host));
     let node = HostNode { inbox: &inbox, clock: &clock, storage, uid };
     match can {

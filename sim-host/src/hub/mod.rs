@@ -119,6 +119,12 @@ impl Hub {
         Self { conductor: self.conductor.with_own_clock(), ..self }
     }
 
+    /// With time masters among nodes that tick by their own clock; `silences` are from and to when SYNC of a node is
+    /// not carried, by index, ns since the start.
+    pub fn with_sync(self, silences: Vec<Vec<(u64, u64)>>) -> Self {
+        Self { conductor: self.conductor.with_sync(silences), ..self }
+    }
+
     /// With these buses; `on_can` says which of them a node is on, both by index.
     pub fn with_can(self, sides: Vec<CanSide>, on_can: impl Fn(usize) -> Option<usize>) -> Self {
         let interfaces = sides.iter().map(CanSide::interface).collect();

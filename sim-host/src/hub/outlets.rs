@@ -1,7 +1,7 @@
 //! The driver of the conductor: does what its tasks ask for, on real lines and by the real clock.
 
 use super::link::Link;
-use super::readers::{Readers, Reading, What};
+use super::readers::{Place, Readers, Reading, What};
 use super::{Attached, CanSide, Device, HubError};
 use crate::can::Heard;
 use crate::conductor::{Action, Seat, Source, Step, Task};
@@ -116,6 +116,9 @@ impl Outlets {
                     && let Some(stream) = node.device.switch(on)?
                 {
                     node.link.replace(stream);
+                    if let Some(readers) = &mut self.readers {
+                        readers.replace(index, on.then_some(&node.link))?;
+                    }
                     task.on_switched(index);
                 }
                 Ok(())
@@ -175,7 +178,7 @@ impl Outlets {
     ) -> Result<(), HubError> {
         let at = self.since_origin(at);
         match what {
-            What::Bytes(index, read) => {
+            What::Bytes(Place { node: index, .. }, read) => {
                 let Some(node) = self.nodes.get(index) else { return Ok(()) };
                 match read {
                     Ok(bytes) if bytes.is_empty() => return Err(node.link.closed()),

@@ -20,7 +20,7 @@ pub use junit::{JunitError, junit, junit_error};
 pub use mcap_file::{Gravity, RECORDING, Recording};
 pub use rights::remove_earlier;
 pub use summary::{
-    BelievedSummary, BenchNodeSummary, BenchSummary, BusSummary, CanSummary, ClockSummary,
+    BelievedSummary, BenchNodeSummary, BenchSummary, BenchSyncSummary, BusSummary, CanSummary, ClockSummary,
     DuringEventsSummary, EmergentSummary, EventSummary, Expectation, FunnelSummary, OwnClockNodeSummary,
     OwnClockSummary, PerComponent, PerInterface, Summary, SyncSummary, WiresSummary,
 };

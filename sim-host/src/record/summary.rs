@@ -285,11 +285,27 @@ pub struct OwnClockSummary {
     pub largest_skew_s: f64,
     /// The tick that it was at; `null` where no node said anything.
     pub largest_skew_tick: Option<u64>,
+    /// The same at the end: the median of the last hundred ticks, s.
+    pub end_skew_s: f64,
+    /// SYNC of time masters; left out where the nodes kept no time by it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sync: Option<BenchSyncSummary>,
     /// Node-ticks of which a state or telemetry was lost, or never sent by a node that was late: the last
     /// value stands in their place.
     pub missed: u64,
     /// By id.
     pub nodes: Vec<OwnClockNodeSummary>,
+}
+
+/// SYNC by which they kept one time.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct BenchSyncSummary {
+    /// Frames of time masters.
+    pub frames: u64,
+    /// Those of them that an event kept back.
+    pub kept: u64,
+    /// How often another node than before was time master.
+    pub masters: u64,
 }
 
 /// One of them.

@@ -250,9 +250,14 @@ fn beside_loopback(bench: &BenchSummary) -> String {
 fn own_clocks(clocks: &OwnClockSummary) -> String {
     let sum =
         |count: fn(&OwnClockNodeSummary) -> u32| clocks.nodes.iter().map(|node| u64::from(count(node))).sum();
+    let syncs = clocks
+        .sync
+        .as_ref()
+        .map_or_else(String::new, |sync| format!("{} SYNC of {} time masters, ", sync.frames, sync.masters));
     format!(
-        "largest skew {} s, {}, {} node-ticks not recorded",
+        "{syncs}largest skew {} s, at the end {} s, {}, {} node-ticks not recorded",
         significant(clocks.largest_skew_s, 3),
+        significant(clocks.end_skew_s, 3),
         too_late(sum(|node| node.extrapolated), sum(|node| node.late)),
         clocks.missed
     )

@@ -18,7 +18,7 @@ use crate::judge::AbsenceSummary;
 use crate::loopback::{engine, ideal_bus_between};
 use crate::noise::Noise;
 use crate::record::{BenchNodeSummary, BenchSummary, BusSummary, CanSummary, PerInterface, WiresSummary};
-use crate::scenario::{BusModel, Scenario};
+use crate::scenario::{BusModel, ClockSpec, Scenario, SyncSpec};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::Identity;
 use std::collections::BTreeSet;
@@ -34,7 +34,8 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let (made, left_out) = reach.divide(scenario);
     tell_left_out(&left_out, options);
     // What does not happen is not judged as if it had, nor is it in the loopback beside.
-    let clocks = skipped_clocks(scenario, options);
+    let sync = scenario.sync.clone().filter(|_| file.clock == Clock::Own);
+    let clocks = skipped_clocks(scenario, file.clock, options);
     let mut expect = scenario.expect.clone();
     // A file without events has no time to recover in.
     let no_recovery = made.is_empty() && expect.recovered_within_ns.take().is_some();
@@ -42,7 +43,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, expect, ..without };
     let no_recovery = tell_no_recovery(no_recovery, options);
     file.covers(scenario).map_err(RunError::bad_input)?;
-    let configs = configs(scenario, file)?;
+    let configs = configs(scenario, sync.as_ref(), file)?;
     let comparison = match scenario.bus.model {
         BusModel::Can => Comparison::new(can_engine(scenario)?),
         _ => Comparison::new(engine(scenario)?),
@@ -53,7 +54,9 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let wired = wires(file, &ids);
     let skipped = if can.is_empty() && wired == 0 { Vec::new() } else { skipped(scenario) };
     tell_skipped(&skipped, options);
-    warn_of_drift(scenario, file, options);
+    if sync.is_none() {
+        warn_of_drift(scenario, file, options);
+    }
     let files = Files::create(options)?;
     let mut rows = Logged::new(rows, scenario, options.interfaces(scenario));
     let attached = attach(file, &ids, &options.emulator())?;
@@ -70,6 +73,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     });
     let mut hub = match file.clock {
         Clock::Host => hub,
+        Clock::Own if sync.is_some() => hub.with_own_clock().with_sync(own_clock::silences(scenario)),
         Clock::Own => hub.with_own_clock(),
     };
     hub.conductor().members().for_each(|(node, identity)| warn_of_reset(node.id(), identity));
@@ -157,14 +161,23 @@ fn reach(scenario: &Scenario, file: &BenchFile) -> Reach {
     let edges = scenario.graph.edges.iter().map(|edge| (edge.a.min(edge.b), edge.a.max(edge.b)));
     Reach {
         own_clock: file.clock == Clock::Own,
+        has_masters: file.clock == Clock::Own && scenario.sync.is_some(),
         on_can: (0..scenario.nodes.len()).filter(is_on_can).collect(),
         wires: edges.filter(|&(a, b)| file.is_wired(id(a), id(b))).collect(),
     }
 }
 
-/// The keys of clocks, where a scenario has them: nodes of a bench have those that they have.
-fn skipped_clocks(scenario: &Scenario, options: &RunOptions) -> Vec<&'static str> {
-    let asked = [("clock", !scenario.clocks.is_empty()), ("sync", scenario.sync.is_some())];
+/// The keys of clocks that are not done, where a scenario has them: nodes of a bench have the clocks that they have, and
+/// keep them together only where they tick by them.
+fn skipped_clocks(scenario: &Scenario, clock: Clock, options: &RunOptions) -> Vec<&'static str> {
+    let syncs = scenario.sync.is_some();
+    // With [sync] each node has a clock, be it a right one.
+    let is_wrong = |clock: &ClockSpec| clock != &ClockSpec::default();
+    let has_clocks = match clock {
+        Clock::Host => !scenario.clocks.is_empty(),
+        Clock::Own => scenario.clocks.iter().any(is_wrong),
+    };
+    let asked = [("clock", has_clocks), ("sync", syncs && clock == Clock::Host)];
     let keys: Vec<_> = asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect();
     if !keys.is_empty() && options.verbosity != Verbosity::Quiet {
         // Nobody is left to tell where standard error is closed.
@@ -240,10 +253,17 @@ fn with_tables(bus: BusSummary, can: crate::bus::table::BusTables) -> BusSummary
 }
 
 /// What the nodes are told. This program may die, and a node without it must not go on for ever.
-fn configs(scenario: &Scenario, file: &BenchFile) -> Result<Vec<NodeConfig>, RunError> {
+fn configs(
+    scenario: &Scenario,
+    sync: Option<&SyncSpec>,
+    file: &BenchFile,
+) -> Result<Vec<NodeConfig>, RunError> {
     if file.clock == Clock::Own {
         let mut configs = node_configs(scenario, own_clock::DRIVE).map_err(RunError::bad_input)?;
         own_clock::stop_when_alone(&mut configs);
+        if let Some(sync) = sync {
+            own_clock::keep_time(&mut configs, sync, file);
+        }
         return Ok(configs);
     }
     lockstep_configs(scenario, file)
@@ -284,7 +304,7 @@ fn compared(
     if outcome.ended_early.is_some() {
         comparison.cut();
     }
-    let own_clock = (clock == Clock::Own).then(|| own_clock::summary(conductor, skew, &outcome.counters));
+    let own_clock = (clock == Clock::Own).then(|| own_clock::summary(conductor, &skew, &outcome.counters));
     Ok(Outcome { bench: Some(BenchSummary { own_clock, ..summary(conductor, &comparison) }), ..outcome })
 }
 

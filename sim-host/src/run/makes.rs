@@ -5,7 +5,7 @@
 
 use crate::configure::listeners;
 use crate::engine::Scene;
-use crate::scenario::{Detail, EventKind, EventSpec, Scenario};
+use crate::scenario::{Detail, EventKind, EventSpec, Scenario, Targets};
 use std::collections::BTreeSet;
 
 /// How the nodes of a scenario are reached, by index.
@@ -13,6 +13,8 @@ use std::collections::BTreeSet;
 pub(super) struct Reach {
     /// They tick by clocks of their own.
     pub own_clock: bool,
+    /// Time masters among them tell the tick by SYNC, which this program carries.
+    pub has_masters: bool,
     /// Nodes whose states travel on CAN.
     pub on_can: BTreeSet<usize>,
     /// Lines from node to node, the lower index first.
@@ -28,8 +30,7 @@ pub(super) struct Skipped {
 }
 
 const ON_ITS_OWN_WAY: &str = "states travel without this program, on CAN or on a line from node to node";
-const OWN_CLOCK: &str =
-    "no node that ticks by its own clock is taken off or brought back yet: a start cannot tell it the tick";
+const OWN_CLOCK: &str = "no node that ticks by its own clock is taken off or brought back without [sync]: nobody could tell it the tick";
 
 impl Reach {
     /// The events of a scenario that are made, and those that are not; both in their order.
@@ -64,7 +65,9 @@ impl Reach {
         let wired = || event.targets.nodes().iter().any(|&node| self.is_wired(node));
         let links = || event.targets.frames(&scenario.graph);
         match event.kind {
-            EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join if self.own_clock => {
+            EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join
+                if self.own_clock && !self.has_masters =>
+            {
                 Some(OWN_CLOCK)
             }
             EventKind::Crash | EventKind::Bounce | EventKind::Leave | EventKind::Join => {
@@ -83,7 +86,10 @@ impl Reach {
                 (own_ways() || self.is_heard_on_can(event, scenario)).then_some(ON_ITS_OWN_WAY)
             }
             EventKind::Clock => Some("a node's clock is its own"),
-            EventKind::SyncLoss if self.own_clock => Some("no SYNC keeps the clocks of a bench together"),
+            EventKind::SyncLoss if self.has_masters => self
+                .hears_a_master(event, scenario)
+                .then_some("SYNC travels without this program, on CAN or on a line from node to node"),
+            EventKind::SyncLoss if self.own_clock => Some("without [sync] there is no SYNC to lose"),
             EventKind::SyncLoss => Some("nodes tick by this program's SYNC, and would stand still"),
             EventKind::Noise | EventKind::Cut | EventKind::Short | EventKind::Babble => {
                 Some("it happens to the wire of a bus, which this program does not have in its hands")
@@ -96,6 +102,14 @@ impl Reach {
     /// Whether a node's states reach a neighbour without this program.
     fn has_own_way(&self, node: usize) -> bool {
         self.on_can.contains(&node) || self.is_wired(node)
+    }
+
+    /// Whether somebody hears the SYNC of a master of this event without this program.
+    fn hears_a_master(&self, event: &EventSpec, scenario: &Scenario) -> bool {
+        let masters = scenario.sync.iter().flat_map(|sync| &sync.masters).map(|&id| usize::from(id) - 1);
+        let all = event.targets == Targets::Masters;
+        let mut named = masters.filter(|master| all || event.targets.nodes().contains(master));
+        named.any(|master| self.has_own_way(master))
     }
 
     /// Whether the one whose name is taken, or a neighbour of who takes it, is on CAN: all on that bus would hear a false frame, or none.
@@ -219,9 +233,26 @@ mod tests {
     }
 
     #[test]
-    fn a_node_with_a_clock_of_its_own_is_not_switched() {
+    fn a_node_with_a_clock_of_its_own_is_switched_where_somebody_tells_it_the_tick() {
         let reach = Reach { own_clock: true, ..Reach::default() };
         let events = "{ at = '1ms', kind = 'bounce', node = 1 }, { at = '2ms', kind = 'burst', loss = 1.0, for = '9ms' }";
         assert_eq!(kinds(&reach, events), (vec!["burst"], vec!["bounce"]));
+        let reach = Reach { has_masters: true, ..reach };
+        assert_eq!(kinds(&reach, events), (vec!["bounce", "burst"], vec![]));
+    }
+
+    #[test]
+    fn sync_is_kept_back_where_all_of_it_passes() {
+        let event = |node: &str| format!("{{ at = '1ms', kind = 'sync-loss', for = '1ms'{node} }}");
+        let made = |reach: &Reach, node: &str| {
+            let text = format!("event = [{}]\nsync = {{ masters = [1, 2] }}\n{RING}", event(node));
+            let scenario = Scenario::parse(&text, Path::new("ring.toml"), &[]).unwrap();
+            !reach.divide(&scenario).0.is_empty()
+        };
+        let own = Reach { own_clock: true, has_masters: true, ..Reach::default() };
+        assert!(made(&own, "") && made(&own, ", node = 2"));
+        assert!(!made(&Reach::default(), ""), "the host's SYNC are ticks");
+        let on_can = Reach { on_can: [1].into(), ..own };
+        assert!(made(&on_can, ", node = 1") && !made(&on_can, ", node = 2") && !made(&on_can, ""));
     }
 }

@@ -4,11 +4,12 @@
 use crate::bench::{BenchFile, Skew, Where, ticks_until_apart};
 use crate::conductor::Conductor;
 use crate::configure::Drive;
-use crate::record::{OwnClockNodeSummary, OwnClockSummary};
-use crate::scenario::Scenario;
-use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::TickSource;
+use crate::engine;
+use crate::record::{BenchSyncSummary, OwnClockNodeSummary, OwnClockSummary};
+use crate::scenario::{Scenario, SyncSpec};
+use funnelnet_protocol::config::{TickSource, TimeRules};
 use funnelnet_protocol::report::Counters;
+use funnelnet_protocol::{NodeConfig, NodeId};
 
 /// Drive of nodes behind streams of bytes that tick by themselves, and tell all they see.
 pub(crate) const DRIVE: Drive =
@@ -25,6 +26,29 @@ pub(super) fn stop_when_alone(configs: &mut [NodeConfig]) {
         config.lost_neighbours = u8::try_from(config.neighbours.len()).unwrap_or(u8::MAX);
         config.extrapolate_ticks = config.extrapolate_ticks.min(SOON);
     }
+}
+
+/// How late a frame may be read that came over a line and through this program, us: what a computer takes that does
+/// other things, too.
+const LINE_JITTER_US: u32 = 2_000;
+/// The same on CAN, where a SYNC may wait for a frame that is on the bus, and its sender does not know it.
+const CAN_JITTER_US: u32 = 500;
+
+/// Has nodes keep time by SYNC of these masters.
+pub(super) fn keep_time(configs: &mut [NodeConfig], sync: &SyncSpec, file: &BenchFile) {
+    let ids = sync.masters.iter().filter_map(|&id| NodeId::new(u8::try_from(id).ok()?));
+    let all_on_can = configs.iter().all(|config| file.node(config.id).is_some_and(|node| node.can.is_some()));
+    let jitter_us = if all_on_can { CAN_JITTER_US } else { LINE_JITTER_US };
+    // A period of less than a microsecond more.
+    let period_us = u32::try_from(sync.period_ns.div_ceil(1_000)).unwrap_or(u32::MAX);
+    let rules = TimeRules { period_us, jitter_us, ..TimeRules::NONE };
+    let rules = ids.fold(rules, TimeRules::with_master);
+    configs.iter_mut().for_each(|config| config.time = rules);
+}
+
+/// From and to when this program does not carry the SYNC of a node, by index, ns since the start.
+pub(super) fn silences(scenario: &Scenario) -> Vec<Vec<(u64, u64)>> {
+    (0..scenario.nodes.len()).map(|index| engine::silences(scenario, index)).collect()
 }
 
 /// What the user should know before a run whose clocks nobody synchronises.
@@ -44,7 +68,7 @@ pub(super) fn warning(scenario: &Scenario, file: &BenchFile) -> Option<String> {
 }
 
 /// What the nodes did with their clocks; `counters` by index.
-pub(super) fn summary(conductor: &Conductor, skew: Skew, counters: &[Counters]) -> OwnClockSummary {
+pub(super) fn summary(conductor: &Conductor, skew: &Skew, counters: &[Counters]) -> OwnClockSummary {
     let node = |(index, (link, counters)): (usize, (u8, &Counters))| OwnClockNodeSummary {
         node: link,
         missed: conductor.missed(index),
@@ -59,6 +83,12 @@ pub(super) fn summary(conductor: &Conductor, skew: Skew, counters: &[Counters]) 
         start_spread_s: conductor.start_spread().as_secs_f64(),
         largest_skew_s: skew.largest.map_or(0.0, |(_, skew)| skew.as_secs_f64()),
         largest_skew_tick: skew.largest.map(|(tick, _)| tick),
+        end_skew_s: skew.at_the_end().map_or(0.0, |skew| skew.as_secs_f64()),
+        sync: conductor.syncs().map(|counts| BenchSyncSummary {
+            frames: counts.frames,
+            kept: counts.kept,
+            masters: counts.masters,
+        }),
         missed: nodes.iter().map(|node| node.missed).sum(),
         nodes,
     }

@@ -83,6 +83,8 @@ impl Clocks {
                 period_ns: sync.map_or(tick_ns, |sync| sync.period_ns),
                 tick_ns,
                 holdover_ns: sync.and(scenario.safety.holdover_ns),
+                // Its controller stamps it.
+                jitter_ns: 0,
             };
             let mut keeper = Keeper::new(rules);
             let spec = with_events(spec, scenario, index);
@@ -227,8 +229,9 @@ fn with_events(spec: &ClockSpec, scenario: &Scenario, index: usize) -> ClockSpec
     spec
 }
 
-/// From and to when SYNC of a node do not go out, engine time, ns.
-fn silences(scenario: &Scenario, index: usize) -> Vec<(u64, u64)> {
+/// From and to when events keep back the SYNC of a node, by index; engine time, ns.
+#[must_use]
+pub fn silences(scenario: &Scenario, index: usize) -> Vec<(u64, u64)> {
     let of_it = |event: &&EventSpec| {
         event.kind == EventKind::SyncLoss
             && (event.targets == Targets::Masters || event.targets.nodes().contains(&index))

@@ -15,7 +15,7 @@ mod plants;
 mod scene;
 mod world;
 
-pub use clocks::{Clocks, Skew};
+pub use clocks::{Clocks, Skew, silences};
 pub use commits::Commits;
 pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use lies::Lies;

@@ -4,7 +4,7 @@ use super::diagnostic::{Diagnostic, Problem};
 use super::duration::{format_duration, parse_duration};
 use super::reader::{Range, Section, duration_ns, integer};
 use super::tree::{Item, Value};
-use super::{BusSpec, Coupling, EventKind, EventSpec, LARGEST_RUN};
+use super::{BusModel, BusSpec, Coupling, EventKind, EventSpec, LARGEST_RUN};
 use crate::random::{self, Purpose};
 use crate::scenario::reader::Log;
 
@@ -201,8 +201,9 @@ pub(super) fn make_sense(
             "must not be there beside an [[event]] of kind sensor or actuator, so far: a plant keeps the true time",
         );
     }
-    let on_can = bus.model.is_can();
-    if let (Some(item), Some(_), false) = (root.get("sync"), sync, on_can) {
+    // On the ideal bus it is for nodes with clocks of their own (a bench): the engine says so.
+    let has_syncs = bus.model.is_can() || bus.model == BusModel::Ideal;
+    if let (Some(item), Some(_), false) = (root.get("sync"), sync, has_syncs) {
         refuse(item, "needs bus.model = \"can\" or \"can-fd\", where all hear a SYNC at the same time");
     }
 }

@@ -5,7 +5,7 @@ use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::config::{
     Breach, Coupling, EdgeConfig, Field, Funnel, Gain, HeardLimits, Limits, MAX_COMPONENTS, MAX_CONSTANTS,
     MAX_MATRIX, MAX_NEIGHBOURS, MAX_OPERATIONS, MAX_SINES, Normalised, Program, Shape, Sine, TickSource,
-    Tuning,
+    TimeRules, Tuning,
 };
 
 /// The configuration of node `id`, with a few numbers that depend on it.
@@ -76,5 +76,6 @@ pub fn longest(id: u8) -> NodeConfig {
         program: Program::none(),
         limits: Limits { low: -1.0, high: 1.0 },
         heard: HeardLimits { limit: 2.0, rate: 3.0, drop_after: u8::MAX },
+        time: TimeRules { masters: [255; 16], period_us: u32::MAX, jitter_us: u32::MAX },
     }
 }
