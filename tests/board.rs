@@ -2,7 +2,8 @@
 //! board.
 
 use funnelnet_link::Frame;
-use funnelnet_node::{Observation, Output, Session};
+use funnelnet_node::{Observation, Output, Session, Task};
+use funnelnet_protocol::config::NodeConfig;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Identity, Reply, StoreError};
@@ -33,6 +34,8 @@ pub struct Board {
     session: Session,
     deframer: Deframer,
     on_can: Option<OnCan>,
+    /// What it keeps over a restart.
+    pub kept: Kept,
     /// What its node saw at the last ticks that it told of.
     seen: VecDeque<Vec<Observation<f32>>>,
 }
@@ -45,6 +48,7 @@ impl Board {
             session: Session::new(identity),
             deframer: Deframer::new(),
             on_can: None,
+            kept: Kept::default(),
             seen: VecDeque::new(),
         }
     }
@@ -54,10 +58,15 @@ impl Board {
         self.on_can = Some(OnCan { saying: AnyFormat::new(fd), hearing: AnyFormat::new(fd) });
     }
 
-    /// Restarts it, blank.
+    /// Restarts it, as what it has stored makes it.
     pub fn restart(&mut self) {
         let (seen, on_can) = (std::mem::take(&mut self.seen), self.on_can.take());
-        *self = Self { seen, on_can, ..Self::new() };
+        let kept = Kept { staged: None, ..std::mem::take(&mut self.kept) };
+        *self = Self { seen, on_can, kept, ..Self::new() };
+        if self.kept.stored.is_some() {
+            *self.session.config_buffer() = self.kept.stored.clone();
+            self.session.restore().unwrap();
+        }
     }
 
     /// What the node says to a frame on its bus.
@@ -95,8 +104,10 @@ impl Board {
                     }
                     said.push(Said::Line(service(&reply, self.session.id())));
                 }
-                // A board without storage.
-                Output::StorageRequest => self.session.performed(Err(StoreError::Absent)),
+                Output::StorageRequest => {
+                    let outcome = self.session.task().map(|task| self.kept.perform(task));
+                    self.session.performed(outcome.unwrap_or(Err(StoreError::Failed)));
+                }
                 Output::Report(_) | Output::Safe | Output::Sample | Output::Actuate => {}
             }
         }
@@ -139,6 +150,35 @@ impl Board {
                 self.seen.pop_front();
             }
         }
+    }
+}
+
+/// The storage of a board.
+#[derive(Default)]
+pub struct Kept {
+    /// What it starts with.
+    pub stored: Option<NodeConfig>,
+    staged: Option<NodeConfig>,
+    epoch: u32,
+    /// It fails at the next commit.
+    pub fails: bool,
+}
+
+impl Kept {
+    fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
+        match task {
+            Task::Stage(config) => self.staged = Some(config.clone()),
+            Task::Commit(_) if std::mem::take(&mut self.fails) => return Err(StoreError::Failed),
+            Task::Commit(room) => {
+                self.stored = self.staged.take();
+                *room = self.stored.clone();
+            }
+            Task::Store(config) => (self.stored, self.staged) = (Some(config.clone()), None),
+            Task::Erase => (self.stored, self.staged) = (None, None),
+            Task::Key(..) => return Err(StoreError::Absent),
+        }
+        self.epoch += 1;
+        Ok(self.epoch)
     }
 }
 

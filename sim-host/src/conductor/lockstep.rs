@@ -52,6 +52,7 @@ impl Conductor {
                     self.lose(index, error).await?;
                 }
             }
+            self.commit().await?;
         } else {
             self.note_presence();
         }

@@ -11,6 +11,7 @@
 mod absence;
 mod claims;
 mod commission;
+mod commits;
 mod contact;
 mod deadline;
 mod doubles;
@@ -36,6 +37,7 @@ pub(crate) mod watch;
 
 pub use absence::{Absence, OnLoss};
 pub use commission::{Commission, Commissioned, Failed, Known};
+pub use commits::Staged;
 pub use contact::{Contact, Seat};
 pub use error::HubError;
 pub use halt::Halted;
@@ -113,6 +115,8 @@ pub struct Conductor {
     patience: Patience,
     on_loss: OnLoss,
     absences: Vec<Absence>,
+    /// Indices of nodes that have lost what was staged in them before they were told to adopt it.
+    missed_commits: Vec<usize>,
     tick_ns: u64,
     /// Tick that comes next.
     tick: u32,
@@ -157,6 +161,7 @@ impl Conductor {
             patience,
             on_loss: OnLoss::default(),
             absences: Vec::new(),
+            missed_commits: Vec::new(),
             tick_ns: configs.first().map_or(0, NodeConfig::period_ns),
             tick: 0,
             begin: 0,
@@ -197,12 +202,13 @@ impl Conductor {
         })
     }
 
-    /// Starts all nodes, and in lockstep takes their announced initial states.
+    /// Stages what nodes adopt while they run, starts all of them, and in lockstep takes their announced initial states.
     ///
-    /// Its error: a node that does not answer or dies.
+    /// Its error: a node that does not answer or dies, or that does not stage what it is given.
     pub fn start(&mut self) -> Task<'_, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
+            self.stage().await?;
             if self.own.is_some() { self.start_clocks().await } else { self.announce().await }
         })
     }

@@ -97,6 +97,7 @@ impl Conductor {
                 self.take_reading(reading)?;
             }
             self.forward().await?;
+            self.commit_by_own_count().await?;
             self.watch()?;
         }
         Ok(())

@@ -14,7 +14,7 @@ mod update;
 
 pub use crate::conductor::{
     Absence, CanCounts, Commissioned, Contact, Failed, FrameBytes, Halted, HubError, Known, OnLoss, Patience,
-    Received, Relayed, Stamps, Updated,
+    Received, Relayed, Staged, Stamps, Updated,
 };
 pub use can::CanSide;
 pub use commission::Commissioning;
@@ -107,6 +107,11 @@ impl Hub {
     /// With events that take nodes and links away and bring them back, and with nodes that say what is not so.
     pub fn with_events(self, scene: Option<Scene>, lies: Option<Box<Lies>>) -> Self {
         Self { conductor: self.conductor.with_events(scene, lies), ..self }
+    }
+
+    /// With configurations that nodes adopt while they run, by index.
+    pub fn with_staged(self, staged: Vec<Option<Staged>>) -> Self {
+        Self { conductor: self.conductor.with_staged(staged), ..self }
     }
 
     /// What to do when a node is lost from now on.
