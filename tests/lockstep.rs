@@ -76,6 +76,7 @@ pub fn in_world<F: Fate>(
     let bus_of = |node| buses.iter().position(|bus| bus.contains(&node));
     let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE).with_can(interfaces, bus_of);
     world.run(conductor.meet())?;
+    world.run(conductor.stage())?;
     world.run(conductor.start())?;
     let (mut hash, mut all, mut x, mut psi) = (TraceHash::new(), Vec::new(), Vec::new(), Vec::new());
     let components = scenario.components();

@@ -150,14 +150,14 @@ fn processes_adopt_what_is_set_and_keep_it() {
             .map(|line| line.split_once(": was ").unwrap().1.split_once(", is").unwrap().0.to_owned())
             .collect()
     };
-    let summary = assert_bits_of_loopback(&bench, &["set coupling.funnel.end 1 node 1, 3"]);
+    let summary = assert_bits_of_loopback(&bench, &["set nodes 1, 3: coupling.funnel.end = 1.0"]);
     assert_eq!(summary["bench"]["unrecorded"], 0);
     let told = fs::read_to_string(bench.path("out/events.txt")).unwrap();
     assert!(told.contains("node 1 has another configuration from tick 100 on"), "{told}");
     // A run with another event in which one of them is bounced: it comes back with what it has adopted.
     let bounced = event("50ms", "set", NARROW) + &event("100ms", "bounce", "node = 2\nfor = \"20ms\"");
     let again = bench_with(&bounced, &entries);
-    assert_bits_of_loopback(&again, &["set coupling.funnel.end 1 all nodes", "bounce node 2 for 20ms"]);
+    assert_bits_of_loopback(&again, &["set all nodes: coupling.funnel.end = 1.0", "bounce node 2 for 20ms"]);
     let before = stored(&end(again.spawn_commission(&[])));
     assert!(before.iter().all(|was| was.starts_with("id ")), "{before:?}");
     let after = stored(&end(again.spawn_commission(&[])));
@@ -185,7 +185,7 @@ fn a_process_without_storage_and_its_bench_are_without_what_is_set() {
 fn boards_adopt_what_is_set_also_with_clocks_of_their_own() {
     let boards = [1, 2, 3].map(Board::keeping);
     let bench = bench_with(&event("100ms", "set", NARROW), &entries(&boards));
-    assert_bits_of_loopback(&bench, &["set coupling.funnel.end 1 all nodes"]);
+    assert_bits_of_loopback(&bench, &["set all nodes: coupling.funnel.end = 1.0"]);
     let bench = bench_with(&event("400ms", "set", NARROW), &entries(&boards)).with("clock = \"own\"");
     let sets = ["time.tick=10ms", "time.duration=800ms", "safety.lost_neighbours=3"];
     let ended = bench.run(&sets.iter().flat_map(|set| ["--set", set]).collect::<Vec<_>>());

@@ -221,6 +221,33 @@ fn a_commit_that_does_not_come_comes_for_another_tick_or_for_another_node_is_fou
     assert_named(&past, "and it has refused frames (tick_window 1) at tick 149");
 }
 
+/// As the engine hands it over: once the tick nine before it has run.
+#[test]
+fn a_commit_goes_out_eight_ticks_ahead() {
+    let (mut marked, mut told) = (0, None);
+    with_mischief(|_, frame| {
+        match frame {
+            Frame::RealTime(Message::Sync { previous_tick, .. }) => marked = previous_tick.value() + 1,
+            frame => told = told.or(commit(&frame).map(|_| marked)),
+        }
+        None
+    })
+    .unwrap();
+    assert_eq!(told, Some(141));
+}
+
+/// A commit is a frame that a node has accepted, and no state.
+#[test]
+fn who_has_heard_no_state_is_seen_to_also_where_it_has_adopted_something() {
+    let deaf = |way, frame: Frame<'_>| match (way, frame) {
+        (Way::ToNode, Frame::RealTime(Message::State { .. })) => Some(vec![0]),
+        _ => None,
+    };
+    let path = five(NARROW, &["graph.kind=path"]);
+    let ran = in_world(&path, &mut World::new(5, TRAVEL, Mischief(deaf)), &[], false).unwrap();
+    assert_eq!((ran.adopted, ran.unheard.0), (all_at(150), vec![1]));
+}
+
 #[test]
 fn a_storage_that_fails_at_the_commit_is_told_and_the_others_go_on() {
     let mut world = World::new(5, TRAVEL, Peace);
@@ -269,6 +296,7 @@ mod own_clock {
     fn ran<F: Fate>(scenario: &Scenario, world: &mut World<F>) -> (Conductor, Vec<Vec<f32>>) {
         let mut conductor = conductor(scenario, DRIVE, PATIENCE).with_own_clock();
         world.run(conductor.meet()).unwrap();
+        world.run(conductor.stage()).unwrap();
         world.run(conductor.start()).unwrap();
         let mut psi = Vec::new();
         for _ in 0..=scenario.time.ticks {
@@ -302,7 +330,24 @@ mod own_clock {
         let said = conductor.contradictions().join("; ");
         assert!(said.contains("node 2 has not adopted what was staged in it"), "{said}");
         assert!(said.contains("refused frames (tick_window "), "{said}");
-        assert!(said.contains("; it was told too late, by this program's count 2 at tick "), "{said}");
+        assert!(said.contains("; it was told too late, when this program had counted to "), "{said}");
+    }
+
+    /// A node that does not run yet would adopt at once, and a start on CAN may come later than a commit on a line.
+    #[test]
+    fn nobody_is_told_before_it_has_ticked() {
+        let (mut ticked, mut told) = (false, None);
+        let look = |_, frame: Frame<'_>| {
+            match frame {
+                Frame::Service { kind, body, .. } => {
+                    ticked |= matches!(Reply::decode(kind, body), Ok(Reply::Telemetry(_)));
+                }
+                frame => told = told.or(commit(&frame).map(|_| ticked)),
+            }
+            None
+        };
+        ran(&five(NARROW, &[]), &mut World::new(5, TRAVEL, Mischief(look)));
+        assert_eq!(told, Some(true));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! is named, and goes on (docs/notes/2026-11-30-set-on-nodes.md).
 
 use super::deadline::ns;
-use super::{Conductor, HubError, Received};
+use super::{Conductor, HubError, Received, Task};
 use crate::engine::{NodeEvent, TOLD_AHEAD};
 use funnelnet_node::Event;
 use funnelnet_protocol::config::NodeConfig;
@@ -91,15 +91,20 @@ impl Conductor {
         &self.missed_commits
     }
 
-    /// Stages what nodes adopt later, and compares the checksums of all of them. Once they run it is too late.
-    pub(super) async fn stage(&mut self) -> Result<(), HubError> {
-        let limit = self.patience.answer;
-        for node in &mut self.nodes {
-            if let Some(commit) = &node.commit {
-                node.contact.stage(&commit.staged.config, limit).await?;
+    /// Stages what nodes adopt while they run, and compares the checksums. Before they start: then it is too late.
+    ///
+    /// Its error: a node that does not stage what it is given, or does not answer.
+    pub fn stage(&mut self) -> Task<'_, Result<(), HubError>> {
+        let outside = self.outside.clone();
+        Task::new(&outside, async move {
+            let limit = self.patience.answer;
+            for node in &mut self.nodes {
+                if let Some(commit) = &node.commit {
+                    node.contact.stage(&commit.staged.config, limit).await?;
+                }
             }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 
     /// In lockstep, once a tick has run: tells the nodes whose commit is near, and asks those that adopt it before the next
@@ -253,7 +258,7 @@ impl Conductor {
                 false => format!("and it has refused {}", refused(report)),
             };
             let late = late.map_or(String::new(), |count| {
-                format!("; it was told too late, by this program's count {count}")
+                format!("; it was told too late, when this program had counted to {count}")
             });
             format!("{has}, {why}{late}")
         };

@@ -202,13 +202,12 @@ impl Conductor {
         })
     }
 
-    /// Stages what nodes adopt while they run, starts all of them, and in lockstep takes their announced initial states.
+    /// Starts all nodes, and in lockstep takes their announced initial states.
     ///
-    /// Its error: a node that does not answer or dies, or that does not stage what it is given.
+    /// Its error: a node that does not answer or dies.
     pub fn start(&mut self) -> Task<'_, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
-            self.stage().await?;
             if self.own.is_some() { self.start_clocks().await } else { self.announce().await }
         })
     }

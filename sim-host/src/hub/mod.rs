@@ -132,11 +132,12 @@ impl Hub {
         Self { conductor, outlets }
     }
 
-    /// Starts all nodes, and in lockstep takes their announced initial states.
+    /// Stages what nodes adopt while they run, starts all of them, and in lockstep takes their announced initial states.
     ///
     /// # Errors
-    /// A node that does not answer or dies.
+    /// A node that does not stage what it is given, does not answer or dies.
     pub fn start(&mut self) -> Result<(), HubError> {
+        self.run(Conductor::stage)?;
         if self.conductor.has_own_clock() {
             self.outlets.start_readers().map_err(|error| self.explain(error))?;
         }
