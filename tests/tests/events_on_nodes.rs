@@ -87,6 +87,29 @@ fn nodes_that_leave_crash_and_come() {
     );
 }
 
+/// Who comes says that it starts anew, which its neighbours have to hear before its first state.
+#[test]
+fn nodes_that_are_off_for_a_moment_where_there_are_limits_of_what_is_heard() {
+    let events =
+        "{at='200ms',kind='bounce',node=3,for='20ms'},{at='400.5ms',kind='bounce',nodes=[1,4],for='5ms'}";
+    let limits = ["safety.heard_rate=60", "coupling.u_max=20"];
+    let five = five(events, &limits);
+    let (loopback, boards) = assert_same_bits(&five, true);
+    assert_eq!(boards.reports.iter().flatten().map(|report| report.counters.kept.edges).sum::<u32>(), 0);
+    for (here, there) in boards.reports.iter().flatten().zip(&loopback.counters) {
+        assert_eq!(here.counters.neighbours_lost, there.neighbours_lost);
+    }
+    assert!(loopback.counters.iter().any(|counters| counters.neighbours_lost > 0));
+    assert_same_bits(&five, false);
+    for fd in [false, true] {
+        for buses in [vec![&[0, 1, 2, 3, 4][..]], vec![&[0, 2][..], &[1, 4][..]]] {
+            assert_as_loopback(&five, on_buses(&five, false, &buses, fd));
+        }
+    }
+    let late = ["bus.latency=700us", "bus.jitter=900us", "bus.loss=0.1"];
+    assert_same_bits(&self::five(events, &[&limits[..], &late].concat()), true);
+}
+
 /// A node that has just come has accepted fewer states than it was handed other frames before.
 #[test]
 fn a_node_that_has_just_come_has_heard_its_neighbours() {
