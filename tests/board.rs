@@ -2,7 +2,8 @@
 //! board.
 
 use funnelnet_link::Frame;
-use funnelnet_node::{Observation, Output, Session};
+use funnelnet_node::{Observation, Output, Session, Task};
+use funnelnet_protocol::config::NodeConfig;
 use funnelnet_protocol::message::Message;
 use funnelnet_protocol::serial::{self, Deframer, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Identity, Reply, StoreError};
@@ -35,6 +36,8 @@ pub struct Board {
     on_can: Option<OnCan>,
     /// Parts in a billion that its clock is too fast.
     drift_ppb: i64,
+    /// What it keeps over a restart.
+    pub kept: Kept,
     /// What its node saw at the last ticks that it told of.
     seen: VecDeque<Vec<Observation<f32>>>,
 }
@@ -48,6 +51,7 @@ impl Board {
             deframer: Deframer::new(),
             on_can: None,
             drift_ppb: 0,
+            kept: Kept::default(),
             seen: VecDeque::new(),
         }
     }
@@ -85,10 +89,15 @@ impl Board {
         &self.session
     }
 
-    /// Restarts it, blank.
+    /// Restarts it, as what it has stored makes it.
     pub fn restart(&mut self) {
         let (seen, on_can) = (std::mem::take(&mut self.seen), self.on_can.take());
-        *self = Self { seen, on_can, drift_ppb: self.drift_ppb, ..Self::new() };
+        let kept = Kept { staged: None, ..std::mem::take(&mut self.kept) };
+        *self = Self { seen, on_can, kept, drift_ppb: self.drift_ppb, ..Self::new() };
+        if self.kept.stored.is_some() {
+            *self.session.config_buffer() = self.kept.stored.clone();
+            self.session.restore().unwrap();
+        }
     }
 
     /// What the node says to a frame on its bus.
@@ -132,8 +141,10 @@ impl Board {
                     }
                     said.push(Said::Line(service(&reply, self.session.id())));
                 }
-                // A board without storage.
-                Output::StorageRequest => self.session.performed(Err(StoreError::Absent)),
+                Output::StorageRequest => {
+                    let outcome = self.session.task().map(|task| self.kept.perform(task));
+                    self.session.performed(outcome.unwrap_or(Err(StoreError::Failed)));
+                }
                 Output::Report(_) | Output::Safe | Output::Sample | Output::Actuate => {}
             }
         }
@@ -182,6 +193,35 @@ impl Board {
 /// What a clock that is so many parts in a billion too fast gains in `passed`, ns.
 fn gained(passed: u64, ppb: i64) -> i64 {
     i64::try_from(i128::from(passed) * i128::from(ppb) / 1_000_000_000).unwrap()
+}
+
+/// The storage of a board.
+#[derive(Default)]
+pub struct Kept {
+    /// What it starts with.
+    pub stored: Option<NodeConfig>,
+    staged: Option<NodeConfig>,
+    epoch: u32,
+    /// It fails at the next commit.
+    pub fails: bool,
+}
+
+impl Kept {
+    fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
+        match task {
+            Task::Stage(config) => self.staged = Some(config.clone()),
+            Task::Commit(_) if std::mem::take(&mut self.fails) => return Err(StoreError::Failed),
+            Task::Commit(room) => {
+                self.stored = self.staged.take();
+                *room = self.stored.clone();
+            }
+            Task::Store(config) => (self.stored, self.staged) = (Some(config.clone()), None),
+            Task::Erase => (self.stored, self.staged) = (None, None),
+            Task::Key(..) => return Err(StoreError::Absent),
+        }
+        self.epoch += 1;
+        Ok(self.epoch)
+    }
 }
 
 impl Default for Board {

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 pub mod board;
 pub mod campaign;
+pub mod lockstep;
 pub mod outage;
 pub mod world;
 

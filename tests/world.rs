@@ -6,8 +6,8 @@ use funnelnet_link::Frame;
 use funnelnet_protocol::NodeConfig;
 use sim_host::bus::ideal::{IdealBus, IdealParams};
 use sim_host::can::{Heard, PortFrame, Traffic};
-use sim_host::conductor::{Action, Conductor, HubError, Patience, Seat, Source, Step, Task};
-use sim_host::configure::{Drive, listeners, node_configs};
+use sim_host::conductor::{Action, Conductor, HubError, Patience, Seat, Source, Staged, Step, Task};
+use sim_host::configure::{Drive, listeners, node_configs, staged_configs};
 use sim_host::engine::{Lies, Scene};
 use sim_host::noise::Noise;
 use sim_host::scenario::Scenario;
@@ -127,6 +127,11 @@ impl<F: Fate> World<F> {
     /// The boards, by index.
     pub fn boards(&self) -> &[Board] {
         &self.boards
+    }
+
+    /// One of them.
+    pub fn board_mut(&mut self, node: usize) -> &mut Board {
+        &mut self.boards[node]
     }
 
     /// Does what a task asks for, until it is over.
@@ -332,5 +337,13 @@ pub fn conductor_of(scenario: &Scenario, configs: &[NodeConfig], patience: Patie
     let course = scenario.course().on_clock(&scenario.time);
     let scene = || Scene::new(&course, scenario.time.tick_ns, listeners(scenario));
     let conductor = Conductor::new(seats, configs, bus, patience).with_noise(Noise::of(scenario));
+    let conductor = conductor.with_staged(staged(scenario, drive));
     conductor.with_events((!scenario.stays_whole()).then(scene), Lies::of(scenario))
+}
+
+/// What events stage in the nodes of a scenario, by index.
+pub fn staged(scenario: &Scenario, drive: Drive) -> Vec<Option<Staged>> {
+    let configs = staged_configs(scenario, drive).unwrap().unwrap_or_default().into_iter();
+    let tick = |index: usize| Some(u32::try_from(scenario.staged[index].as_ref()?.tick).unwrap());
+    configs.enumerate().map(|(index, config)| Some(Staged { tick: tick(index)?, config })).collect()
 }

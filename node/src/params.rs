@@ -102,6 +102,13 @@ pub struct HeardRange<F> {
     pub drop_after: u8,
 }
 
+impl<F: Real> HeardRange<F> {
+    /// Whether what a neighbour says is held against what it has said before.
+    pub(crate) fn remembers(&self) -> bool {
+        self.drop_after != 0 || self.change < F::WIDEST
+    }
+}
+
 /// A breach policy, prepared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OnBreach<F> {

@@ -91,6 +91,13 @@ impl World {
         self.node.on_message(&Message::Fault { source, code, severity, arg: 0, tick }, 0).unwrap();
     }
 
+    /// It was off, comes back, and says so with the tick before its first state.
+    fn starts_anew(&mut self, id: u8) {
+        let tick = TickStamp::low(self.node.tick().wrapping_sub(1), 8);
+        let (source, code, severity) = (NodeId::new(id).unwrap(), FaultCode::STARTS_ANEW, Severity::Stopped);
+        self.node.on_message(&Message::Fault { source, code, severity, arg: 0, tick }, 0).unwrap();
+    }
+
     fn presence(&self, id: u8) -> Option<Presence> {
         self.node.neighbour_presence(NodeId::new(id).unwrap())
     }
@@ -112,6 +119,34 @@ impl World {
 
 fn two() -> NodeId {
     NodeId::new(2).unwrap()
+}
+
+/// Off for one tick, of the three for which it is extrapolated.
+#[test]
+fn who_starts_anew_within_what_is_extrapolated_may_be_anywhere_if_it_says_so() {
+    for says_so in [true, false] {
+        let mut world = World::new(&config(guarded(3)));
+        assert_eq!(world.ticks(10, Some(1.0)), [Ok(()); 10]);
+        world.ticks(1, None);
+        if says_so {
+            world.starts_anew(2);
+        }
+        let expected = if says_so { Ok(()) } else { Err(Refusal::TooFast) };
+        assert_eq!(world.hear(2, 40.0), expected);
+        world.tick();
+        world.ticks(10, Some(40.0));
+        assert_eq!(world.node.neighbour_is_barred(two()), Some(!says_so));
+        let told = world.told();
+        let anew = [Event::NeighbourLost(two()), Event::NeighbourFound(two())];
+        assert_eq!(told.ends_with(&anew), says_so, "{told:?}");
+    }
+    // Also where it was barred for what it said before.
+    let mut world = World::new(&config(guarded(3)));
+    world.ticks(10, Some(1.0));
+    world.ticks(5, Some(40.0));
+    assert_eq!(world.node.neighbour_is_barred(two()), Some(true));
+    world.starts_anew(2);
+    assert_eq!(world.hear(2, 30.0), Ok(()));
 }
 
 #[test]

@@ -2,8 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use funnelnet_node::{Action, Event, InputRange, Node, Params, PlantSetup};
-use funnelnet_protocol::config::{EdgeConfig, Field, NodeConfig, Shape, TickSource, Tuning};
-use funnelnet_protocol::message::{Command, Component, JOIN, Message, NodeId, Target, TickStamp};
+use funnelnet_protocol::config::{EdgeConfig, Field, HeardLimits, NodeConfig, Shape, TickSource, Tuning};
+use funnelnet_protocol::message::{
+    Command, Component, FaultCode, JOIN, Message, NodeId, Severity, Target, TickStamp,
+};
 
 const MS: u32 = 1_000_000;
 /// Tick at which the newcomer comes.
@@ -88,6 +90,43 @@ fn a_node_that_integrates_says_nothing_before_it_has_the_mean_of_its_neighbours(
     // (1 * -0.625 + 3 * -1.125) / 4, with no input.
     assert_eq!((states(&done), node.observations()[0].u), (vec![-1.0], 0.0));
     assert_eq!(node.counters().breaches, 0, "far away as it was, it was never outside");
+}
+
+/// Where neighbours hold what it says against what it said before, they are told that this counts no more.
+#[test]
+fn a_newcomer_says_that_it_starts_anew_right_before_its_first_state_where_that_is_asked_for() {
+    let limited = |heard| NodeConfig { heard, ..config() };
+    let (rate, far) = (
+        HeardLimits { rate: 5.0, ..HeardLimits::NONE },
+        HeardLimits { limit: 9.0, drop_after: 10, ..HeardLimits::NONE },
+    );
+    for (heard, says) in [(HeardLimits::NONE, false), (rate, true), (far, true)] {
+        let mut node = node(&limited(heard));
+        node.on_message(&start(JOIN), 0).unwrap();
+        tick(&mut node, FIRST, 0.0);
+        hear_near(&mut node, FIRST + 1);
+        let done = tick(&mut node, FIRST + 1, 0.0);
+        let said: Vec<_> = done.iter().filter(|action| matches!(action, Action::Send(_))).collect();
+        let anew = Message::Fault {
+            source: NodeId::new(1).unwrap(),
+            code: FaultCode::STARTS_ANEW,
+            severity: Severity::Stopped,
+            arg: 0,
+            tick: TickStamp::full(FIRST + 1),
+        };
+        let first = state_of(1, FIRST + 2, -1.0);
+        assert_eq!(said.first() == Some(&&Action::Send(anew)), says, "{said:?}");
+        assert_eq!(said.get(usize::from(says)), Some(&&Action::Send(first)), "{said:?}");
+        // Once.
+        hear_near(&mut node, FIRST + 2);
+        let done = tick(&mut node, FIRST + 2, 0.0);
+        assert!(!done.iter().any(|action| matches!(action, Action::Send(Message::Fault { .. }))), "{done:?}");
+    }
+}
+
+fn state_of(source: u8, tick: u32, x: f32) -> Message {
+    let source = NodeId::new(source).unwrap();
+    Message::State { source, component: Component::FIRST, tick: TickStamp::full(tick), x }
 }
 
 /// Two that are near each other: the terms of their edges to a node between them are 0.375 in funnels of 1.

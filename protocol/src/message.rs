@@ -177,6 +177,9 @@ impl FaultCode {
     pub const FIELD: Self = Self(11);
     /// The node was told to stop, it alone, and leaves a network that runs: its goodbye. Argument 0.
     pub const LEAVES: Self = Self(12);
+    /// The node joins a network in which it may have been before, and starts anew: what it said before its next state counts no
+    /// more. Argument 0. To its neighbours it is a goodbye; the node runs.
+    pub const STARTS_ANEW: Self = Self(13);
 }
 
 /// What a code says, for `core::write` and `defmt::write` alike.
@@ -195,6 +198,7 @@ macro_rules! say {
             FaultCode::INPUT => $($write)::+!($f, "its input is not a finite number"),
             FaultCode::FIELD => $($write)::+!($f, "its own field is not a finite number"),
             FaultCode::LEAVES => $($write)::+!($f, "it was told to stop"),
+            FaultCode::STARTS_ANEW => $($write)::+!($f, "it starts anew"),
             FaultCode(code) => $($write)::+!($f, "fault {}", code),
         }
     };

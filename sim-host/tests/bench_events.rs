@@ -128,6 +128,90 @@ fn a_node_that_does_not_confirm_that_it_leaves_is_named() {
     );
 }
 
+const NARROW: &str = "key = \"coupling.funnel.end\"\nvalue = 1.0";
+
+fn three_with_storages() -> (Vec<String>, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let storage =
+        |node| format!("host = true\nstorage = \"{}\"", folder.path().join(format!("flash{node}")).display());
+    ((1..=3).map(storage).collect(), folder)
+}
+
+/// What they have adopted is what they start with from then on, and the next run does not care.
+#[test]
+fn processes_adopt_what_is_set_and_keep_it() {
+    let (entries, _folder) = three_with_storages();
+    let bench = bench_with(&event("100ms", "set", &format!("{NARROW}\nnodes = [1, 3]")), &entries);
+    let stored = |ended: &boards::Ended| -> Vec<String> {
+        assert_eq!(ended.code, Some(0), "{}", ended.err);
+        ended
+            .out
+            .lines()
+            .map(|line| line.split_once(": was ").unwrap().1.split_once(", is").unwrap().0.to_owned())
+            .collect()
+    };
+    let summary = assert_bits_of_loopback(&bench, &["set nodes 1, 3: coupling.funnel.end = 1.0"]);
+    assert_eq!(summary["bench"]["unrecorded"], 0);
+    let told = fs::read_to_string(bench.path("out/events.txt")).unwrap();
+    assert!(told.contains("node 1 has another configuration from tick 100 on"), "{told}");
+    // A run with another event in which one of them is bounced: it comes back with what it has adopted.
+    let bounced = event("50ms", "set", NARROW) + &event("100ms", "bounce", "node = 2\nfor = \"20ms\"");
+    let again = bench_with(&bounced, &entries);
+    assert_bits_of_loopback(&again, &["set all nodes: coupling.funnel.end = 1.0", "bounce node 2 for 20ms"]);
+    let before = stored(&end(again.spawn_commission(&[])));
+    assert!(before.iter().all(|was| was.starts_with("id ")), "{before:?}");
+    let after = stored(&end(again.spawn_commission(&[])));
+    assert!(before.iter().zip(&after).all(|(before, after)| before != after), "{before:?} {after:?}");
+    assert_eq!(stored(&end(again.spawn_commission(&[]))), after);
+}
+
+#[test]
+fn a_process_without_storage_and_its_bench_are_without_what_is_set() {
+    let (mut entries, _folder) = three_with_storages();
+    entries[1] = HOST.to_owned();
+    let bench = bench_with(&(event("100ms", "set", NARROW) + CUT_AND_MENDED), &entries);
+    let ended = bench.run(&[]);
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(
+        ended.err.contains("a process without storage keeps nothing that is staged in it"),
+        "{}",
+        ended.err
+    );
+    assert_eq!(bench.summary()["bench"]["skipped"], json!(["event.set"]));
+    assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
+}
+
+#[test]
+fn boards_adopt_what_is_set_also_with_clocks_of_their_own() {
+    let boards = [1, 2, 3].map(Board::keeping);
+    let bench = bench_with(&event("100ms", "set", NARROW), &entries(&boards));
+    assert_bits_of_loopback(&bench, &["set all nodes: coupling.funnel.end = 1.0"]);
+    let bench = bench_with(&event("400ms", "set", NARROW), &entries(&boards)).with("clock = \"own\"");
+    let sets = ["time.tick=10ms", "time.duration=800ms", "safety.lost_neighbours=3"];
+    let ended = bench.run(&sets.iter().flat_map(|set| ["--set", set]).collect::<Vec<_>>());
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let told = fs::read_to_string(bench.path("out/events.txt")).unwrap();
+    assert_eq!(told.matches("has another configuration from tick 40 on").count(), 3, "{told}");
+    assert_eq!(bench.summary()["bench"]["skipped"], json!([]));
+}
+
+/// It says that it has what was staged in it, and its telemetry says what it does.
+#[test]
+fn a_board_that_pretends_to_have_adopted_runs_in_another_funnel_than_the_scenarios() {
+    let boards = [Board::keeping(1), Board::pretending(2), Board::keeping(3)];
+    let bench = bench_with(&event("100ms", "set", NARROW), &entries(&boards));
+    bench.run(&[]).fell_short(&["node 2 runs in another funnel than the scenario's: "]);
+    assert_eq!(bench.failed_checks(), ["consistent"]);
+    assert_eq!(bench.summary()["bench"]["nodes"][1]["first_difference"], 100);
+}
+
+#[test]
+fn a_board_that_cannot_stage_ends_the_run_before_it_starts() {
+    let boards = [Board::keeping(1), Board::good(2), Board::keeping(3)];
+    let bench = bench_with(&event("100ms", "set", NARROW), &entries(&boards));
+    bench.run(&[]).failed(3, &["node 2 did not answer: no staged within 1 s"]);
+}
+
 #[test]
 fn what_a_bench_cannot_make_is_skipped_by_its_kind_and_the_rest_is_made() {
     let boards = three();

@@ -203,6 +203,43 @@ fn a_lie_within_the_limits_is_believed() {
     assert!((200..300).contains(&at) && ramp.dropped == Some(at + 9), "{ramp:?}");
 }
 
+/// Two pull each other's way. The second comes back where its neighbours are, which is far from where it was.
+const APART: &str = r#"version = 1
+time = { tick = "1ms", duration = "2s" }
+graph = { kind = "path", nodes = 3 }
+coupling.kind = "node-wise"
+coupling.gain = { kind = "reciprocal", scale = 1.0 }
+coupling.funnel = { kind = "constant", width = 8.0 }
+coupling.u_max = 20.0
+agent.dynamics = { kind = "affine", slope = -1.0 }
+node = [{ id = 1, dynamics = { offset = 8.0 } }]
+event = [{ at = "1s", kind = "bounce", node = 1, for = "20ms" }]
+"#;
+
+/// It is off for less than it is extrapolated, and says that it starts anew.
+#[test]
+fn an_honest_node_that_was_off_for_a_moment_and_is_elsewhere_then_is_heard() {
+    for limits in ["safety = { heard_limit = 50.0, heard_rate = 40.0 }\n", ""] {
+        for bus in ["", "bus = { model = \"can\", bitrate = 1000000 }\n"] {
+            let text = format!("{APART}{limits}{bus}");
+            let scenario = Scenario::parse(&text, Path::new("apart.toml"), &[]).unwrap();
+            let mut simulation = Simulation::new(&scenario).unwrap();
+            let (mut x, mut barred) = (Vec::new(), 0);
+            while simulation.step().is_some() {
+                x.push(simulation.node(1)[0].x);
+            }
+            let mut anew = 0;
+            for told in simulation.events() {
+                barred += usize::from(matches!(told.event, Event::Barred(_) | Event::TooFast { .. }));
+                anew += usize::from(matches!(told.event, Event::NeighbourFound(id) if id.get() == 1));
+            }
+            assert!((x[999] - x[1025]).abs() > 2.0, "{} {}", x[999], x[1025]);
+            // Without limits nothing is said, and its neighbour notices nothing but a jump.
+            assert_eq!((barred, anew), (0, if limits.is_empty() { 1 } else { 2 }), "{limits} {bus}");
+        }
+    }
+}
+
 /// Who is barred to the end is heard: it is not what fails such a run.
 #[test]
 fn a_liar_that_is_dropped_to_the_end_is_no_silent_node() {

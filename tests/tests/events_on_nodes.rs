@@ -2,116 +2,18 @@
 //! time have the bits of loopback with the same events.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, which clippy does not know as such")]
 
-use sim_host::conductor::Patience;
-use sim_host::configure::Drive;
 use sim_host::presence::Presence;
-use sim_host::record::TraceHash;
-use sim_host::run::{Fidelity, Outcome};
+use sim_host::run::Fidelity;
 use sim_host::scenario::Scenario;
-use std::time::Duration;
-use system_tests::world::{Peace, World, conductor};
-use system_tests::{run, scenario};
-
-const LOCKSTEP: Drive = Drive {
-    tick_source: funnelnet_protocol::config::TickSource::Sync,
-    telemetry_every: 1,
-    is_simulated: false,
+use system_tests::lockstep::{
+    as_loopback as assert_as_loopback, compared as assert_same_bits, on_boards, on_buses,
 };
-const PATIENCE: Patience = Patience { boot: Duration::from_secs(1), answer: Duration::from_secs(1) };
-/// Time that a frame takes, ns.
-const TRAVEL: u64 = 100_000;
-/// What the hash takes for a state that is not there.
-const NO_STATE: f32 = f32::from_bits(0x7fc0_0000);
+use system_tests::{run, scenario};
 
 /// Five agents with these events.
 fn five(events: &str, sets: &[&str]) -> Scenario {
     let events = format!("event=[{events}]");
     scenario("five-agents.toml", &[&["time.duration=900ms", events.as_str()], sets].concat())
-}
-
-/// What came of a scenario on boards in memory.
-struct Ran {
-    hash: TraceHash,
-    /// By tick and node.
-    presence: Vec<Vec<Presence>>,
-    /// The same with components, state units.
-    x: Vec<Vec<f32>>,
-    lost: u64,
-    contradictions: Vec<String>,
-    /// Ids of nodes that nobody has heard, or that all have lost.
-    unheard: (Vec<u16>, Vec<u16>),
-    breaches: Vec<Option<u32>>,
-}
-
-/// Runs it, where the host has the power of the boards or not.
-fn on_boards(scenario: &Scenario, has_power: bool) -> Ran {
-    on_buses(scenario, has_power, &[], false)
-}
-
-/// The same with nodes on these buses, of CAN FD if `fd`; the others are on lines.
-fn on_buses(scenario: &Scenario, has_power: bool, buses: &[&[usize]], fd: bool) -> Ran {
-    let interfaces = (0..buses.len()).map(|bus| (format!("can{bus}"), fd)).collect();
-    let bus_of = |node| buses.iter().position(|bus| bus.contains(&node));
-    let mut conductor = conductor(scenario, LOCKSTEP, PATIENCE).with_can(interfaces, bus_of);
-    let world = World::new(scenario.nodes.len(), TRAVEL, Peace);
-    let mut world = buses.iter().fold(world, |world, nodes| world.with_bus(nodes, fd));
-    world.has_power = has_power;
-    world.run(conductor.meet()).unwrap();
-    world.run(conductor.start()).unwrap();
-    let (mut hash, mut all, mut x) = (TraceHash::new(), Vec::new(), Vec::new());
-    let components = scenario.components();
-    for _ in 0..=scenario.time.ticks {
-        world.run(conductor.advance()).unwrap();
-        for (seen, presence) in conductor.observations().chunks(components).zip(conductor.presence()) {
-            hash.extend(seen.iter().map(|seen| if presence.is_known() { seen.x } else { NO_STATE }));
-        }
-        all.push(conductor.presence().to_vec());
-        x.push(conductor.observations().iter().map(|seen| seen.x).collect());
-    }
-    let reports = world.run(conductor.finish()).unwrap();
-    Ran {
-        hash,
-        presence: all,
-        x,
-        lost: conductor.traffic().lost,
-        contradictions: conductor.contradictions(),
-        unheard: (conductor.unheard(&reports), conductor.silent(&reports)),
-        breaches: reports.iter().map(|report| Some(report.as_ref()?.counters.breaches)).collect(),
-    }
-}
-
-/// Compares a scenario on boards with loopback, and gives both.
-fn assert_same_bits(scenario: &Scenario, has_power: bool) -> (Outcome, Ran) {
-    let boards = on_boards(scenario, has_power);
-    assert_as_loopback(scenario, boards)
-}
-
-fn assert_as_loopback(scenario: &Scenario, boards: Ran) -> (Outcome, Ran) {
-    let loopback = run(scenario, Fidelity::Loopback);
-    let events: Vec<_> = scenario.events.iter().map(ToString::to_string).collect();
-    assert_eq!(boards.contradictions, [""; 0], "{events:?}");
-    for (k, row) in loopback.rows.iter().enumerate() {
-        let known: Vec<bool> = row.x.chunks(scenario.components()).map(|x| !x[0].is_nan()).collect();
-        let here: Vec<bool> = boards.presence[k].iter().map(|presence| presence.is_known()).collect();
-        assert_eq!(here, known, "tick {k}: {events:?}");
-        for (node, (there, here)) in row.x.iter().zip(&boards.x[k]).enumerate() {
-            assert!(
-                there.to_bits() == f64::from(*here).to_bits() || there.is_nan(),
-                "state {node} at tick {k}: {there} and {here}: {:?}",
-                scenario.events
-            );
-        }
-    }
-    assert_eq!(loopback.hash, Some(boards.hash), "{events:?}");
-    assert_eq!(boards.lost, loopback.bus.as_ref().unwrap().lost);
-    assert_eq!(boards.unheard, (loopback.unheard.clone(), loopback.silent.clone()), "{events:?}");
-    let breaches: Vec<_> = loopback.counters.iter().map(|counters| counters.breaches).collect();
-    for (here, there) in
-        boards.breaches.iter().zip(breaches).filter_map(|(here, there)| Some(((*here)?, there)))
-    {
-        assert_eq!(here, there, "{events:?}");
-    }
-    (loopback, boards)
 }
 
 const HALVES: &str = "{at='200ms',kind='partition',groups=[[1,2],[3,4,5]]},{at='420ms',kind='repair'}";
@@ -183,6 +85,29 @@ fn nodes_that_leave_crash_and_come() {
         &five("{at='100ms',kind='bounce',node=3,for='120ms'},{at='700ms',kind='leave',node=1}", &late),
         true,
     );
+}
+
+/// Who comes says that it starts anew, which its neighbours have to hear before its first state.
+#[test]
+fn nodes_that_are_off_for_a_moment_where_there_are_limits_of_what_is_heard() {
+    let events =
+        "{at='200ms',kind='bounce',node=3,for='20ms'},{at='400.5ms',kind='bounce',nodes=[1,4],for='5ms'}";
+    let limits = ["safety.heard_rate=60", "coupling.u_max=20"];
+    let five = five(events, &limits);
+    let (loopback, boards) = assert_same_bits(&five, true);
+    assert_eq!(boards.reports.iter().flatten().map(|report| report.counters.kept.edges).sum::<u32>(), 0);
+    for (here, there) in boards.reports.iter().flatten().zip(&loopback.counters) {
+        assert_eq!(here.counters.neighbours_lost, there.neighbours_lost);
+    }
+    assert!(loopback.counters.iter().any(|counters| counters.neighbours_lost > 0));
+    assert_same_bits(&five, false);
+    for fd in [false, true] {
+        for buses in [vec![&[0, 1, 2, 3, 4][..]], vec![&[0, 2][..], &[1, 4][..]]] {
+            assert_as_loopback(&five, on_buses(&five, false, &buses, fd));
+        }
+    }
+    let late = ["bus.latency=700us", "bus.jitter=900us", "bus.loss=0.1"];
+    assert_same_bits(&self::five(events, &[&limits[..], &late].concat()), true);
 }
 
 /// A node that has just come has accepted fewer states than it was handed other frames before.

@@ -163,6 +163,30 @@ fn also_with_events_of_nodes() {
     assert_eq!(starts, [2, 2, 2, 1, 2], "{:?}", emulator.logs);
 }
 
+/// An emulator has a storage for as long as it runs: one that is bounced has lost what was staged in it, and is given what it has adopted.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_with_what_is_set() {
+    let narrow = "{at='300ms',kind='set',key='coupling.funnel.end',value=0.5}";
+    let emulator = assert_parity_with(narrow, &["bus.jitter=300us"]);
+    let told = |(_, log): &(_, String)| log.matches("has another configuration from tick 300 on").count();
+    assert_eq!(emulator.logs.iter().map(told).sum::<usize>(), 5, "{:?}", emulator.logs);
+    let bounced = "{at='400ms',kind='bounce',node=2,for='60ms'}";
+    assert_parity_with(&format!("{narrow},{bounced}"), &[]);
+    let missed = "{at='100ms',kind='bounce',node=2,for='60ms'}";
+    let events = format!("event=[{narrow},{missed}]");
+    let scenario = scenario("five-agents.toml", &["time.duration=400ms", &events]);
+    let (loopback, emulator) = (run(&scenario, Fidelity::Loopback), run(&scenario, Fidelity::Emulator));
+    assert_eq!((loopback.hash, &loopback.contradictions), (emulator.hash, &emulator.contradictions));
+    assert!(
+        emulator.contradictions[0].starts_with("node 2 has missed what is set at 0.3 s"),
+        "{:?}",
+        emulator.contradictions
+    );
+    // The refusal is counted by the node as by that of loopback.
+    assert_eq!(loopback.bus, emulator.bus);
+}
+
 /// Worlds in which the comparison has to fail: an event that one of the two does not have, or has a tick later.
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]

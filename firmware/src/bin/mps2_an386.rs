@@ -3,19 +3,19 @@
 #![no_main]
 
 use firmware::board::{OnLine, Parts};
+use firmware::mps2::flash::Flash;
 use firmware::mps2::uart::{UART_0, Uart};
 use firmware::mps2::{self, BIT_RATE};
-use funnelnet_app::storage;
 use funnelnet_app::watchdog;
 
-type Node = Parts<OnLine<Uart>, storage::Absent, watchdog::Absent>;
+type Node = Parts<OnLine<Uart>, Flash, watchdog::Absent>;
 
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn start() -> Node {
     let chip = mps2::start();
     // May panic: at the start, before any task runs.
     let uart = Uart::take(UART_0, BIT_RATE).expect("nobody else takes the UART");
-    Node { lines: OnLine(uart), storage: storage::Absent, chip }
+    Node { lines: OnLine(uart), storage: Flash, chip }
 }
 
 firmware::node!(start, Node);

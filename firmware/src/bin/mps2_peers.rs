@@ -3,14 +3,14 @@
 #![no_main]
 
 use firmware::board::{Parts, ToPeers};
+use firmware::mps2::flash::Flash;
 use firmware::mps2::uart::{Receiver, Transmitter, UART_0, UART_1, UART_2, UART_3, UART_4, Uart};
 use firmware::mps2::{self, BIT_RATE};
-use funnelnet_app::storage;
 use funnelnet_app::watchdog;
 use funnelnet_link::Forwarder;
 use static_cell::ConstStaticCell;
 
-type Node = Parts<ToPeers<Receiver, Transmitter, 4>, storage::Absent, watchdog::Absent>;
+type Node = Parts<ToPeers<Receiver, Transmitter, 4>, Flash, watchdog::Absent>;
 
 #[allow(clippy::expect_used)] // Once, at the start, where nothing else could be done about it.
 fn start() -> Node {
@@ -21,7 +21,7 @@ fn start() -> Node {
         // May panic: at the start, before any task runs.
         ports.map(|port| Uart::take(port, BIT_RATE).expect("nobody else takes the UART").split());
     let lines = ToPeers { host, peers, forwarder: FORWARDER.take(), errors: None };
-    Node { lines, storage: storage::Absent, chip }
+    Node { lines, storage: Flash, chip }
 }
 
 firmware::node!(start, Node);

@@ -8,6 +8,10 @@ use core::sync::atomic::{AtomicU8, Ordering};
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
+use static_cell::StaticCell;
+
+use crate::storage::Medium;
+use crate::storage::flash::{Blocking, InFlash};
 
 /// Bytes.
 pub const SIZE: usize = 4 * 2048;
@@ -18,6 +22,17 @@ static CELLS: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
 
 /// The one flash.
 pub struct Flash;
+
+/// A configuration in all of it: it stays over a reset, and goes with the emulator.
+impl Medium for Flash {
+    type Storage = InFlash<Blocking<Self>>;
+
+    async fn open(self, place: &'static StaticCell<Self::Storage>) -> &'static mut Self::Storage {
+        let storage = place.init_with(|| InFlash::new(Blocking(self), 0..SIZE as u32));
+        storage.open().await;
+        storage
+    }
+}
 
 impl Flash {
     /// Bytes from `offset` on.

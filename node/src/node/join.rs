@@ -11,7 +11,7 @@ use funnelnet_law::gain::GainFunction;
 use funnelnet_law::law::Law;
 use funnelnet_law::math::{Real, larger};
 use funnelnet_protocol::config::TickSource;
-use funnelnet_protocol::message::JOIN;
+use funnelnet_protocol::message::{FaultCode, JOIN, Severity};
 
 /// Ticks in a row that a node with a plant is inside its own funnel before it speaks.
 const SETTLED: u8 = 10;
@@ -137,6 +137,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
     fn speak(&mut self, k: u32) {
         self.newcomer = None;
         self.outbox.report(Event::Joins { tick: k });
+        // Neighbours that have not missed it would hold its state against what it said before, and bar it.
+        if self.params.heard.remembers() {
+            let anew = FaultCode::STARTS_ANEW;
+            self.outbox.fault = Some(self.fault_message(anew, Severity::Stopped, 0));
+        }
     }
 
     /// Puts every component where `nu` is zero.

@@ -74,7 +74,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         self.outbox.fault = Some(self.fault_message(code, Severity::Warning, arg));
     }
 
-    fn fault_message(&self, code: FaultCode, severity: Severity, arg: u16) -> Message {
+    pub(super) fn fault_message(&self, code: FaultCode, severity: Severity, arg: u16) -> Message {
         let tick = TickStamp::full(self.clock.tick);
         Message::Fault { source: self.params.id, code, severity, arg, tick }
     }

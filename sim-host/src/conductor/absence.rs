@@ -85,6 +85,7 @@ impl Conductor {
             // A port that is gone keeps its name from the board that comes back, until it is closed.
             node.contact.close().await?;
         }
+        node.lose_staged();
         node.away = Some(Away { next_look: self.outside.now().saturating_add(ns(LOOK_EVERY)) });
         self.absences.push(Absence { node: node.contact.id(), from: self.tick, to: None, why });
         self.set_presence(index, Presence::Absent);

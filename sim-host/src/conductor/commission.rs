@@ -184,16 +184,7 @@ impl Candidate {
     }
 
     async fn stage(&mut self, config: &NodeConfig, patience: Patience) -> Result<(), HubError> {
-        self.contact.request(&Request::Stage(config.clone())).await?;
-        let staged = |received| match received {
-            Received::Reply(Reply::Staged(answer)) => Some(answer),
-            _ => None,
-        };
-        let answer = self.contact.wait_for(patience.answer, "staged", staged).await?;
-        let node = self.contact.id();
-        let found = answer.map_err(|reason| HubError::NotStaged { node, reason }.on_reading(config))?;
-        let expected = config.checksum();
-        if found == expected { Ok(()) } else { Err(HubError::Checksum { node, expected, found }) }
+        self.contact.stage(config, patience.answer).await
     }
 
     async fn commit(&mut self, config: &NodeConfig, patience: Patience) -> Result<Commissioned, HubError> {

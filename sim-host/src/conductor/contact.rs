@@ -4,6 +4,7 @@ use super::deadline::Deadline;
 use super::task::{Action, Outside, Source};
 use super::{HubError, Line, Received};
 use funnelnet_protocol::Refusal;
+use funnelnet_protocol::config::NodeConfig;
 use funnelnet_protocol::serial::{self, HOST, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Identity, Reply, Request};
 use std::time::Duration;
@@ -243,6 +244,23 @@ impl Contact {
         pick: impl FnMut(Received) -> Option<T>,
     ) -> Result<T, HubError> {
         self.ask(&Request::Hello, (limit, ASK_AGAIN), "identity", pick).await
+    }
+
+    /// Has the node keep a configuration beside its own one, and compares the checksum of what it reads back.
+    ///
+    /// # Errors
+    /// It cannot, or it keeps another one; no answer within `limit`, the node is gone, or an interrupt.
+    pub(super) async fn stage(&mut self, config: &NodeConfig, limit: Duration) -> Result<(), HubError> {
+        self.request(&Request::Stage(config.clone())).await?;
+        let staged = |received| match received {
+            Received::Reply(Reply::Staged(answer)) => Some(answer),
+            _ => None,
+        };
+        let answer = self.wait_for(limit, "staged", staged).await?;
+        let node = self.id();
+        let found = answer.map_err(|reason| HubError::NotStaged { node, reason }.on_reading(config))?;
+        let expected = config.checksum();
+        if found == expected { Ok(()) } else { Err(HubError::Checksum { node, expected, found }) }
     }
 
     /// Sends a request that may be repeated, and sends it again where no answer comes: the line may have

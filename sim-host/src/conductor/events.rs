@@ -186,6 +186,11 @@ impl Conductor {
         let target = target(config.id);
         let start = Message::Ctrl { target, command: Command::Start, arg: 0, at_tick: JOIN };
         node.contact.write(&serial::encode(&start)).await?;
+        if let Some(commit) = node.commit.as_ref().filter(|commit| commit.is_lost()) {
+            // As in loopback it refuses a commit (`phase`): by now it knows no tick, so that it does so also where its
+            // storage still has what this program could not take from it.
+            node.contact.write(&serial::encode(&commit.message())).await?;
+        }
         node.begin_anew();
         self.hearing.forget(index);
         if node.listens_first() {
@@ -211,6 +216,7 @@ impl Conductor {
         self.later.retain(|later| later.node != index);
         let Some(node) = self.nodes.get_mut(index) else { return };
         (node.off, node.was_off) = (true, true);
+        node.lose_staged();
         (node.listens, node.shadow) = (false, None);
         let components = node.next_state.len();
         self.observations

@@ -26,6 +26,7 @@ impl Conductor {
                 }
             });
         }
+        self.ask_who_was_told().await?;
         self.listen_on_can().await?;
         Ok(reports)
     }

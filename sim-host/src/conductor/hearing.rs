@@ -32,6 +32,13 @@ impl Hearing {
         }
     }
 
+    /// A node was told something beside start and stop.
+    pub(super) fn command(&mut self, to: usize) {
+        if let Some((_, others)) = self.handed.get_mut(to) {
+            *others += 1;
+        }
+    }
+
     /// Forgets what was handed to a node before it came.
     pub(super) fn forget(&mut self, to: usize) {
         if let Some(handed) = self.handed.get_mut(to) {

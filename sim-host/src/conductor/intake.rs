@@ -20,6 +20,8 @@ impl Conductor {
                     return;
                 }
             }
+            // It runs, and says a state next.
+            Message::Fault { code: FaultCode::STARTS_ANEW, .. } => {}
             Message::Fault { code, severity, .. } => {
                 if let Some(node) = self.nodes.get_mut(index).filter(|_| severity == Severity::Stopped) {
                     // Only these faults are the outcome of a tick, which the node has seen as any other.
@@ -104,6 +106,9 @@ impl Conductor {
     /// it run again.
     pub(super) fn note_fault(&mut self, index: usize, fault: &Message, now: u64) {
         let Message::Fault { code, severity, arg, tick, .. } = *fault else { return };
+        if code == FaultCode::STARTS_ANEW {
+            return;
+        }
         let Some(node) = self.nodes.get_mut(index) else { return };
         let event = match severity {
             Severity::Stopped if node.stopped => return,

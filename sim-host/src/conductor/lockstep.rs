@@ -1,7 +1,7 @@
 //! Nodes that tick by SYNC, which this program says once all are through with the tick before.
 
 use super::deadline::{Deadline, ns};
-use super::on_can::FrameBytes;
+use super::on_can::{FrameBytes, is_fault};
 use super::shadow::Shadow;
 use super::task::Action;
 use super::{Conductor, HubError, Received, START, Stamps, measure, observation};
@@ -52,6 +52,7 @@ impl Conductor {
                     self.lose(index, error).await?;
                 }
             }
+            self.commit().await?;
         } else {
             self.note_presence();
         }
@@ -187,7 +188,7 @@ impl Conductor {
                 // A fault, which most often has been heard on the bus. A twin's state there may have been
                 // taken for the node's.
                 Received::Message(message) if node.on_can.is_some() => {
-                    if matches!(message, Message::Fault { .. }) && !node.stopped {
+                    if is_fault(&Received::Message(message)).is_some() && !node.stopped {
                         self.take_message(index, message, now);
                     }
                 }

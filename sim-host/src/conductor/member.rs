@@ -1,6 +1,7 @@
 //! One node of the network.
 
 use super::absence::Away;
+use super::commits::Commit;
 use super::contact::{Contact, Seat, TIMES};
 use super::shadow::Shadow;
 use super::task::Outside;
@@ -17,8 +18,10 @@ pub(super) struct Member {
     pub(super) contact: Contact,
     uid: Option<u64>,
     pub(super) identity: Option<Identity>,
-    /// What it is told before the run.
+    /// What it is told before the run; once it has adopted another one, that.
     pub(super) config: NodeConfig,
+    /// What it adopts while it runs, if anything.
+    pub(super) commit: Option<Commit>,
     /// Set while it is lost and the others go on.
     pub(super) away: Option<Away>,
     /// An event keeps it off.
@@ -59,6 +62,7 @@ impl Member {
             uid,
             identity: None,
             config: config.clone(),
+            commit: None,
             away: None,
             off: false,
             was_off: false,
@@ -109,6 +113,13 @@ impl Member {
     /// The unique number that its chip must have.
     pub(super) fn uid(&self) -> Option<u64> {
         self.uid
+    }
+
+    /// Takes note that it is off or lost, and with it what was staged in it.
+    pub(super) fn lose_staged(&mut self) {
+        if let Some(commit) = &mut self.commit {
+            commit.lose();
+        }
     }
 
     /// What is known of it at a tick of which it has said nothing.

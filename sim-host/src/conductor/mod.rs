@@ -11,6 +11,7 @@
 mod absence;
 mod claims;
 mod commission;
+mod commits;
 mod contact;
 mod deadline;
 mod doubles;
@@ -38,6 +39,7 @@ pub(crate) mod watch;
 
 pub use absence::{Absence, OnLoss};
 pub use commission::{Commission, Commissioned, Failed, Known};
+pub use commits::Staged;
 pub use contact::{Contact, Seat};
 pub use error::HubError;
 pub use halt::Halted;
@@ -116,6 +118,8 @@ pub struct Conductor {
     patience: Patience,
     on_loss: OnLoss,
     absences: Vec<Absence>,
+    /// Indices of nodes that have lost what was staged in them before they were told to adopt it.
+    missed_commits: Vec<usize>,
     tick_ns: u64,
     /// Tick that comes next.
     tick: u32,
@@ -160,6 +164,7 @@ impl Conductor {
             patience,
             on_loss: OnLoss::default(),
             absences: Vec::new(),
+            missed_commits: Vec::new(),
             tick_ns: configs.first().map_or(0, NodeConfig::period_ns),
             tick: 0,
             begin: 0,

@@ -11,7 +11,7 @@ use super::task::{Action, Outside, Source};
 use super::{Conductor, HubError, Received};
 use crate::bus::links::{Payload, flip_bit};
 use crate::can::{AnyFormat, Heard, PortFrame, Traffic};
-use funnelnet_protocol::message::{Message, NodeId};
+use funnelnet_protocol::message::{FaultCode, Message, NodeId};
 use funnelnet_protocol::serial::{self, Frame};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -353,8 +353,10 @@ fn component(message: &Message) -> Option<u8> {
     }
 }
 
-fn is_fault(received: &Received) -> Option<Message> {
+/// A fault that a node on CAN may say on its line alone. That it starts anew is said right before a state, which is on its bus.
+pub(super) fn is_fault(received: &Received) -> Option<Message> {
     match received {
+        Received::Message(Message::Fault { code: FaultCode::STARTS_ANEW, .. }) => None,
         Received::Message(message @ Message::Fault { .. }) => Some(*message),
         _ => None,
     }

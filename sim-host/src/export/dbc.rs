@@ -155,7 +155,7 @@ fn sync(master: Option<NodeId>) -> Frame {
 }
 
 fn fault(node: NodeId) -> Frame {
-    let codes = (1..=FaultCode::LEAVES.0).map(|code| (code, FaultCode(code).to_string()));
+    let codes = (1..=FaultCode::STARTS_ANEW.0).map(|code| (code, FaultCode(code).to_string()));
     let severities =
         [(0, "notice"), (1, "warning"), (2, "stopped")].map(|(value, name)| (value, name.to_owned()));
     Frame {

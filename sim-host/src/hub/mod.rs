@@ -14,7 +14,7 @@ mod update;
 
 pub use crate::conductor::{
     Absence, CanCounts, Commissioned, Contact, Failed, FrameBytes, Halted, HubError, Known, OnLoss, Patience,
-    Received, Relayed, Stamps, Updated,
+    Received, Relayed, Staged, Stamps, Updated,
 };
 pub use can::CanSide;
 pub use commission::Commissioning;
@@ -109,6 +109,11 @@ impl Hub {
         Self { conductor: self.conductor.with_events(scene, lies), ..self }
     }
 
+    /// With configurations that nodes adopt while they run, by index.
+    pub fn with_staged(self, staged: Vec<Option<Staged>>) -> Self {
+        Self { conductor: self.conductor.with_staged(staged), ..self }
+    }
+
     /// What to do when a node is lost from now on.
     pub fn with_loss(self, on_loss: OnLoss) -> Self {
         Self { conductor: self.conductor.with_loss(on_loss), ..self }
@@ -133,11 +138,12 @@ impl Hub {
         Self { conductor, outlets }
     }
 
-    /// Starts all nodes, and in lockstep takes their announced initial states.
+    /// Stages what nodes adopt while they run, starts all of them, and in lockstep takes their announced initial states.
     ///
     /// # Errors
-    /// A node that does not answer or dies.
+    /// A node that does not stage what it is given, does not answer or dies.
     pub fn start(&mut self) -> Result<(), HubError> {
+        self.run(Conductor::stage)?;
         if self.conductor.has_own_clock() {
             self.outlets.start_readers().map_err(|error| self.explain(error))?;
         }

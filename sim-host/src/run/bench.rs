@@ -2,15 +2,17 @@
 
 use super::bench_buses::Logged;
 use super::error::RunError;
-use super::fidelity::{LOCKSTEP, can_engine, lockstep, needs_no_can};
+use super::fidelity::{LOCKSTEP, can_engine, lockstep, needs_no_can, staged};
 use super::makes::{Reach, Skipped};
 use super::network::Network;
 use super::options::{RunOptions, Verbosity};
 use super::outcome::Outcome;
 use super::own_clock;
 use super::rows::Rows;
-use crate::bench::{BenchFile, Clock, Comparison, Difference, Skew, Stampings, Wire, attach, can_sides};
-use crate::conductor::Conductor;
+use crate::bench::{
+    BenchFile, BenchNode, Clock, Comparison, Difference, Skew, Stampings, Where, Wire, attach, can_sides,
+};
+use crate::conductor::{Conductor, Staged};
 use crate::configure::node_configs;
 use crate::engine::Lies;
 use crate::hub::{Absence, CanCounts, Contact, Hub};
@@ -18,7 +20,7 @@ use crate::judge::AbsenceSummary;
 use crate::loopback::{engine, ideal_bus_between};
 use crate::noise::Noise;
 use crate::record::{BenchNodeSummary, BenchSummary, BusSummary, CanSummary, PerInterface, WiresSummary};
-use crate::scenario::{BusModel, ClockSpec, Scenario, SyncSpec};
+use crate::scenario::{BusModel, ClockSpec, EventKind, Scenario, SyncSpec};
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::service::Identity;
 use std::collections::BTreeSet;
@@ -40,10 +42,14 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     // A file without events has no time to recover in.
     let no_recovery = made.is_empty() && expect.recovered_within_ns.take().is_some();
     let without = scenario.without_events();
-    let scenario = &Scenario { events: made, clocks: Vec::new(), sync: None, expect, ..without };
+    // Events of this kind are made together.
+    let sets = made.iter().any(|event| event.kind == EventKind::Set);
+    let staged = if sets { scenario.staged.clone() } else { Vec::new() };
+    let scenario = &Scenario { events: made, staged, clocks: Vec::new(), sync: None, expect, ..without };
     let no_recovery = tell_no_recovery(no_recovery, options);
     file.covers(scenario).map_err(RunError::bad_input)?;
     let configs = configs(scenario, sync.as_ref(), file)?;
+    let staged = staged_beside(scenario, file, &configs)?;
     let comparison = match scenario.bus.model {
         BusModel::Can => Comparison::new(can_engine(scenario)?),
         _ => Comparison::new(engine(scenario)?),
@@ -64,7 +70,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) -> Re
     let bus = ideal_bus_between(scenario, |from, to| !file.is_wired(id(from), id(to)));
     let hub = Hub::new(attached, &configs, bus, file.patience())?;
     let hub = if wired > 0 { hub.with_wires(file.settle) } else { hub };
-    let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss);
+    let hub = hub.with_noise(Noise::of(scenario)).with_loss(file.on_loss).with_staged(staged);
     let hub = hub.with_events(reach.scene(scenario), Lies::of(scenario));
     let interfaces = file.interfaces(&ids);
     let hub = hub.with_can(can, |index| {
@@ -164,7 +170,15 @@ fn reach(scenario: &Scenario, file: &BenchFile) -> Reach {
         has_masters: file.clock == Clock::Own && scenario.sync.is_some(),
         on_can: (0..scenario.nodes.len()).filter(is_on_can).collect(),
         wires: edges.filter(|&(a, b)| file.is_wired(id(a), id(b))).collect(),
+        forgetful: (0..scenario.nodes.len())
+            .filter(|&index| file.node(id(index)).is_some_and(forgets))
+            .collect(),
     }
+}
+
+/// Whether a node is known to keep nothing that is staged in it.
+fn forgets(node: &BenchNode) -> bool {
+    matches!(node.at, Where::Host) && node.storage.is_none()
 }
 
 /// The keys of clocks that are not done, where a scenario has them: nodes of a bench have the clocks that they have, and
@@ -267,6 +281,25 @@ fn configs(
         return Ok(configs);
     }
     lockstep_configs(scenario, file)
+}
+
+/// What events stage in the nodes, by index. What a bench tells its nodes beside the scenario holds there, too.
+fn staged_beside(
+    scenario: &Scenario,
+    file: &BenchFile,
+    configs: &[NodeConfig],
+) -> Result<Vec<Option<Staged>>, RunError> {
+    let drive = if file.clock == Clock::Own { own_clock::DRIVE } else { LOCKSTEP };
+    let mut staged = staged(scenario, drive)?;
+    for (Staged { config: next, .. }, now) in
+        staged.iter_mut().zip(configs).filter_map(|(staged, now)| Some((staged.as_mut()?, now)))
+    {
+        next.holdover_ns = now.holdover_ns;
+        next.lost_neighbours = now.lost_neighbours;
+        next.extrapolate_ticks = now.extrapolate_ticks;
+        next.time = now.time;
+    }
+    Ok(staged)
 }
 
 /// The same for nodes that tick by this program's clock.

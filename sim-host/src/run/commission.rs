@@ -2,7 +2,7 @@
 
 use super::error::RunError;
 use super::options::RunOptions;
-use crate::bench::{BenchFile, Clock, attach};
+use crate::bench::{BenchFile, Clock, Where, attach};
 use crate::configure::{Drive, node_configs};
 use crate::hub::{Commissioned, Commissioning, Failed, Known};
 use crate::scenario::Scenario;
@@ -24,8 +24,20 @@ pub fn commission(scenario: &Scenario, options: &RunOptions) -> Result<Vec<Commi
     let configs = node_configs(scenario, Drive { tick_source, telemetry_every: 0, is_simulated: false })
         .map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
+    refuse_emulators(file, &ids)?;
     let nodes = meet(file, &ids, options).and_then(|nodes| nodes.commission(&configs));
     nodes.map_err(|failed| told(failed, "committed", "`bench --list` shows each checksum"))
+}
+
+/// An emulator has a storage that ends with it, and it ends with this program.
+fn refuse_emulators(file: &BenchFile, ids: &[u8]) -> Result<(), RunError> {
+    let is_emulator = |id: &&u8| file.node(**id).is_some_and(|node| node.at == Where::Emulator);
+    match ids.iter().find(is_emulator) {
+        None => Ok(()),
+        Some(id) => Err(RunError::bad_input(format!(
+            "node {id} is an emulator, which keeps nothing once this program has ended: commission boards and processes"
+        ))),
+    }
 }
 
 /// Makes the nodes of `options.bench` blank at their next start.

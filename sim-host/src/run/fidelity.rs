@@ -11,7 +11,8 @@ use crate::bus::can::CanBus;
 use crate::bus::table::{BusTable, BusTables};
 use crate::bus::{Medium, SIMULATED, Traffic};
 use crate::central::Central;
-use crate::configure::{Drive, central_configs, node_configs};
+use crate::conductor::Staged;
+use crate::configure::{Drive, central_configs, node_configs, staged_configs};
 use crate::emulator;
 use crate::engine::{Engine, Lies};
 use crate::hub::Hub;
@@ -21,9 +22,10 @@ use crate::loopback::{
 };
 use crate::noise::Noise;
 use crate::record::{BusSummary, ClockSummary};
-use crate::scenario::{BusModel, Coupling, Scenario};
+use crate::scenario::{self, BusModel, Coupling, Scenario};
 use funnelnet_law::field::VectorField;
 use funnelnet_link::{Classic, Fd};
+use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::Refusal;
 use funnelnet_protocol::config::TickSource;
 use funnelnet_protocol::report::Report;
@@ -224,10 +226,21 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();
     let attached = emulator::attach(&ids, &options.emulator())?;
     let hub = Hub::new(attached, &configs, ideal_bus(scenario), emulator::PATIENCE)?;
-    let hub = hub.with_noise(Noise::of(scenario));
+    let hub = hub.with_noise(Noise::of(scenario)).with_staged(staged(scenario, LOCKSTEP)?);
     let mut hub = hub.with_events(reach.scene(scenario), Lies::of(scenario));
     let outcome = lockstep("emulator", (scenario, options), &mut hub, rows, |_, _| Ok(()))?;
     Ok(Outcome { logs: hub.into_logs(), ..outcome })
+}
+
+/// What events stage in the nodes, by index.
+pub(super) fn staged(scenario: &Scenario, drive: Drive) -> Result<Vec<Option<Staged>>, RunError> {
+    let configs = staged_configs(scenario, drive).map_err(RunError::bad_input)?.unwrap_or_default();
+    let of_node = |(config, staged): (NodeConfig, &Option<scenario::Staged>)| {
+        // A run has as many ticks as a node counts.
+        let tick = u32::try_from(staged.as_ref()?.tick).ok()?;
+        Some(Staged { tick, config })
+    };
+    Ok(configs.into_iter().zip(&scenario.staged).map(of_node).collect())
 }
 
 /// Runs a network tick by tick; `each` sees the hub after every tick. However nodes fail once there is a
@@ -244,7 +257,9 @@ pub(super) fn lockstep(
     hub.tell(&mut log);
     let (events, more_events) = log.finish();
     let happened = scenario.events.clone();
-    Ok(Outcome { events, more_events, happened, ..with_words_of(hub, closed, outcome) })
+    let mut outcome = with_words_of(hub, closed, outcome);
+    outcome.contradictions.extend(missed(scenario, hub.conductor().missed_commits()));
+    Ok(Outcome { events, more_events, happened, ..outcome })
 }
 
 /// The reports of all nodes, by index, and why the run has ended where it has done so early: with this error

@@ -19,6 +19,8 @@ pub(super) struct Reach {
     pub on_can: BTreeSet<usize>,
     /// Lines from node to node, the lower index first.
     pub wires: BTreeSet<(usize, usize)>,
+    /// Nodes that are known to keep nothing that is staged in them.
+    pub forgetful: BTreeSet<usize>,
 }
 
 /// An event that is not made.
@@ -39,6 +41,7 @@ impl Reach {
             scenario.events.iter().map(|event| self.why_not(event, scenario)).collect();
         leave_nodes_whole(&scenario.events, &mut why);
         leave_links_whole(scenario, &mut why);
+        leave_sets_whole(&scenario.events, &mut why);
         let (mut made, mut skipped) = (Vec::new(), Vec::new());
         for (event, why) in scenario.events.iter().cloned().zip(why) {
             match why {
@@ -95,7 +98,17 @@ impl Reach {
                 Some("it happens to the wire of a bus, which this program does not have in its hands")
             }
             EventKind::Sensor | EventKind::Actuator => Some("it happens in the node"),
-            EventKind::Set => Some("nodes are configured once, before the start, so far"),
+            EventKind::Set => self.is_forgotten(event).then_some(
+                "a process without storage keeps nothing that is staged in it: give it storage = \"FILE\" in the bench file",
+            ),
+        }
+    }
+
+    /// Whether a node that it sets something on has nothing to keep that in until the tick.
+    fn is_forgotten(&self, event: &EventSpec) -> bool {
+        match &event.targets {
+            Targets::AllNodes => !self.forgetful.is_empty(),
+            targets => targets.nodes().iter().any(|node| self.forgetful.contains(node)),
         }
     }
 
@@ -150,6 +163,19 @@ fn leave_nodes_whole(events: &[EventSpec], why: &mut [Option<&'static str>]) {
         }
         if skipped.len() == before {
             return;
+        }
+    }
+}
+
+/// What is set at one tick makes one configuration of each node, and what is judged is that of all of them.
+fn leave_sets_whole(events: &[EventSpec], why: &mut [Option<&'static str>]) {
+    let sets = || events.iter().enumerate().filter(|(_, event)| event.kind == EventKind::Set);
+    if sets().all(|(index, _)| why.get(index).is_none_or(Option::is_none)) {
+        return;
+    }
+    for (index, _) in sets() {
+        if let Some(why @ None) = why.get_mut(index) {
+            *why = Some("another event that sets something is skipped");
         }
     }
 }
@@ -230,6 +256,23 @@ mod tests {
         // The one whose name it is, and a neighbour.
         assert!(made(&[2]).is_empty() && made(&[1]).is_empty() && made(&[0]).is_empty());
         assert_eq!(made(&[3]), ["impostor"]);
+    }
+
+    #[test]
+    fn what_is_set_is_made_together_and_not_on_nodes_without_storage() {
+        let set = |at: &str, rest: &str| {
+            format!("{{ at = '{at}', kind = 'set', key = 'coupling.funnel.width', value = 1.0{rest} }}")
+        };
+        let reach = Reach { forgetful: [1].into(), ..Reach::default() };
+        let all_kinds = |reach: &Reach, events: &[String]| kinds(reach, &events.join(", "));
+        let (one, other) = (set("1ms", ", nodes = [1, 3]"), set("2ms", ", node = 2"));
+        assert_eq!(all_kinds(&reach, std::slice::from_ref(&one)).0, ["set"]);
+        assert_eq!(all_kinds(&reach, &[one, other]).1, ["set", "set"]);
+        assert_eq!(all_kinds(&reach, &[set("1ms", "")]).1, ["set"]);
+        // On CAN, on wires and with clocks of their own, too.
+        let anywhere =
+            Reach { own_clock: true, on_can: [1, 2].into(), wires: [(3, 4)].into(), ..Reach::default() };
+        assert_eq!(all_kinds(&anywhere, &[set("1ms", "")]).0, ["set"]);
     }
 
     #[test]

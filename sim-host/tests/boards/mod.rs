@@ -14,7 +14,7 @@ use funnelnet_node::{Phase, Session, Task};
 use funnelnet_plant::Virtual;
 use funnelnet_protocol::NodeConfig;
 use funnelnet_protocol::WIRE_VERSION;
-use funnelnet_protocol::message::Message;
+use funnelnet_protocol::message::{Command, Message};
 use funnelnet_protocol::serial::{self, Deframer, Frame, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Identity, Reply, StoreError};
 use rustix::fs::OFlags;
@@ -96,6 +96,32 @@ impl Board {
         let identity =
             Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
         Self::play(identity, Part { lie: Box::new(lie), ..Part::honest() })
+    }
+
+    /// A board that keeps what is staged in it until it is told to commit that.
+    pub fn keeping(uid: u64) -> Self {
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
+        Self::play(identity, Part { keeps: true, ..Part::honest() })
+    }
+
+    /// The same that hears no commit, and says that it has what was staged in it.
+    pub fn pretending(uid: u64) -> Self {
+        let identity =
+            Identity { wire_version: WIRE_VERSION, firmware: [0, 1, 0], uid, ..Identity::default() };
+        let mut staged = None;
+        let lie = move |said| match said {
+            Says::Reply(id, Reply::Staged(Ok(checksum))) => {
+                staged = Some(checksum);
+                vec![Says::Reply(id, Reply::Staged(Ok(checksum)))]
+            }
+            Says::Reply(id, Reply::Identity(identity)) => {
+                let checksum = staged.unwrap_or(identity.checksum);
+                vec![Says::Reply(id, Reply::Identity(Identity { checksum, ..identity }))]
+            }
+            said => vec![said],
+        };
+        Self::play(identity, Part { keeps: true, hears_commits: false, lie: Box::new(lie), ..Part::honest() })
     }
 
     /// A board whose node hears no state.
@@ -180,11 +206,21 @@ struct Part {
     script: Script,
     lie: Lie,
     deaf: bool,
+    /// It has a storage for what is staged; without, it says nothing any more once it is asked to keep something.
+    keeps: bool,
+    hears_commits: bool,
 }
 
 impl Part {
     fn honest() -> Self {
-        Self { rate: 1.0, script: Box::new(|_| Act::Send), lie: Box::new(|said| vec![said]), deaf: false }
+        Self {
+            rate: 1.0,
+            script: Box::new(|_| Act::Send),
+            lie: Box::new(|said| vec![said]),
+            deaf: false,
+            keeps: false,
+            hears_commits: true,
+        }
     }
 }
 
@@ -219,18 +255,29 @@ impl Clock for BoardClock {
     }
 }
 
-/// A storage that is never done: a board that is asked for it says nothing any more.
-struct Stuck;
+/// A storage for what is staged, or one that is never done.
+struct PlayedStorage {
+    keeps: bool,
+    staged: Option<NodeConfig>,
+}
 
-impl Storage for Stuck {
+impl Storage for PlayedStorage {
     async fn load(&mut self, _: &mut Option<NodeConfig>) {}
 
     async fn has_key(&mut self) -> bool {
         false
     }
 
-    async fn perform(&mut self, _: Task<'_>) -> Result<u32, StoreError> {
-        pending().await
+    async fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
+        if !self.keeps {
+            return pending().await;
+        }
+        match task {
+            Task::Stage(config) => self.staged = Some(config.clone()),
+            Task::Commit(room) => *room = self.staged.take(),
+            Task::Store(_) | Task::Erase | Task::Key(..) => return Err(StoreError::Absent),
+        }
+        Ok(1)
     }
 }
 
@@ -242,7 +289,7 @@ impl Played {
         let platform = Platform { watchdog: watchdog::Absent, clock, log: () };
         let quit = self.quit.clone();
         {
-            let mut storage = Stuck;
+            let mut storage = PlayedStorage { keeps: self.part.keeps, staged: None };
             let mut app = App::new(&mut session, self, &mut storage, Virtual, platform);
             let mut node = pin!(app.run());
             while !quit.load(Ordering::Relaxed) {
@@ -325,7 +372,13 @@ impl Link for Played {
         while let Some(byte) = self.unread.next().map(|at| self.bytes[at]) {
             if byte == 0 {
                 let frame = self.deframer.push(byte)?;
-                let unheard = self.part.deaf && matches!(frame, Ok(Frame::RealTime(Message::State { .. })));
+                let unheard = match &frame {
+                    Ok(Frame::RealTime(Message::State { .. })) => self.part.deaf,
+                    Ok(Frame::RealTime(Message::Ctrl { command: Command::Commit, .. })) => {
+                        !self.part.hears_commits
+                    }
+                    _ => false,
+                };
                 return (!unheard).then_some(Input::Frame(frame));
             }
             let _ = self.deframer.push(byte);

@@ -82,11 +82,11 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
     })
 }
 
-/// What there is to say of a node that is off for no longer than its neighbours extrapolate it: they do not see that it
-/// has started anew, and it may come back too far from where it was.
+/// What there is to say of a node that is off for no longer than its neighbours extrapolate it. It says that it starts anew;
+/// a neighbour to which that frame does not come holds its state against what it was, from which it may be too far.
 fn short_restart(scenario: &Scenario) -> Option<String> {
     let safety = scenario.safety;
-    if safety.heard_rate.is_none() || safety.drop_after == 0 {
+    if safety.heard_rate.is_none() || safety.drop_after == 0 || !loses_frames(scenario) {
         return None;
     }
     let longest = u64::from(Bounds::of(scenario).extrapolate);
@@ -102,11 +102,19 @@ fn short_restart(scenario: &Scenario) -> Option<String> {
     };
     let (id, at_ns, ticks) = steps.iter().enumerate().find_map(restart)?;
     Some(format!(
-        "node {id} is off for {} at {}, and its neighbours extrapolate it for {longest}: they do not see that it has started \
-         anew, and where it comes back far from where it was they drop its edges, to the end if it is not off again for \
+        "node {id} is off for {} at {}, and its neighbours extrapolate it for {longest}. Where the frame is lost by which it says \
+         that it starts anew, and it comes back far from where it was, they drop its edges, to the end if it is not off again for \
          longer; let it be off for more than {}",
         plural(ticks as usize, "tick"),
         format_duration(at_ns),
         plural(longest as usize, "tick")
     ))
+}
+
+/// Whether a frame may not come, beside what events do.
+fn loses_frames(scenario: &Scenario) -> bool {
+    let bus = &scenario.bus;
+    let of_links =
+        scenario.links.iter().any(|link| !link.settings.loss.is_none() || link.settings.corrupt > 0.0);
+    !bus.loss.is_none() || of_links
 }

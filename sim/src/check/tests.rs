@@ -114,7 +114,7 @@ fn a_restart_that_neighbours_do_not_see_is_warned_of() {
         let text = format!("{PAIR}{events}");
         check(&Scenario::parse(&text, Path::new("pair.toml"), &overrides).unwrap())
     };
-    let rate = ["safety.heard_rate=40", "coupling.u_max=20"];
+    let rate = ["safety.heard_rate=40", "coupling.u_max=20", "bus.loss=0.01"];
     let status = |events: &str| find(&of(events, &rate), "heard").status;
     let event = |at: &str, rest: &str| format!("[[event]]\nat = '{at}'\nnode = 1\nkind = {rest}\n");
     let ticks = value(&of(&event("1s", "'bounce'\nfor = '5ms'"), &rate), "bounds", "extrapolate_ticks");
@@ -129,13 +129,15 @@ fn a_restart_that_neighbours_do_not_see_is_warned_of() {
     let advice = &find(&report, "heard").advice.as_ref().unwrap().text;
     assert!(advice.starts_with("node 1 is off for 5 ticks at 1s, "), "{advice}");
     assert!(advice.ends_with(&format!("for more than {ticks} ticks")), "{advice}");
+    // It says that it starts anew, and that comes to all.
+    assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &rate[..2]), "heard").status, Status::Ok);
     // No edge is dropped, or nobody is known to be too fast.
-    let never = ["safety.heard_rate=40", "safety.drop_after=0", "coupling.u_max=20"];
+    let never = ["safety.heard_rate=40", "safety.drop_after=0", "coupling.u_max=20", "bus.loss=0.01"];
     assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &never), "heard").status, Status::Ok);
-    let alone = ["safety.heard_limit=50"];
+    let alone = ["safety.heard_limit=50", "bus.loss=0.01"];
     assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &alone), "heard").status, Status::Ok);
     // Nor where the motion is not known.
-    let edge = ["safety.heard_rate=40", "coupling.kind=edge-wise"];
+    let edge = ["safety.heard_rate=40", "coupling.kind=edge-wise", "bus.loss=0.01"];
     assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &edge), "heard").status, Status::Warn);
 }
 

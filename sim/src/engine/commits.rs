@@ -9,8 +9,8 @@ use funnelnet_protocol::config::EdgeConfig;
 use funnelnet_protocol::message::TickStamp;
 use funnelnet_protocol::refusal::Refusal;
 
-/// Ticks by which the commit comes before the tick that it names.
-const AHEAD: u32 = 8;
+/// Ticks by which a host tells a node to commit before the tick that it names.
+pub const TOLD_AHEAD: u32 = 8;
 
 /// What is staged in the nodes of an engine.
 pub struct Commits<V> {
@@ -82,7 +82,7 @@ impl<V: VectorField<f32> + Clone> Commits<V> {
     #[cold]
     pub(super) fn attend(&mut self, index: usize, node: &mut Node<f32, V>) -> (bool, Option<Node<f32, V>>) {
         let Some(Some(waiting)) = self.nodes.get_mut(index) else { return (false, None) };
-        let is_time = node.tick().saturating_add(AHEAD) >= waiting.tick;
+        let is_time = node.tick().saturating_add(TOLD_AHEAD) >= waiting.tick;
         if node.phase() != Phase::Running || waiting.phase == Stage::Over || !is_time {
             return (false, None);
         }

@@ -16,7 +16,7 @@ mod scene;
 mod world;
 
 pub use clocks::{Clocks, Skew, silences};
-pub use commits::Commits;
+pub use commits::{Commits, TOLD_AHEAD};
 pub use field::{Outside, SimField, SimNode, params, params_as};
 pub use lies::Lies;
 pub use own_field::{COAST_TICKS, setup as setup_of_own_field};
