@@ -320,7 +320,8 @@ fn died(node: usize) -> HubError {
 
 /// The conductor of a scenario whose nodes are in a world.
 pub fn conductor(scenario: &Scenario, drive: Drive, patience: Patience) -> Conductor {
-    conductor_of(scenario, &node_configs(scenario, drive).unwrap(), patience)
+    let conductor = conductor_of(scenario, &node_configs(scenario, drive).unwrap(), patience);
+    conductor.with_staged(staged(scenario, drive))
 }
 
 /// The same with these configurations.
@@ -337,7 +338,6 @@ pub fn conductor_of(scenario: &Scenario, configs: &[NodeConfig], patience: Patie
     let course = scenario.course().on_clock(&scenario.time);
     let scene = || Scene::new(&course, scenario.time.tick_ns, listeners(scenario));
     let conductor = Conductor::new(seats, configs, bus, patience).with_noise(Noise::of(scenario));
-    let conductor = conductor.with_staged(staged(scenario, drive));
     conductor.with_events((!scenario.stays_whole()).then(scene), Lies::of(scenario))
 }
 

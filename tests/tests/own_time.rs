@@ -2,8 +2,8 @@
 //! the firmware's sessions with clocks that drift.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
-use funnelnet_node::Phase;
 use funnelnet_node::time::Role;
+use funnelnet_node::{Event, Phase};
 use funnelnet_protocol::NodeId;
 use funnelnet_protocol::config::{TickSource, TimeRules};
 use sim_host::conductor::{Conductor, HubError, Patience, SyncCounts};
@@ -12,7 +12,7 @@ use sim_host::presence::Presence;
 use sim_host::scenario::Scenario;
 use std::path::Path;
 use std::time::Duration;
-use system_tests::world::{Peace, World, conductor_of};
+use system_tests::world::{Peace, World, conductor_of, staged};
 
 const OWN_CLOCK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 1, is_simulated: false };
 const PATIENCE: Patience = Patience { boot: Duration::from_secs(5), answer: Duration::from_millis(500) };
@@ -26,10 +26,10 @@ const RING: &str = "version = 1\ntime = { tick = '10ms', duration = '10min' }\ng
                     agent = { dynamics = { kind = 'affine', slope = -1.0, offset = 1.0 } }\n\
                     coupling = { kind = 'node-wise', gain = { kind = 'reciprocal', scale = 1.0 }, funnel = { kind = 'constant', width = 20.0 } }";
 
-fn ring(events: &str, masters: &[u8]) -> Scenario {
+fn ring(events: &str, masters: &[u8], keys: &str) -> Scenario {
     let sync =
         if masters.is_empty() { String::new() } else { format!("sync = {{ masters = {masters:?} }}\n") };
-    let text = format!("event = [{events}]\n{sync}{RING}");
+    let text = format!("event = [{events}]\n{sync}{RING}{keys}");
     Scenario::parse(&text, Path::new("ring.toml"), &[]).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
@@ -50,8 +50,22 @@ impl Bench {
         Self::of(world, (events, masters), |conductor| conductor)
     }
 
-    fn of(world: World, (events, masters): (&str, &[u8]), with: impl FnOnce(Conductor) -> Conductor) -> Self {
-        let scenario = ring(events, masters);
+    fn of(world: World, chosen: (&str, &[u8]), with: impl FnOnce(Conductor) -> Conductor) -> Self {
+        Self::all_of(world, chosen, "", with)
+    }
+
+    /// With more keys of the scenario.
+    fn limited(world: World, chosen: (&str, &[u8]), keys: &str) -> Self {
+        Self::all_of(world, chosen, keys, |conductor| conductor)
+    }
+
+    fn all_of(
+        world: World,
+        (events, masters): (&str, &[u8]),
+        keys: &str,
+        with: impl FnOnce(Conductor) -> Conductor,
+    ) -> Self {
+        let scenario = ring(events, masters, keys);
         let mut configs = node_configs(&scenario, OWN_CLOCK).unwrap();
         if !masters.is_empty() {
             let rules = TimeRules { period_us: 100_000, jitter_us: 2_000, ..TimeRules::NONE };
@@ -59,7 +73,12 @@ impl Bench {
             let rules = ids.fold(rules, TimeRules::with_master);
             configs.iter_mut().for_each(|config| config.time = rules);
         }
-        let conductor = with(conductor_of(&scenario, &configs, PATIENCE)).with_own_clock();
+        let mut staged = staged(&scenario, OWN_CLOCK);
+        staged.iter_mut().flatten().for_each(|staged| {
+            staged.config.time = configs.first().map_or(TimeRules::NONE, |config| config.time)
+        });
+        let conductor = conductor_of(&scenario, &configs, PATIENCE).with_staged(staged);
+        let conductor = with(conductor).with_own_clock();
         let silences = (0..NODES).map(|index| sim_host::engine::silences(&scenario, index)).collect();
         let conductor = if masters.is_empty() { conductor } else { conductor.with_sync(silences) };
         let mut bench = Self { conductor, world, ticks: 0, unrecorded: 0 };
@@ -249,4 +268,57 @@ fn on_a_bus_nodes_hear_the_master_themselves_and_the_host_carries_its_sync_to_li
     let ticks: Vec<_> =
         bench.world.boards().iter().map(|board| board.session().node().unwrap().tick()).collect();
     assert!(ticks.iter().all(|&tick| tick.abs_diff(ticks[0]) <= 1), "{ticks:?}");
+}
+
+/// What is set names a tick of the network's time, and leaves the rules of time as they are.
+#[test]
+fn what_is_set_is_adopted_at_one_tick_also_by_clocks_that_drift() {
+    let set = "{ at = '40s', kind = 'set', key = 'coupling.funnel.width', value = 5.0 }";
+    let mut bench = Bench::new(set, &[1]);
+    bench.run(3_999).unwrap();
+    let widths =
+        |bench: &Bench| -> Vec<f32> { bench.conductor.observations().iter().map(|seen| seen.psi).collect() };
+    assert_eq!(widths(&bench), [20.0; NODES]);
+    bench.run(4_010).unwrap();
+    assert_eq!(widths(&bench), [5.0; NODES]);
+    bench.run(6_000).unwrap();
+    bench.world.run(bench.conductor.finish()).unwrap();
+    let adopted =
+        bench.conductor.events().iter().filter(|event| event.event == Event::Adopted { tick: 4_000 });
+    assert_eq!(adopted.count(), NODES);
+    assert_eq!(bench.conductor.contradictions(), [""; 0]);
+    assert!(bench.skew() < 1_500_000, "{} ns", bench.skew());
+}
+
+/// With and without its power in the host's hands: a board's storage still has what was staged.
+#[test]
+fn a_node_that_was_off_before_what_is_set_has_missed_it() {
+    let events = "{ at = '10s', kind = 'bounce', node = 3, for = '1s' }, \
+                  { at = '40s', kind = 'set', key = 'coupling.funnel.width', value = 5.0 }";
+    for has_power in [true, false] {
+        let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+        world.has_power = has_power;
+        let mut bench = Bench::of(world, (events, &[1]), |conductor| conductor);
+        bench.run(6_000).unwrap();
+        assert_eq!(bench.presence(), [Presence::Ran; NODES]);
+        let widths: Vec<_> = bench.conductor.observations().iter().map(|seen| seen.psi).collect();
+        assert_eq!(widths, [5.0, 5.0, 20.0, 5.0], "{has_power}");
+        bench.world.run(bench.conductor.finish()).unwrap();
+        assert_eq!(bench.conductor.missed_commits(), [2], "{has_power}");
+    }
+}
+
+/// A node that comes says that it starts anew, which is not its end, and its neighbours bar nobody.
+#[test]
+fn where_what_is_heard_has_limits_a_node_that_comes_goes_on_after_it_has_said_so() {
+    let limits = "\nsafety = { heard_rate = 0.5, drop_after = 3 }";
+    let events = "{ at = '10s', kind = 'bounce', node = 3, for = '1s' }";
+    let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+    world.has_power = true;
+    let mut bench = Bench::limited(world, (events, &[1]), limits);
+    bench.run(6_000).unwrap();
+    assert_eq!(bench.presence(), [Presence::Ran; NODES]);
+    let nodes = bench.world.boards().iter().filter_map(|board| board.session().node());
+    assert_eq!(nodes.map(|node| node.counters().kept.barred).sum::<u32>(), 0);
+    assert_eq!(bench.conductor.contradictions(), [""; 0]);
 }
