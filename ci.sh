@@ -396,7 +396,7 @@ cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, p
 # The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus and on lines to each other, what can go wrong with emulators and benches, and emulated heaters
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin mps2_peers --bin selftest --bin heater_emulated
-    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test hour --test heaters --test lines -- --include-ignored
+    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test bench_sync --test hour --test heaters --test lines -- --include-ignored
 }
 
 cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits

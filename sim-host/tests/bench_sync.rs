@@ -12,11 +12,15 @@ use serde_json::Value;
 /// 380 ppm between two neighbours: in 20 s 7.6 ms, which is more than a tick.
 const DRIFTS: [f64; 3] = [0.0, 190.0, -190.0];
 
+/// None stops for neighbours that a busy computer is late with.
+const BUSY: &str = "[safety]\nlost_neighbours = 3\n";
+
 fn processes(drifts: &[f64], sync: &str, events: &str, duration: &str) -> Bench {
     let scenario = SCENARIO.replace(
         "tick = \"1ms\"\nduration = \"200ms\"",
         &format!("tick = \"5ms\"\nduration = \"{duration}\""),
-    ) + sync
+    ) + BUSY
+        + sync
         + events;
     assert!(scenario.contains("\"5ms\""));
     let entry = |drift: &f64| format!("host = true\ndrift_ppm = {drift:?}");
@@ -112,9 +116,10 @@ fn boards_behind_serial_lines_keep_one_time_and_stop_with_their_run() {
     let boards = [Board::good(1), Board::with_clock(2, 1.000_15), Board::with_clock(3, 0.999_85)];
     let bench = Bench::of(&boards.each_ref()).with("clock = \"own\"").patient();
     let path = bench.path("scenario.toml");
-    let text = std::fs::read_to_string(&path).unwrap() + "[sync]\nmasters = [1, 3]\nperiod = \"200ms\"\n";
+    let text =
+        std::fs::read_to_string(&path).unwrap() + BUSY + "[sync]\nmasters = [1, 3]\nperiod = \"200ms\"\n";
     std::fs::write(path, text).unwrap();
-    let ended = bench.run(&["--set", "time.tick=10ms", "--set", "time.duration=10s"]);
+    let ended = bench.run(&["--set", "time.tick=20ms", "--set", "time.duration=10s"]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let clocks = own_clock(&bench);
     assert!(clocks["sync"]["frames"].as_u64().unwrap() >= 50, "{clocks}");
@@ -130,4 +135,29 @@ fn where_the_host_ticks_sync_of_masters_is_skipped_and_the_run_is_lockstep() {
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
     assert!(ended.err.contains("skipped: clock, sync"), "{}", ended.err);
+}
+
+/// The firmware's image, whose clock is the computer's: it leads, follows, and learns the tick after a restart.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn emulated_boards_follow_a_time_master_and_one_that_restarts_learns_the_tick() {
+    let events = "[[event]]\nat = \"3s\"\nkind = \"bounce\"\nnode = 3\nfor = \"1s\"\n";
+    let scenario = SCENARIO
+        .replace("tick = \"1ms\"\nduration = \"200ms\"", "tick = \"20ms\"\nduration = \"10s\"")
+        .replace("[expect]\nfunnel_ratio = 1.0\n", "")
+        + BUSY
+        + "[sync]\nmasters = [1]\n"
+        + events;
+    let bench =
+        Bench::new(&scenario, &vec!["emulator = true".to_owned(); 3]).with("clock = \"own\"").patient();
+    let ended = bench.run(&[]);
+    let summary = bench.summary();
+    assert_eq!(summary["ended_early"], Value::Null, "{}", ended.err);
+    assert_eq!(
+        (&summary["stopped"], &summary["bench"]["skipped"]),
+        (&serde_json::json!([]), &serde_json::json!([]))
+    );
+    let clocks = own_clock(&bench);
+    assert!(clocks["sync"]["frames"].as_u64().unwrap() >= 90, "{clocks}");
+    assert!(clocks["end_skew_s"].as_f64().unwrap() < 0.02, "{clocks}");
 }

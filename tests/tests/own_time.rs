@@ -83,6 +83,7 @@ impl Bench {
         let conductor = if masters.is_empty() { conductor } else { conductor.with_sync(silences) };
         let mut bench = Self { conductor, world, ticks: 0, unrecorded: 0 };
         bench.world.run(bench.conductor.meet()).unwrap();
+        bench.world.run(bench.conductor.stage()).unwrap();
         bench.world.run(bench.conductor.start()).unwrap();
         bench
     }
