@@ -309,10 +309,10 @@ fn a_node_that_was_off_before_what_is_set_has_missed_it() {
     }
 }
 
-/// A node that comes says that it starts anew, which is not its end, and its neighbours bar nobody.
+/// A node that comes says that it starts anew, which is not its end. Fields change states by at most 1 unit/s here.
 #[test]
 fn where_what_is_heard_has_limits_a_node_that_comes_goes_on_after_it_has_said_so() {
-    let limits = "\nsafety = { heard_rate = 0.5, drop_after = 3 }";
+    let limits = "\nsafety = { heard_rate = 2.0, drop_after = 3 }";
     let events = "{ at = '10s', kind = 'bounce', node = 3, for = '1s' }";
     let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
     world.has_power = true;
