@@ -78,6 +78,13 @@ fn what_nodes_are_given_survives_their_restart() {
     assert!(fourth.iter().all(|(was, _)| was == "blank"), "{fourth:?}");
 }
 
+/// What one keeps ends with it, which is when this program ends.
+#[test]
+fn an_emulator_is_not_commissioned() {
+    let bench = Bench::new(SCENARIO, &["host = true", "emulator = true", "host = true"].map(str::to_owned));
+    store(&bench, &[]).failed(2, &["node 2 is an emulator, which keeps nothing once this program has ended"]);
+}
+
 #[test]
 fn where_one_cannot_store_none_is_changed() {
     let bench = three_with_storages();

@@ -163,6 +163,17 @@ fn also_with_events_of_nodes() {
     assert_eq!(starts, [2, 2, 2, 1, 2], "{:?}", emulator.logs);
 }
 
+/// Off for less than they are extrapolated, with limits of what is heard: they say that they start anew, and nobody bars them.
+#[test]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+fn also_where_nodes_that_are_off_for_a_moment_say_that_they_start_anew() {
+    let events =
+        "{at='150ms',kind='bounce',node=3,for='20ms'},{at='300.5ms',kind='bounce',nodes=[1,4],for='5ms'}";
+    let emulator = assert_parity_with(events, &["safety.heard_rate=60", "coupling.u_max=20"]);
+    assert!(emulator.counters.iter().all(|counters| counters.kept.edges == 0), "{:?}", emulator.counters);
+    assert!(emulator.counters.iter().any(|counters| counters.neighbours_lost > 0), "{:?}", emulator.counters);
+}
+
 /// An emulator has a storage for as long as it runs: one that is bounced has lost what was staged in it, and is given what it has adopted.
 #[test]
 #[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
