@@ -1,23 +1,27 @@
 //! What must be so of every run.
 
+mod clocks;
+mod commits;
+mod frames;
+mod heard;
+mod inputs;
+mod model;
+mod recovery;
+
 use super::World;
+use frames::Counting;
 use funnelnet_link::{Classic, Fd};
-use funnelnet_protocol::message::Message;
-use funnelnet_protocol::refusal::Refusal;
-use sim_host::bus::{Medium, Power, Stamp, Traffic};
-use sim_host::check::{self, Status};
-use sim_host::configure::listeners;
+use heard::Heard;
+use sim_host::bus::Medium;
+use sim_host::check::{self, Report, Status};
 use sim_host::engine::Engine;
 use sim_host::judge::{Judge, Moment};
 use sim_host::loopback::{self, can_bus, engine_on, ideal_bus, uart_bus};
 use sim_host::presence::Presence;
-use sim_host::scenario::{BusModel, EventKind, Scenario};
+use sim_host::scenario::{BusModel, BusSpec, FloorSpec, Scenario};
 use std::fmt;
 
-/// Time after the last event until all are to be inside, ns: a node that comes may wait for half a second before it speaks.
-const RECOVERY_NS: u64 = 700_000_000;
-
-/// What is not as it must be.
+/// What is not as it must be. Nodes are by index.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Broken {
     /// A network cannot be made of what the reader takes.
@@ -32,8 +36,22 @@ pub enum Broken {
     NotTheSame,
     /// `check` promised that the funnel is kept; the largest ratio.
     Promise(f64),
-    /// Somebody is outside long after the last event; the tick and the node's index.
+    /// `check` has followed the law to this largest ratio, and the run has another one.
+    Foretold(f64, f64),
+    /// Somebody is outside long after the last event; the tick and the node.
     Outside(u64, usize),
+    /// An input is beyond its bound: the tick, the node, the input.
+    Input(u64, usize, f64),
+    /// A node does not take what an honest neighbour says: the tick, the node, the neighbour.
+    Wronged(u64, usize, usize),
+    /// A lie that is beyond the limits has not cost its edge: the tick, the node, the liar.
+    Unnoticed(u64, usize, usize),
+    /// A neighbour that has started anew is still barred at the end: the node, the neighbour.
+    StillBarred(usize, usize),
+    /// A node has not adopted what was staged in it, or has adopted what it cannot have.
+    Adopted(usize),
+    /// Clocks that a time master keeps are so far apart, ns.
+    Apart(u64),
 }
 
 impl Broken {
@@ -46,18 +64,48 @@ impl Broken {
 
 impl fmt::Display for Broken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let id = |node: &usize| node + 1;
         match self {
             Self::Refused(why) => write!(f, "no network: {why}"),
             Self::Short(tick) => write!(f, "the run ends at tick {tick}"),
-            Self::NotFinite(tick, node) => write!(f, "tick {tick}: node {} is no number", node + 1),
+            Self::NotFinite(tick, node) => write!(f, "tick {tick}: node {} is no number", id(node)),
             Self::Frames(due, came) => write!(f, "{due} frames were to arrive, {came} did"),
             Self::NotTheSame => f.write_str("two runs differ"),
             Self::Promise(ratio) => {
                 write!(f, "check promised that the funnel is kept; the largest ratio is {ratio}")
             }
-            Self::Outside(tick, node) => {
-                write!(f, "node {} is outside at tick {tick}, long after the last event", node + 1)
+            Self::Foretold(foretold, ratio) => {
+                write!(f, "check has followed the law to a largest ratio of {foretold}, and it is {ratio}")
             }
+            Self::Outside(tick, node) => {
+                write!(f, "node {} is outside at tick {tick}, long after the last event", id(node))
+            }
+            Self::Input(tick, node, u) => {
+                write!(f, "tick {tick}: the input of node {} is {u}, beyond its bound", id(node))
+            }
+            Self::Wronged(tick, node, other) => {
+                write!(
+                    f,
+                    "tick {tick}: node {} does not take what node {} says, which is honest",
+                    id(node),
+                    id(other)
+                )
+            }
+            Self::Unnoticed(tick, node, other) => {
+                write!(
+                    f,
+                    "tick {tick}: node {} has not dropped the edge to node {}, which lies",
+                    id(node),
+                    id(other)
+                )
+            }
+            Self::StillBarred(node, other) => {
+                write!(f, "at the end node {} bars node {}, which has started anew", id(node), id(other))
+            }
+            Self::Adopted(node) => {
+                write!(f, "node {} has not what it should have adopted, or has it", id(node))
+            }
+            Self::Apart(ns) => write!(f, "clocks are {ns} ns apart"),
         }
     }
 }
@@ -67,10 +115,22 @@ impl fmt::Display for Broken {
 pub struct Seen {
     /// `check` promised that its funnel is kept.
     pub promised: bool,
+    /// `check` has followed it to its end, and nothing disturbs it.
+    pub foretold: bool,
     /// Its recovery was judged.
     pub recovers: bool,
     /// Its frames were counted.
     pub counted: bool,
+    /// Nodes in it had limits of what is heard, and neighbours were honest and slow enough for them.
+    pub limited: bool,
+    /// Edges that had to be dropped since a neighbour lied, and were.
+    pub noticed: u64,
+    /// Nodes that had started anew, and that neighbours with limits hear again.
+    pub renewed: u64,
+    /// Nodes that adopted another configuration, or could not.
+    pub adopted: u64,
+    /// Its clocks were judged.
+    pub timed: bool,
     /// The largest ratio.
     pub ratio: f64,
     /// Hash of all that nodes saw.
@@ -87,17 +147,42 @@ pub fn look(world: &World) -> Result<Seen, Broken> {
     if run(&scenario)?.hash != seen.hash {
         return Err(Broken::NotTheSame);
     }
-    let promised = is_promised(&scenario);
+    let report = check::check(&scenario);
+    let promised = is_promised(&report) && recovery::is_of_funnels(&scenario);
     if promised && seen.ratio >= 1.0 {
         return Err(Broken::Promise(seen.ratio));
     }
-    Ok(Seen { promised, ..seen })
+    let foretold = foretold(&scenario, &report);
+    if let Some(foretold) = foretold.filter(|foretold| (foretold - seen.ratio).abs() > FORETOLD * foretold) {
+        return Err(Broken::Foretold(foretold, seen.ratio));
+    }
+    Ok(Seen { promised, foretold: foretold.is_some(), ..seen })
+}
+
+/// By how much of it a largest ratio may differ from what `check` has followed in f64: the nodes compute in f32.
+const FORETOLD: f64 = 0.02;
+
+/// The largest ratio of a run that nothing disturbs, where `check` has followed all of it; up to 2, since what is thrown far out ends anywhere.
+fn foretold(scenario: &Scenario, report: &Report) -> Option<f64> {
+    let calm = scenario.bus == BusSpec::default()
+        && scenario.links.is_empty()
+        && scenario.events.is_empty()
+        && scenario.clocks.is_empty()
+        && scenario.nodes.iter().all(|node| node.noise == 0.0)
+        && scenario.floor == FloorSpec::None;
+    let values = &report.findings.iter().find(|finding| finding.name == "sampled")?.values;
+    let ratio = values.get("ratio")?.as_f64()?;
+    let is_whole = values.get("whole")?.as_bool()?;
+    (calm && is_whole && (0.05..2.0).contains(&ratio)).then_some(ratio)
 }
 
 /// Whether `check` has nothing to warn of, and has looked at all.
-fn is_promised(scenario: &Scenario) -> bool {
-    let report = check::check(scenario);
-    [Status::Warn, Status::Fail, Status::NotChecked].iter().all(|&status| report.count(status) == 0)
+fn is_promised(report: &Report) -> bool {
+    is_without(report, &[Status::Warn, Status::Fail, Status::NotChecked])
+}
+
+fn is_without(report: &Report, statuses: &[Status]) -> bool {
+    statuses.iter().all(|&status| report.count(status) == 0)
 }
 
 fn run(scenario: &Scenario) -> Result<Seen, Broken> {
@@ -111,12 +196,12 @@ fn run(scenario: &Scenario) -> Result<Seen, Broken> {
 }
 
 fn on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Seen, Broken> {
-    let counting = Counting { medium, listeners: listeners(scenario), due: 0, came: 0 };
-    let mut engine: Engine<Counting<M>> =
-        engine_on(scenario, counting).map_err(|refused| Broken::Refused(refused.to_string()))?;
+    let mut engine: Engine<Counting<M>> = engine_on(scenario, Counting::new(scenario, medium))
+        .map_err(|refused| Broken::Refused(refused.to_string()))?;
     engine.start();
     let mut judge = Judge::new(scenario);
-    let judged_from = judged_from(scenario);
+    let mut heard = Heard::of(scenario);
+    let judged_from = recovery::judged_from(scenario);
     let (mut hash, mut outside, mut stopped) = (FNV, None, false);
     let (mut x, mut u) = (Vec::new(), Vec::new());
     for k in 0..=scenario.time.ticks {
@@ -132,7 +217,7 @@ fn on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Seen, Broken> {
         for (node, seen) in seen.iter().enumerate() {
             let is_on = presence.get(node / scenario.components()) != Some(&Presence::Off);
             if is_on && ![seen.x, seen.u, seen.psi, seen.nu].iter().all(|value| value.is_finite()) {
-                return Err(Broken::NotFinite(k, node));
+                return Err(Broken::NotFinite(k, node / scenario.components()));
             }
             for value in [seen.x, seen.u, seen.psi, seen.nu] {
                 hash = (hash ^ u64::from(value.to_bits())).wrapping_mul(PRIME);
@@ -144,147 +229,41 @@ fn on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Seen, Broken> {
         u.extend(seen.iter().map(|seen| f64::from(seen.u)));
         // A node that has stopped for a good reason holds its state, and others cannot follow it.
         stopped |= presence.contains(&Presence::Stopped);
-        judge.tick(&Moment { k, part: 0, x: &x, u: &u, presence: &presence }, None);
+        let moment = Moment { k, part: 0, x: &x, u: &u, presence: &presence };
+        inputs::within_bounds(scenario, &moment)?;
+        let told = engine.take_events();
+        heard.tick(&moment, &told, engine.nodes())?;
+        judge.tick(&moment, None);
         if judged_from.is_some_and(|from| k >= from) && outside.is_none() {
             let is_outside = |(&nu, &psi): (&f64, &f64)| nu.abs() >= psi;
-            outside = judge.terms().iter().zip(judge.psi()).position(is_outside).map(|node| (k, node));
+            let place = judge.terms().iter().zip(judge.psi()).position(is_outside);
+            outside = place.map(|place| (k, place / scenario.components()));
         }
     }
-    if let Some((tick, node)) = outside.filter(|_| !stopped) {
+    // An edge that is dropped is not mended by itself.
+    let is_judged = judged_from.is_some() && !stopped && !heard.has_barred();
+    if let Some((tick, node)) = outside.filter(|_| is_judged) {
         return Err(Broken::Outside(tick, node));
     }
-    let counted = frames(scenario, &mut engine)?;
+    let counted = frames::counted(scenario, &mut engine)?;
+    let renewed = heard.end(engine.nodes(), |a, b| engine.are_joined(a, b))?;
+    let adopted = commits::adopted(scenario, &engine)?;
+    let timed = clocks::together(scenario, engine.skew().filter(|_| !stopped))?;
     let ratio = judge.finish().max_ratio;
-    Ok(Seen { promised: false, recovers: judged_from.is_some() && !stopped, counted, ratio, hash })
+    Ok(Seen {
+        promised: false,
+        foretold: false,
+        recovers: is_judged,
+        counted,
+        limited: heard.is_judged(),
+        noticed: heard.noticed(),
+        renewed,
+        adopted,
+        timed,
+        ratio,
+        hash,
+    })
 }
 
 const FNV: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01b3;
-
-/// The tick from which all have to be inside: after the last event, where the network by itself is inside, says `check`, and nobody has stopped for good.
-fn judged_from(scenario: &Scenario) -> Option<u64> {
-    let last = scenario.events.iter().map(|event| event.end_ns()).max()?;
-    // A node that comes waits for SYNC first, and the only time master for ever.
-    let keeps_time = !scenario.clocks.is_empty();
-    let lasting = |kind: EventKind| match kind {
-        EventKind::Impostor | EventKind::Crash | EventKind::Leave | EventKind::Set => true,
-        EventKind::Bounce | EventKind::Join => keeps_time,
-        _ => false,
-    };
-    let calm = Scenario {
-        links: Vec::new(),
-        clocks: Vec::new(),
-        sync: None,
-        bus: Default::default(),
-        ..scenario.without_events()
-    };
-    let may_stop =
-        scenario.safety.lost_neighbours > 0 || format!("{:?}", scenario.on_breach).contains("Stop");
-    let is_lossy = !scenario.bus.loss.is_none() || !scenario.links.is_empty();
-    let is_left_alone = may_stop || is_lossy || scenario.events.iter().any(|event| lasting(event.kind));
-    (!is_left_alone && is_promised(&calm)).then(|| scenario.time.first_tick(last.saturating_add(RECOVERY_NS)))
-}
-
-/// On the ideal bus without a node that goes, each frame is heard, refused, lost, or still under way; on others each that came is heard or refused.
-fn frames<M: Medium>(scenario: &Scenario, engine: &mut Engine<Counting<M>>) -> Result<bool, Broken> {
-    // SYNC of nodes with clocks are for their clocks, and in no counter. A commit comes by no frame.
-    if !scenario.stays_whole() || !scenario.clocks.is_empty() || !scenario.staged.is_empty() {
-        return Ok(false);
-    }
-    let counted = |report: &Option<_>| report.as_ref().map_or(0, told);
-    let heard: u64 = engine.reports().iter().map(counted).sum();
-    let &Counting { due, came, .. } = engine.bus();
-    // Each is told to start.
-    let heard = heard.saturating_sub(scenario.nodes.len() as u64);
-    if heard != came {
-        return Err(Broken::Frames(came, heard));
-    }
-    if scenario.bus.model == BusModel::Ideal {
-        let traffic = engine.traffic();
-        let accounted = came + traffic.lost;
-        let wanted = due + traffic.duplicated;
-        // What is under way, or waits to be overtaken.
-        let late = wanted.saturating_sub(accounted);
-        if accounted > wanted || late > 4 * scenario.graph.edges.len() as u64 {
-            return Err(Broken::Frames(wanted, accounted));
-        }
-    }
-    Ok(true)
-}
-
-/// Messages that a node has counted, taken or refused.
-fn told(report: &funnelnet_protocol::report::Report) -> u64 {
-    let counters = &report.counters;
-    u64::from(counters.accepted) + counters.all_refused()
-}
-
-/// A medium that counts what is to arrive, and what does.
-struct Counting<M> {
-    medium: M,
-    listeners: Vec<Vec<usize>>,
-    due: u64,
-    came: u64,
-}
-
-impl<M: Medium> Medium for Counting<M> {
-    fn send(&mut self, now: u64, sender: usize, message: &Message) {
-        self.due += self.listeners.get(sender).map_or(0, |list| list.len() as u64);
-        self.medium.send(now, sender, message);
-    }
-
-    fn flush(&mut self, now: u64, sender: usize) {
-        self.medium.flush(now, sender);
-    }
-
-    fn computes(&mut self, node: usize, until: u64) {
-        self.medium.computes(node, until);
-    }
-
-    fn next_arrival(&self) -> Option<u64> {
-        self.medium.next_arrival()
-    }
-
-    fn deliver(&mut self, mut receive: impl FnMut(usize, Result<Message, Refusal>)) {
-        let came = &mut self.came;
-        self.medium.deliver(|receiver, heard| {
-            *came += 1;
-            receive(receiver, heard);
-        });
-    }
-
-    fn deliver_before(
-        &mut self,
-        before: u64,
-        mut receive: impl FnMut(u64, usize, Result<Message, Refusal>),
-    ) -> Option<u64> {
-        let came = &mut self.came;
-        self.medium.deliver_before(before, |at, receiver, heard| {
-            *came += 1;
-            receive(at, receiver, heard);
-        })
-    }
-
-    fn has_off(&self) -> bool {
-        self.medium.has_off()
-    }
-
-    fn take_off(&mut self) -> Vec<(usize, u16)> {
-        self.medium.take_off()
-    }
-
-    fn set_listeners(&mut self, listeners: Vec<Vec<usize>>) {
-        self.medium.set_listeners(listeners);
-    }
-
-    fn take_stamps(&mut self) -> Vec<Stamp> {
-        self.medium.take_stamps()
-    }
-
-    fn switch(&mut self, now: u64, node: usize, power: Power) {
-        self.medium.switch(now, node, power);
-    }
-
-    fn traffic(&self) -> Traffic {
-        self.medium.traffic()
-    }
-}
