@@ -404,3 +404,20 @@ proptest! {
         }
     }
 }
+
+/// Its ticks stand still, and a stamp has eight bits: what comes 250 ticks later looks as if it were of five ticks before.
+#[test]
+fn a_node_that_has_stopped_judges_nobody() {
+    let mut world = World::new(&config(guarded(2)));
+    world.ticks(3, Some(1.0));
+    let stop = Message::Ctrl { target: Target::All, command: Command::Stop, arg: 0, at_tick: 0 };
+    world.node.on_message(&stop, 0).unwrap();
+    world.poll(0);
+    assert_eq!(world.node.phase(), Phase::Stopped);
+    world.told();
+    for x in [7.0, 8.0, 9.0, 60.0] {
+        assert!(world.hear(2, x).is_err(), "{x}");
+    }
+    assert!(world.told().is_empty() && world.node.counters().kept.edges == 0);
+    assert_eq!(world.node.neighbour_is_barred(NodeId::new(2).unwrap()), Some(false));
+}

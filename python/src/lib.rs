@@ -6,6 +6,7 @@
 mod check;
 mod errors;
 mod field;
+mod large;
 mod ring;
 mod rows;
 mod run;

@@ -2,6 +2,7 @@
 
 use crate::errors;
 use crate::field;
+use crate::large;
 use crate::rows::Columns;
 use crate::scenario::Scenario;
 use crate::trouble::Trouble;
@@ -11,12 +12,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sim_host::record::{BusLogs, Summary};
 use sim_host::run::{Claim, Fidelity, RunError, RunOptions, Verbosity, Wanted, every_ticks, execute_with};
-use sim_host::scenario::{Scenario as Wired, parse_duration};
+use sim_host::scenario::{AnyScenario, Scenario as Wired, TimeSpec, parse_duration};
 use std::path::{Path, PathBuf};
 
 /// Runs a scenario: its summary as JSON, and its columns.
 #[pyfunction]
-#[pyo3(signature = (scenario, on, every, out, fields, progress, command))]
+#[pyo3(signature = (scenario, on, every, out, fields, progress, nodes, threads, command))]
+#[allow(clippy::too_many_arguments, reason = "they are those of Python, by name")]
 pub fn run<'py>(
     py: Python<'py>,
     scenario: &Scenario,
@@ -25,12 +27,33 @@ pub fn run<'py>(
     out: Option<PathBuf>,
     fields: &Bound<'py, PyAny>,
     progress: Option<Py<PyAny>>,
+    nodes: Option<Vec<usize>>,
+    threads: Option<usize>,
     command: String,
 ) -> PyResult<(String, Bound<'py, PyDict>)> {
-    let wired = scenario.wired(py)?;
     let trouble = Trouble::default();
     let on = fidelity(on)?;
-    let every = every.map(|every| ticks(every, wired)).transpose().map_err(|e| errors::of_run(py, &e))?;
+    let every = |time| every.map(|every| ticks(every, time)).transpose().map_err(|e| errors::of_run(py, &e));
+    let wired = match &*scenario.inner {
+        AnyScenario::Wired(wired) => wired.as_ref(),
+        AnyScenario::Large(scenario) => {
+            if on != Fidelity::Loopback || fields.len()? > 0 {
+                return Err(PyValueError::new_err(
+                    "bus.model = \"none\": such a run takes neither on = \"reference\" nor fields",
+                ));
+            }
+            let options = options(on, out, every(&scenario.time)?, &trouble, &command);
+            let nodes = nodes.unwrap_or_default();
+            let asked = large::Asked { nodes, threads, options, command, progress };
+            return large::run(py, scenario, asked, &trouble);
+        }
+    };
+    if nodes.is_some() || threads.is_some() {
+        return Err(PyValueError::new_err(
+            "nodes and threads are for runs with bus.model = \"none\"; others have columns of every node, and one thread",
+        ));
+    }
+    let every = every(&wired.time)?;
     let callables = field::callables(fields, wired, &trouble)?;
     let mut columns = Columns::default();
     let (reached, end) = (columns.reached.clone(), wired.time.end_s());
@@ -80,9 +103,9 @@ fn fidelity(on: &str) -> PyResult<Fidelity> {
     }
 }
 
-fn ticks(every: &str, scenario: &Wired) -> Result<u64, RunError> {
+fn ticks(every: &str, time: &TimeSpec) -> Result<u64, RunError> {
     let ns = parse_duration(every).map_err(|why| RunError::bad_input(format!("every = {every:?}: {why}")))?;
-    every_ticks(ns, &scenario.time)
+    every_ticks(ns, time)
 }
 
 fn options(

@@ -43,10 +43,7 @@ impl Scenario {
 
     #[getter]
     fn title(&self) -> &str {
-        match &*self.inner {
-            AnyScenario::Wired(scenario) => &scenario.title,
-            AnyScenario::Large(scenario) => &scenario.title,
-        }
+        self.inner.title()
     }
 
     #[getter]
@@ -86,10 +83,7 @@ impl Scenario {
     /// The TOML that gives it again, with everything set.
     #[getter]
     fn toml(&self) -> &str {
-        match &*self.inner {
-            AnyScenario::Wired(scenario) => &scenario.as_run,
-            AnyScenario::Large(scenario) => &scenario.as_run,
-        }
+        self.inner.as_run()
     }
 }
 
@@ -101,7 +95,7 @@ impl Scenario {
             AnyScenario::Large(_) => Err(errors::of_run(
                 py,
                 &sim_host::run::RunError::bad_input(
-                    "bus.model = \"none\": such a run gives quantiles and no rows; run it with the command sim-host (check takes it here)",
+                    "bus.model = \"none\": such a network runs to its end; take run",
                 ),
             )),
         }

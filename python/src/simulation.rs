@@ -7,7 +7,7 @@ use crate::field::{self, Callables};
 use crate::rows::array;
 use crate::scenario::Scenario;
 use crate::trouble::Trouble;
-use crate::work::watched;
+use crate::work::{defect, watched};
 use pyo3::exceptions::{PyRuntimeError, PyStopIteration, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -106,7 +106,7 @@ impl Simulation {
             None => next,
         };
         self.ask(Asked::Until(to))?;
-        let Answered::Ticks(ticks) = self.receive(py)? else { return Err(broken()) };
+        let Answered::Ticks(ticks) = self.receive(py)? else { return Err(defect()) };
         self.next.fetch_add(ticks.t.len() as u64, Ordering::Relaxed);
         let dict = PyDict::new(py);
         let rows = ticks.t.len();
@@ -128,13 +128,9 @@ impl Simulation {
             Answered::Verdict { holds, reasons, max_ratio, breaches } => {
                 Ok((holds, reasons, max_ratio, breaches))
             }
-            _ => Err(broken()),
+            _ => Err(defect()),
         }
     }
-}
-
-fn broken() -> PyErr {
-    PyRuntimeError::new_err("this simulation has ended")
 }
 
 impl Simulation {
@@ -144,15 +140,22 @@ impl Simulation {
 
     fn ask(&self, asked: Asked) -> PyResult<()> {
         if self.trouble.interrupt().is_set() {
-            return Err(broken());
+            return Err(self.gone());
         }
-        self.sender().as_ref().and_then(|ask| ask.send(asked).ok()).ok_or_else(broken)
+        let is_asked = self.sender().as_ref().is_some_and(|ask| ask.send(asked).is_ok());
+        if is_asked { Ok(()) } else { Err(self.gone()) }
+    }
+
+    /// Why there is nobody to ask: it has given its verdict, or was stopped; else its thread has panicked.
+    fn gone(&self) -> PyErr {
+        let has_ended = self.trouble.interrupt().is_set() || self.sender().is_none();
+        if has_ended { PyRuntimeError::new_err("this simulation has ended") } else { defect() }
     }
 
     /// The answer, with a look at signals while it takes its time.
     fn receive(&self, py: Python<'_>) -> PyResult<Answered> {
         let wait = || self.answer.lock().unwrap_or_else(PoisonError::into_inner).recv().ok();
-        watched(py, &self.trouble, |_| Ok(()), wait)?.ok_or_else(broken)
+        watched(py, &self.trouble, |_| Ok(()), wait)?.ok_or_else(|| self.gone())
     }
 
     /// The last tick that is not after `t` (s); a millionth of a tick of rounding is allowed for.

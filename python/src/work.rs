@@ -1,5 +1,7 @@
 //! Long work in a thread of its own, while the calling thread looks at signals without holding the
 //! interpreter's lock.
+//!
+//! What has a flag that stops it is waited for. What has none is left to itself when the user wants to stop.
 
 use crate::trouble::Trouble;
 use pyo3::exceptions::PyRuntimeError;
@@ -44,7 +46,34 @@ pub fn watched<T: Send>(
     match (trouble.take(), done) {
         (Some(error), _) => Err(error),
         (None, Some(done)) => Ok(done),
-        // The panic is on standard error.
-        (None, None) => Err(PyRuntimeError::new_err("a defect of funnelnet; please report it")),
+        (None, None) => Err(defect()),
     }
+}
+
+/// Does `work`, which nothing can stop and which needs no interpreter. An exception of a signal is raised at once: the work goes on to its
+/// end, and nobody sees what it comes to.
+pub fn left_alone<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> PyResult<T> {
+    let (send, receive) = sync_channel(1);
+    // Where nobody waits any more there is nobody to tell.
+    let worker = thread::spawn(move || drop(send.send(work())));
+    py.detach(move || {
+        loop {
+            match receive.recv_timeout(LOOK) {
+                Ok(done) => return Ok(done),
+                Err(RecvTimeoutError::Disconnected) => {
+                    let _ = worker.join();
+                    return Err(defect());
+                }
+                Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals())?,
+            }
+        }
+    })
+}
+
+/// A thread has panicked; its words are on standard error.
+pub fn defect() -> PyErr {
+    PyRuntimeError::new_err("a defect of funnelnet; please report it")
 }

@@ -164,8 +164,39 @@ def test_what_cannot_be_run_is_refused(five):
     with pytest.raises(funnelnet.RunError, match="whole ticks") as caught:
         funnelnet.run(five, every="1500us")
     assert caught.value.exit_code == 2
-    with pytest.raises(funnelnet.RunError, match="quantiles"):
-        funnelnet.run(five, set={"bus.model": "none", "expect": {}})
+    with pytest.raises(ValueError, match="bus.model"):
+        funnelnet.run(five, nodes=[1])
+    large = {"bus.model": "none", "expect": {}}
+    with pytest.raises(ValueError, match="reference"):
+        funnelnet.run(five, set=large, on="reference")
+    with pytest.raises(ValueError, match="fields"):
+        funnelnet.run(five, set=large, fields={1: lambda t, x: -x})
+    with pytest.raises(funnelnet.RunError, match="nodes 6: ids are 1 to 5"):
+        funnelnet.run(five, set=large, nodes=[1, 6])
+    with pytest.raises(funnelnet.RunError, match="take run"):
+        funnelnet.Simulation(five, set=large)
+
+
+def test_a_network_without_a_bus_has_quantiles_and_the_nodes_that_are_asked_for(command, tmp_path, five):
+    agents = {"agent.dynamics": {"kind": "affine", "slope": -1.0}, "agent.random": {"offset": {"uniform": [-1.0, 1.0]}}, "node": []}
+    sets = {"bus.model": "none", "expect": {}, "graph.nodes": 300, "time.duration": "200ms", **agents}
+    r = funnelnet.run(five, set=sets, nodes=[7, 2, 7], every="10ms", out=tmp_path / "here")
+    assert isinstance(r, funnelnet.LargeRun) and r.nodes == [2, 7] and r.x.shape == (21, 2) and "LargeRun" in repr(r)
+    command("run", tmp_path / "here" / "scenario.toml", "--out", tmp_path / "there", "--nodes", "2,7", "--every", "10ms", "-q")
+    for name in ("quantiles.csv", "trajectory.csv", "scenario.toml"):
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes(), name
+    summary = (tmp_path / "there" / "summary.json").read_text()
+    assert f'"{r.trace_hash}"' in summary and r.passed == ('"passed": true' in summary)
+    columns = r.columns()
+    for name in ("quantiles.csv", "trajectory.csv"):
+        with (tmp_path / "there" / name).open(newline="") as file:
+            names, *rows = list(csv.reader(file))
+        for at, column in enumerate(names):
+            there = np.array([float(row[at]) for row in rows])
+            assert np.allclose(columns[column], there, rtol=1e-7, atol=0), column
+    assert np.all(r.quantiles["x_q00"] <= r.quantiles["x_q50"]) and not r.x.flags.writeable
+    # No figure depends on the number of threads.
+    assert funnelnet.run(five, set=sets, threads=1).trace_hash == r.trace_hash
 
 
 def test_progress_comes_in_the_order_of_time(five):

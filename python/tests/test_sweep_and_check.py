@@ -2,6 +2,10 @@
 
 import csv
 import json
+import os
+import signal
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -84,6 +88,19 @@ def test_a_check_is_that_of_the_command(command, name):
     here = funnelnet.check(SCENARIOS / name)
     assert here.report == there and here.passed == there["pass"]
     assert str(here) == command("check", SCENARIOS / name, codes=(0, 2)).rstrip("\n")
+
+
+def test_ctrl_c_ends_a_check_at_once():
+    field = {"kind": "affine", "slope": -1.0, "offset": 1.0, "sines": [{"amplitude": 8.0, "frequency": 3.0}]}
+    slow = {"graph.nodes": 120, "node": [], "agent.dynamics": field, "agent.random": {"offset": {"uniform": [-3.0, 3.0]}}, "bus.loss": 0.05, "expect": {}}
+    began = time.monotonic()
+    funnelnet.check(SCENARIOS / "lossy-ring.toml", set=slow)
+    whole = time.monotonic() - began
+    threading.Timer(0.2 * whole, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        funnelnet.check(SCENARIOS / "lossy-ring.toml", set=slow)
+    assert time.monotonic() - began < 0.6 * whole
 
 
 def test_a_finding_by_name(five):

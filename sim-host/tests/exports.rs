@@ -241,6 +241,30 @@ fn a_run_with_a_graph_in_a_file_has_the_bits_of_the_listed_one_and_is_repeated_f
     assert!(!place.at("out/scenario-graph.csv").exists());
 }
 
+/// The copy has edges alone, and this graph has none.
+#[test]
+fn a_network_of_one_node_is_repeated_from_its_folder() {
+    let place = Place::new();
+    let graph = "<graphml>\n<graph edgedefault=\"undirected\">\n<node id=\"1\"/></graph></graphml>";
+    fs::write(place.at("one.graphml"), graph).unwrap();
+    let scenario = "version = 1\ntime = { tick = \"1ms\", duration = \"50ms\" }\ngraph.file = \"one.graphml\"\n\
+                    coupling = { kind = \"node-wise\", gain = { kind = \"reciprocal\", scale = 1.0 }, funnel = { kind = \"constant\", width = 1.0 } }\n\
+                    agent.dynamics = { kind = \"affine\", slope = -1.0, offset = 0.5 }\n";
+    fs::write(place.at("one.toml"), scenario).unwrap();
+    let hash = |scenario: &str, out: &str| {
+        let (code, _, err) = sim_host(&["run", &place.name(scenario), "--quiet", "--out", &place.name(out)]);
+        // Without an edge no term is known, which fails.
+        assert_eq!(code, Some(1), "{err}");
+        let summary = fs::read_to_string(place.at(out).join("summary.json")).unwrap();
+        serde_json::from_str::<Value>(&summary).unwrap()["trace_hash"].clone()
+    };
+    let expected = hash("one.toml", "out");
+    fs::remove_file(place.at("one.graphml")).unwrap();
+    assert_eq!(hash("out/scenario.toml", "again"), expected);
+    let kept = |folder: &str| fs::read_to_string(place.at(folder).join("scenario.toml")).unwrap();
+    assert!(kept("out").contains("nodes = 1"), "{}", kept("out"));
+}
+
 #[test]
 fn a_graph_that_is_wrong_is_refused_with_file_line_and_value() {
     let place = Place::new();
@@ -268,6 +292,9 @@ fn a_graph_that_is_wrong_is_refused_with_file_line_and_value() {
         "F, line 6: '6' must be an id from 1 to 5",
     );
     refused("a.csv", &format!("{head}1,2001,1\n"), "", "must have 2000 nodes at most");
+    refused("a.csv", head, "", "names no node; graph.nodes must say how many there are");
+    refused("a.csv", head, ",nodes=5", "must be connected (Assumption 1), but it falls into 5 parts");
+    refused("a.csv", "from,from,to\n1,2,3\n", "", "F, line 1: has the column 'from' more than once");
     refused(
         "a.graphml",
         "<graphml>\n<graph edgedefault=\"directed\">\n<edge source=\"1\" target=\"2\"/></graph></graphml>",

@@ -139,6 +139,46 @@ fn the_report_shows_the_quantiles_of_all_and_the_nodes_that_were_asked_for() {
     assert!(
         !refused.status.success() && text(&refused.stderr).contains("quantiles.csv: has no column x_q00")
     );
+    // So is a folder that has the name of the table: for a report as for the run itself.
+    fs::remove_file(at.join("without/quantiles.csv")).unwrap();
+    fs::create_dir(at.join("without/quantiles.csv")).unwrap();
+    let refused = sim_host(&at, &["report", "without"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("quantiles.csv: is no file"), "{}", text(&refused.stderr));
+    let refused = sim_host(&at, &["run", "large.toml", "--quiet", "--out", "without"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("cannot write without/quantiles.csv: is a directory"));
+}
+
+/// As single runs give them, for any number of threads.
+#[test]
+fn a_sweep_has_the_figures_of_its_runs() {
+    let (_keep, at) = folder();
+    let sweep = |out: &str, more: &[&str]| {
+        let sweep = ["sweep", "large.toml", "--grid", "graph.nodes=300,5000", "--seeds", "2", "--out", out];
+        let done = sim_host(&at, &[&sweep, more].concat());
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        let table = fs::read_to_string(at.join(out).join("runs.csv")).unwrap();
+        let names: Vec<_> = table.lines().next().unwrap().split(',').map(str::to_owned).collect();
+        let place = |name: &str| names.iter().position(|it| it == name).unwrap();
+        let places = ["graph.nodes", "seed", "trace_hash", "funnel.max_ratio"].map(place);
+        let row = |line: &str| {
+            let cells: Vec<_> = line.split(',').collect();
+            places.map(|at| cells[at].to_owned())
+        };
+        table.lines().skip(1).map(row).collect::<Vec<_>>()
+    };
+    let rows = sweep("alone", &["--jobs", "1"]);
+    assert_eq!(rows.len(), 4);
+    assert_eq!(sweep("both", &["--jobs", "2"]), rows);
+    for [nodes, seed, hash, ratio] in &rows {
+        let set = format!("graph.nodes={nodes}");
+        let done = sim_host(&at, &["run", "large.toml", "--set", &set, "--seed", seed, "--json", "a.json"]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        let summary = json(&at.join("a.json"));
+        assert_eq!(summary["trace_hash"], hash.as_str());
+        assert_eq!(summary["funnel"]["max_ratio"].to_string(), *ratio);
+    }
 }
 
 #[test]
@@ -175,7 +215,7 @@ fn options_that_mean_nothing_are_refused() {
             ],
             "--threads",
         ),
-        (vec!["sweep", "large.toml", "--seeds", "2", "--out", "sweep"], "`run` and `check` only"),
+        (vec!["export", "dbc", "large.toml", "--out", "a.dbc"], "`run`, `check` and `sweep` only"),
     ] {
         let done = sim_host(&at, &arguments);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}");

@@ -258,6 +258,21 @@ fn a_run_with_inputs_is_repeated_from_its_folder() {
 }
 
 #[test]
+fn a_refused_run_leaves_no_folder_that_it_has_made_and_keeps_one_that_was_there() {
+    let place = Place::new();
+    place.write("bad.toml", "version = 1\n[tim");
+    fs::create_dir(place.at("mine")).unwrap();
+    let before = place.names(".");
+    for arguments in [&["run", "bad.toml"][..], &["run", "five.toml", "--every", "1500us"]] {
+        for out in ["deep/out", "out", "mine"] {
+            place.run(&[arguments, &["--out", out]].concat()).refused(&[]);
+            assert_eq!(place.names("."), before, "{arguments:?} {out}");
+        }
+    }
+    assert!(place.names("mine").is_empty());
+}
+
+#[test]
 fn a_refused_run_leaves_no_green_file() {
     let place = Place::new();
     place.write("bad.toml", "version = 1\n[tim");
@@ -390,7 +405,7 @@ fn a_run_that_is_interrupted_before_its_first_tick_says_so_and_leaves_nothing() 
     signal("INT", &child);
     let ended = Ended::of(child.wait_with_output().unwrap());
     assert_eq!((ended.code, ended.err.as_str()), (Some(130), "interrupted; no output was written\n"));
-    assert_eq!(place.names("out"), Vec::<String>::new());
+    assert!(!place.at("out").exists());
     let junit = place.read("j.xml");
     red(&junit);
     assert!(junit.contains("type=\"interrupted\""), "{junit}");

@@ -340,6 +340,25 @@ fn another_program_that_is_on_trial_goes_back_first() {
     assert!(matches!(outcome.all_old().0, HubError::NoAnswer { node: 1, .. }));
 }
 
+/// Nobody knows whether it is back with the program that it had.
+#[test]
+fn a_node_that_is_lost_as_its_earlier_trial_ends_is_not_counted_as_unchanged() {
+    for flaw in [Flaw::CutAt(Moment::Restart), Flaw::SilentFrom(Moment::Restart)] {
+        let first = Made::on_trial(&another(), Flaw::Nothing);
+        let outcome = update([first, Made::on_trial(&another(), flaw), Made::new(Flaw::Nothing)]);
+        let Err(Failed::After(error, known)) = &outcome.ended else {
+            panic!("{flaw:?}: {:?}", outcome.ended)
+        };
+        assert!(is_of_2(error), "{flaw:?}: {error}");
+        assert_eq!(
+            (known.unsure.as_slice(), known.unchanged.as_slice()),
+            (&[2][..], &[1, 3][..]),
+            "{flaw:?}"
+        );
+        assert_eq!(outcome.stages, [UpdateStage::WentBack(vec![1])]);
+    }
+}
+
 #[test]
 fn another_program_that_is_on_trial_over_this_one_goes_back_and_that_is_all() {
     let outcome = update([(); 3].map(|()| Made::updated().trying(&another())));
@@ -460,6 +479,21 @@ fn the_command_names_nodes_that_went_back_from_an_earlier_trial() {
     ended.failed(
         1,
         &["each has the program that it had, but for those that went back from an earlier trial: 1, 2"],
+    );
+}
+
+#[test]
+fn the_command_does_not_count_a_node_as_unchanged_that_dies_as_its_earlier_trial_ends() {
+    let dies = Made::on_trial(&another(), Flaw::CutAt(Moment::Restart));
+    let (_nodes, bench) = bench([Made::on_trial(&another(), Flaw::Nothing), dies, Made::new(Flaw::Nothing)]);
+    let ended = command(&bench, &bench.path("new.bin"), &[]);
+    ended.failed(
+        1,
+        &[
+            "not known: 2; have the program that they had: 1, 3",
+            "went back from an earlier trial: 1",
+            "switch off and on: 2",
+        ],
     );
 }
 

@@ -230,3 +230,15 @@ fn a_node_that_comes_is_not_stopped_by_its_holdover_as_it_learns_the_time() {
     let verdict = verdict(&scenario);
     assert!(verdict.holds() && verdict.stops.is_empty(), "{verdict}");
 }
+
+/// SYNC is on no link: else one that a link has lost, or holds, would leave its stamp to the next one, and clocks would be a period apart.
+#[test]
+fn no_link_keeps_a_sync_from_its_stamp() {
+    let link = "[[link]]\nbetween = [1, 2]\nloss = 0.3\nreorder = 0.1\nduplicate = 0.1\njitter = '300us'";
+    let burst = "at = '2s', kind = 'burst', link = [1, 5], for = '500ms', loss = 1.0";
+    let hold = "at = '3s', kind = 'hold', link = [1, 5], for = '300ms'";
+    for sync in [DRIFTING, ONE_MASTER] {
+        let disturbed = played(&read(&[burst, hold], &format!("{sync}\n{link}")));
+        assert!(disturbed.skew < 20_000, "{} ns", disturbed.skew);
+    }
+}

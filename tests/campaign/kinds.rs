@@ -1,6 +1,6 @@
 //! One event of each kind at a random place and time, on three graphs: what the book says of a kind is counted.
 
-use super::draw::Dice;
+use super::dice::Dice;
 use funnelnet_sim::judge::Recovered;
 use funnelnet_sim::{Scenario, Simulation};
 use std::path::Path;
@@ -120,7 +120,8 @@ pub const KINDS: [Kind; 33] = [
         place.node_for("impostor", &format!("as = {}\noffset = {value:?}", place.other))
     })),
     kind("sensor, an offset", "ideal", |place| {
-        let value = place.between(-1.0, 1.0);
+        // One in two thousand is no fault, which the reader refuses.
+        let value = Some(place.between(-1.0, 1.0)).filter(|value| value.abs() > 0.0).unwrap_or(0.001);
         place.node_for("sensor", &format!("offset = {value:?}"))
     }),
     kind("sensor, stuck", "ideal", |place| place.node_for("sensor", "ramp = 0.0")),

@@ -3,6 +3,7 @@
 //!
 //! A world is a list of lines of a scenario, so that what is found can be made smaller by leaving lines out, and run by anybody.
 
+mod dice;
 mod draw;
 pub mod kinds;
 mod oracle;

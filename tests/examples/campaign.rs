@@ -40,12 +40,23 @@ fn main() -> ExitCode {
     let tally = tally.into_inner().expect("a tally");
     let count = |of: fn(&Seen) -> bool| tally.seen.iter().filter(|seen| of(seen)).count();
     println!(
-        "{} worlds: {} with a promise of check, {} judged after their events, {} with counted frames; {} broken",
+        "{} worlds: {} with a promise of check, {} followed by it, {} judged after their events, {} with counted frames, {} with limits of what is heard, \
+         {} with clocks that were judged; {} broken",
         runs,
         count(|seen| seen.promised),
+        count(|seen| seen.foretold),
         count(|seen| seen.recovers),
         count(|seen| seen.counted),
+        count(|seen| seen.limited),
+        count(|seen| seen.timed),
         tally.broken
+    );
+    let sum = |of: fn(&Seen) -> u64| tally.seen.iter().map(of).sum::<u64>();
+    println!(
+        "{} edges to liars that had to go, {} nodes that are heard again, {} nodes that adopted or could not",
+        sum(|seen| seen.noticed),
+        sum(|seen| seen.renewed),
+        sum(|seen| seen.adopted)
     );
     if tally.broken == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

@@ -11,6 +11,7 @@ const WORLDS: u64 = 200;
 #[test]
 fn two_hundred_worlds_by_chance_are_as_they_must_be() {
     let (mut promised, mut recovers, mut counted, mut events) = (0, 0, 0, 0);
+    let (mut limited, mut timed, mut noticed, mut adopted) = (0, 0, 0, 0);
     for number in 1..=WORLDS {
         let world = draw(number);
         let seen = look(&world).unwrap_or_else(|broken| {
@@ -20,13 +21,18 @@ fn two_hundred_worlds_by_chance_are_as_they_must_be() {
         promised += u64::from(seen.promised);
         recovers += u64::from(seen.recovers);
         counted += u64::from(seen.counted);
+        limited += u64::from(seen.limited);
+        timed += u64::from(seen.timed);
+        (noticed, adopted) = (noticed + seen.noticed, adopted + seen.adopted);
         events += world.optional.iter().filter(|line| line.starts_with("[[event]]")).count();
     }
     println!(
-        "{promised} promised, {recovers} judged after events, {counted} with counted frames, {events} events"
+        "{promised} promised, {recovers} judged after events, {counted} with counted frames, {events} events, {limited} with limits, \
+         {timed} with clocks, {noticed} edges to liars, {adopted} nodes that adopted"
     );
     // A campaign that judges nothing finds nothing.
     assert!(promised > 5 && recovers > 10 && counted > 50 && events > 150);
+    assert!(limited > 5 && timed > 3 && noticed > 3 && adopted > 20);
 }
 
 /// A world whose inputs are large for one reason, with much that has nothing to do with it.

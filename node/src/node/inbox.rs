@@ -98,6 +98,11 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if !matches!(reason, Refusal::OutOfRange | Refusal::TooFast) {
             return reason;
         }
+        // Ticks of who has stopped stand still: by a stamp of eight bits it would take new states for old ones, and
+        // judge by that.
+        if matches!(self.phase, Phase::Stopped | Phase::Faulted(_)) {
+            return reason;
+        }
         let own = self.clock.tick;
         let Some(doubt) = self.neighbours.doubt(source, component, tick, own, x) else { return reason };
         // A row of them is told once.

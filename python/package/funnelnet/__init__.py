@@ -9,7 +9,7 @@
 from ._check import Check, check
 from ._errors import FunnelnetError, RunError, ScenarioError
 from ._fields import Vectorised
-from ._run import Run, run
+from ._run import LargeRun, Run, run
 from ._scenario import Scenario, load
 from ._simulation import Simulation, Steps, Verdict
 from ._sweep import Sweep, sweep
@@ -17,6 +17,7 @@ from ._sweep import Sweep, sweep
 __all__ = [
     "Check",
     "FunnelnetError",
+    "LargeRun",
     "Run",
     "RunError",
     "Scenario",

@@ -43,6 +43,8 @@ def run(
     out: str | PathLike[str] | None,
     fields: _Fields,
     progress: Callable[[float, float], object] | None,
+    nodes: list[int] | None,
+    threads: int | None,
     command: str,
 ) -> tuple[str, dict[str, Any]]: ...
 def check(scenario: Scenario) -> tuple[str, str]: ...

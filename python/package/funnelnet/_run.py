@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +16,77 @@ from ._scenario import Source, load
 COLUMNS = ("t", "x", "nu", "psi", "u", "xi", "blended", "true_nu", "asked_psi")
 
 
-class Run:
+class _Judged:
+    """What every run has: its summary, and what follows from it."""
+
+    summary: dict[str, Any]
+
+    @property
+    def passed(self) -> bool:
+        """Whether all expectations of the scenario and all checks hold: exit code 0 of the command."""
+        return self.summary["passed"]
+
+    @property
+    def trace_hash(self) -> str | None:
+        """Hash of all states, equal to that of the command; `None` for the reference."""
+        return self.summary["trace_hash"]
+
+    @property
+    def failures(self) -> list[str]:
+        """What does not hold, as sentences."""
+        expect = [f"{e['name']} {e['value']} is not below {e['limit']}" for e in self.summary["expect"] if not e["pass"]]
+        return expect + [f"{c['name']}: {c['text']}" for c in self.summary["checks"] if not c["pass"]]
+
+    def columns(self) -> dict[str, np.ndarray]:
+        raise NotImplementedError
+
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` with the columns of the CSV file."""
+        return _tables.to_pandas(self.columns())
+
+    def to_polars(self) -> Any:
+        """A `polars.DataFrame` with the columns of the CSV file."""
+        return _tables.to_polars(self.columns())
+
+
+class LargeRun(_Judged):
+    """What a run with `bus.model = "none"` came to. Arrays are read-only, and not copied.
+
+    Attributes:
+        summary: the dict of `summary.json`.
+        t: time, s.
+        quantiles: the columns of `quantiles.csv` behind the time, by name: `x_mean`, `x_q00`, ..., `ratio_q100`, `u_q100`.
+        nodes: ids of the nodes that were asked for, ascending.
+        x: their states, (time, node), state units.
+        nu: their diffusive terms, state units.
+        psi: their funnels, state units.
+        u: their coupling inputs, state units / s.
+    """
+
+    t: np.ndarray
+    quantiles: dict[str, np.ndarray]
+    nodes: list[int]
+    x: np.ndarray
+    nu: np.ndarray
+    psi: np.ndarray
+    u: np.ndarray
+
+    def __init__(self, summary: dict[str, Any], columns: dict[str, Any]) -> None:
+        self.summary = summary
+        for name in ("t", "quantiles", "nodes", "x", "nu", "psi", "u"):
+            setattr(self, name, columns[name])
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """One-dimensional columns: those of `quantiles.csv`, and, with the names of `trajectory.csv`, those of the nodes that were asked for."""
+        of_nodes = {f"{name}_{id}": getattr(self, name)[:, at] for name in ("x", "nu", "psi", "u") for at, id in enumerate(self.nodes)}
+        return {"t": self.t, **self.quantiles, **of_nodes}
+
+    def __repr__(self) -> str:
+        verdict = "passed" if self.passed else "failed"
+        return f"<funnelnet.LargeRun {self.summary['scenario']!r}: {verdict}, {len(self.t)} rows of quantiles over {self.summary['nodes']} nodes>"
+
+
+class Run(_Judged):
     """What a run came to. Arrays are (time, node), and (time, node, component) for vector states; they are read-only, and not copied.
 
     Attributes:
@@ -48,16 +118,6 @@ class Run:
             setattr(self, name, columns[name])
 
     @property
-    def passed(self) -> bool:
-        """Whether all expectations of the scenario and all checks hold: exit code 0 of the command."""
-        return self.summary["passed"]
-
-    @property
-    def trace_hash(self) -> str | None:
-        """Hash of all states, equal to that of the command; `None` for the reference."""
-        return self.summary["trace_hash"]
-
-    @property
     def is_firmware(self) -> bool:
         """Whether the firmware would give these bits: f32 nodes ran, and none with a field in Python."""
         return self.trace_hash is not None and not self.own_fields
@@ -67,23 +127,9 @@ class Run:
         """Ids of the nodes whose fields are in Python: with any, the result is not the firmware's."""
         return self.summary.get("own_fields", [])
 
-    @property
-    def failures(self) -> list[str]:
-        """What does not hold, as sentences."""
-        expect = [f"{e['name']} {e['value']} is not below {e['limit']}" for e in self.summary["expect"] if not e["pass"]]
-        return expect + [f"{c['name']}: {c['text']}" for c in self.summary["checks"] if not c["pass"]]
-
     def columns(self) -> dict[str, np.ndarray]:
         """One-dimensional columns with the names of `trajectory.csv`, views of the arrays."""
         return _tables.flat({name: getattr(self, name) for name in COLUMNS})
-
-    def to_pandas(self) -> Any:
-        """A `pandas.DataFrame` with the columns of `trajectory.csv`."""
-        return _tables.to_pandas(self.columns())
-
-    def to_polars(self) -> Any:
-        """A `polars.DataFrame` with the columns of `trajectory.csv`."""
-        return _tables.to_polars(self.columns())
 
     def __repr__(self) -> str:
         verdict = "passed" if self.passed else "failed"
@@ -101,7 +147,9 @@ def run(
     out: str | os.PathLike[str] | None = None,
     fields: _fields.Fields = None,
     progress: Callable[[float, float], object] | None = None,
-) -> Run:
+    nodes: Iterable[int] | None = None,
+    threads: int | None = None,
+) -> Run | LargeRun:
     """Runs a scenario and judges it, as `sim-host run` does: the same bits, the same summary.
 
     Args:
@@ -115,6 +163,8 @@ def run(
             seconds, `x` a float, or an array for a vector state; the rate is in state units per second. A field has to depend on `t` and `x` alone: it is
             also called for predictions, and in no fixed order.
         progress: called about 20 times a second with the simulated time and the end, both in seconds.
+        nodes: with `bus.model = "none"` alone, ids of the nodes that get columns; the result is a `LargeRun` then, with some 200 rows of quantiles.
+        threads: with `bus.model = "none"` alone; by default one per core. No figure depends on it.
 
     Raises:
         ScenarioError: the scenario cannot be read.
@@ -124,5 +174,7 @@ def run(
     read = load(scenario, set, seed)
     target = None if out is None else os.fspath(out)
     command = f"funnelnet.run(on={on!r}, seed={read.seed})"
-    text, columns = _native.run(read, on, every, target, _fields.native(fields, read.nodes), progress, command)
-    return Run(json.loads(text), columns)
+    asked = None if nodes is None else [int(id) for id in nodes]
+    text, columns = _native.run(read, on, every, target, _fields.native(fields, read.nodes), progress, asked, threads, command)
+    kind = LargeRun if "quantiles" in columns else Run
+    return kind(json.loads(text), columns)

@@ -149,12 +149,19 @@ impl Update {
 
     /// Restarts those that are on trial with another program, or are ahead of others, which is the end of that.
     ///
-    /// `ended` gets the ids of those that have gone back. Its error: a node that does not, or an interrupt.
+    /// `ended` gets the ids of those that have gone back. Its error: a node that does not, or an interrupt; what is known of each is in
+    /// [`Self::known`] then.
     pub fn end_other_trials<'a>(&'a mut self, ended: &'a mut Vec<u8>) -> Task<'a, Result<(), HubError>> {
         let outside = self.outside.clone();
         Task::new(&outside, async move {
             for node in self.nodes.iter_mut().filter(|node| node.has == Has::Another) {
-                node.restart(self.patience).await?;
+                node.has = Has::Told;
+                let restarted = node.restart(self.patience).await;
+                if let Err(HubError::NotTaken { .. }) = restarted {
+                    // Who refuses has not restarted.
+                    node.has = Has::Another;
+                }
+                restarted?;
                 let status = node.look(self.swap, self.patience, self.image.length).await?;
                 node.note(&status, &self.image);
                 match node.has {
@@ -169,6 +176,15 @@ impl Update {
             }
             Ok(())
         })
+    }
+
+    /// What is known of each before any is told to swap: one that was told to end an earlier trial may be back or not.
+    pub fn known(&self) -> Known {
+        Known {
+            done: Vec::new(),
+            unsure: self.ids(|node| node.has == Has::Told),
+            unchanged: self.ids(|node| node.has != Has::Told),
+        }
     }
 
     /// Announces the program to those that need it.

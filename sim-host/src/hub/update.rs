@@ -96,9 +96,10 @@ impl<'a> Updating<'a> {
     /// Gives all nodes the program, or none.
     ///
     /// # Errors
-    /// [`Failed::Before`] any node was told to swap: each has what it had, or had before an earlier trial. [`Failed::After`] that: what is known of
-    /// each.
+    /// [`Failed::Before`] any node was told to swap: each has what it had, or had before an earlier trial. [`Failed::After`] that, or where a node
+    /// was lost as its earlier trial ended: what is known of each.
     pub fn update(mut self, program: &Program, trial: Trial) -> Result<Vec<Updated>, Failed> {
+        self.end_other_trials()?;
         self.send(program.bytes()).map_err(Failed::Before)?;
         if self.update.is_done() {
             // They have gone back to it.
@@ -112,13 +113,24 @@ impl<'a> Updating<'a> {
         }
     }
 
-    fn send(&mut self, bytes: &[u8]) -> Result<(), HubError> {
+    fn end_other_trials(&mut self) -> Result<(), Failed> {
         let mut back = Vec::new();
         let ended = self.outlets.run(self.update.end_other_trials(&mut back));
         if !back.is_empty() {
             (self.tell)(&UpdateStage::WentBack(back));
         }
-        ended?;
+        ended.map_err(|error| {
+            let known = self.update.known();
+            let error = self.explain(error);
+            if known.unsure.is_empty() {
+                Failed::Before(error)
+            } else {
+                Failed::After(error, Box::new(known))
+            }
+        })
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), HubError> {
         let all = self.update.bytes_to_send();
         if all == 0 {
             return Ok(());

@@ -3,7 +3,7 @@
 use crate::printable::printable;
 use crate::run::names;
 use std::fs::{self, File, TryLockError};
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// The table of a sweep.
@@ -86,11 +86,19 @@ impl Folder {
     /// A file, where there is one.
     ///
     /// # Errors
-    /// It is there and cannot be opened, in words.
+    /// It is there and cannot be opened, or something else has its name, in words.
     pub(super) fn file(&self, name: &str) -> Result<Option<File>, String> {
         let path = self.path.join(name);
-        if !path.is_file() {
-            return Ok(None);
+        match fs::metadata(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(self.failed(name, &error)),
+            Ok(metadata) if !metadata.is_file() => {
+                return Err(format!(
+                    "{}: is no file; a report would leave out what it should have",
+                    self.place(name)
+                ));
+            }
+            Ok(_) => {}
         }
         File::open(path).map(Some).map_err(|error| self.failed(name, &error))
     }
@@ -159,6 +167,18 @@ mod tests {
         assert_eq!(opened().unwrap().kind, Kind::Sweep);
         assert!(Folder::open(&root.path().join(names::TRAJECTORY)).unwrap_err().contains("is no folder"));
         assert!(Folder::open(&root.path().join("none")).unwrap_err().contains("cannot be read"));
+    }
+
+    #[test]
+    fn a_folder_that_has_the_name_of_a_file_is_named() {
+        let root = tempfile::tempdir().unwrap();
+        fs::write(root.path().join(names::SUMMARY), "{}").unwrap();
+        let folder = Folder::open(root.path()).unwrap();
+        assert!(folder.file(names::QUANTILES).unwrap().is_none());
+        fs::create_dir(root.path().join(names::QUANTILES)).unwrap();
+        let why = folder.file(names::QUANTILES).unwrap_err();
+        assert!(why.contains("quantiles.csv: is no file"), "{why}");
+        assert!(folder.file(names::SUMMARY).unwrap().is_some());
     }
 
     #[test]

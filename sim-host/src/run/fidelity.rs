@@ -214,12 +214,12 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
     let reach = Reach::default();
     if let Some(Skipped { event, why }) = reach.divide(scenario).1.first() {
         return Err(RunError::bad_input(format!(
-            "emulated nodes cannot have this [[event]]: {event}: {why}; run this scenario with --on loopback, or leave the event out"
+            "emulated nodes cannot have this [[event]]: {event}: {why}; run this scenario with sim-host run --on loopback, or leave the event out"
         )));
     }
     if !scenario.clocks.is_empty() {
         return Err(RunError::bad_input(
-            "emulated nodes tick by this program's clock, without [clock] and [sync]; run this scenario with --on loopback",
+            "emulated nodes tick by this program's clock, without [clock] and [sync]; run this scenario with sim-host run --on loopback",
         ));
     }
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;

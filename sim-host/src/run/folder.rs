@@ -10,11 +10,14 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// A folder that no other run writes into; several processes of one sweep do.
+/// A folder that no other run writes into; several processes of one sweep do. One that was made for it and is empty at the end goes with it.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
-    lock: Lock,
+    /// Given up before the folder goes.
+    lock: Option<Lock>,
+    /// Folders that were not there before, the deepest first.
+    made: Vec<PathBuf>,
 }
 
 impl Folder {
@@ -36,12 +39,14 @@ impl Folder {
 
     fn open(path: &Path, access: Access) -> Result<Self, RunError> {
         let failed = |reason| RunError::from(RecordError { path: path.to_owned(), reason });
+        let mut folder = Self { path: path.to_owned(), lock: None, made: missing(path) };
         fs::create_dir_all(path).map_err(failed)?;
         match Lock::take(&path.join(names::LOCK), access) {
-            Ok(lock) => Ok(Self { path: path.to_owned(), lock }),
-            Err(LockError::Taken(holder)) => Err(taken(path, holder)),
-            Err(LockError::Failed(reason)) => Err(failed(reason)),
+            Ok(lock) => folder.lock = Some(lock),
+            Err(LockError::Taken(holder)) => return Err(taken(path, holder)),
+            Err(LockError::Failed(reason)) => return Err(failed(reason)),
         }
+        Ok(folder)
     }
 
     /// Refuses a folder with a sweep: that may be days of work.
@@ -76,13 +81,28 @@ impl Folder {
         let mine = self.path.join(names::REPORT);
         let mine = (!crate::report::is_replaceable(&mine)).then_some(mine);
         let earlier = names::in_folder(&self.path).into_iter();
-        let earlier = earlier.filter(|path| *path != self.lock.path() && Some(path) != mine.as_ref());
+        let lock = self.lock.as_ref().map(Lock::path);
+        let earlier = earlier.filter(|path| Some(path.as_path()) != lock && Some(path) != mine.as_ref());
         for path in earlier {
             remove_earlier(&path)?;
         }
         remove_abandoned(&self.path, names::is_ours);
         Ok(())
     }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        self.lock = None;
+        // Only what is empty can be removed so; nobody is left to tell if it stays.
+        let _ = self.made.iter().try_for_each(fs::remove_dir);
+    }
+}
+
+/// The folders on the way to `path` that are not there, the deepest first.
+fn missing(path: &Path) -> Vec<PathBuf> {
+    let is_missing = |path: &&Path| !path.as_os_str().is_empty() && path.symlink_metadata().is_err();
+    path.ancestors().take_while(is_missing).map(Path::to_owned).collect()
 }
 
 fn taken(path: &Path, holder: Option<u32>) -> RunError {
@@ -116,11 +136,28 @@ mod tests {
         let process = format!("another run (process {}) is writing", std::process::id());
         assert!(message.contains(&process), "{message}");
         drop(first);
-        assert_eq!(fs::read_dir(&path).unwrap().count(), 0);
+        assert!(!path.exists());
         // What a killed run leaves.
+        fs::create_dir(&path).unwrap();
         fs::write(path.join(names::LOCK), "1").unwrap();
         drop(Folder::take(&path).unwrap());
         assert!(path.exists() && fs::read_dir(&path).unwrap().next().is_none());
+    }
+
+    #[test]
+    fn folders_that_were_made_go_if_they_are_empty_and_those_that_were_there_stay() {
+        let root = tempfile::tempdir().unwrap();
+        let deep = root.path().join("a/b");
+        drop(Folder::take(&deep).unwrap());
+        assert!(!root.path().join("a").exists());
+        let folder = Folder::take(&deep).unwrap();
+        fs::write(deep.join("summary.json"), "{}").unwrap();
+        drop(folder);
+        assert!(deep.join("summary.json").exists());
+        let there = root.path().join("there");
+        fs::create_dir(&there).unwrap();
+        drop(Folder::take(&there).unwrap());
+        assert!(there.exists());
     }
 
     #[test]

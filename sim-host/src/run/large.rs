@@ -4,6 +4,8 @@ use super::claim::{self, Claim};
 use super::error::RunError;
 use super::names;
 use super::options::RunOptions;
+use super::rows::Nobody;
+use crate::interrupt::Interrupt;
 use crate::judge::{Check, CounterSummary};
 use crate::number::{Precision, shortest};
 use crate::number_format::significant;
@@ -32,6 +34,71 @@ pub struct LargeOptions {
     pub threads: Option<usize>,
 }
 
+/// Takes what is seen of such a run while it goes on.
+pub trait LargeRows {
+    /// The run has come to the time `t` (s).
+    fn reached(&mut self, _t: f64) {}
+
+    /// A tick that has a row: one of so many, and the last one that was run.
+    ///
+    /// # Errors
+    /// It cannot be kept, which ends the run.
+    fn row(&mut self, network: &Network<'_>, k: u64) -> Result<(), RunError>;
+}
+
+/// Runs `scenario` and gives the summary with the judged expectations; writes nothing. Every so many ticks has a row, if none is said some
+/// 200 of them.
+///
+/// # Errors
+/// See [`RunError`], and those of `rows`.
+pub fn simulate_large(
+    scenario: &LargeScenario,
+    large: &LargeOptions,
+    every_ticks: Option<u64>,
+    interrupt: &Interrupt,
+    rows: &mut dyn LargeRows,
+) -> Result<Summary, RunError> {
+    let begin = Instant::now();
+    let watched: Vec<usize> = large.nodes.iter().map(|id| id - 1).collect();
+    let threads = large.threads.or_else(|| std::thread::available_parallelism().ok().map(Into::into));
+    let mut network =
+        Network::watching(scenario, threads.unwrap_or(1), &watched).map_err(RunError::bad_input)?;
+    let stride = every_ticks.unwrap_or_else(|| scenario.time.ticks.div_ceil(DEFAULT_ROWS)).max(1);
+    let mut interrupted = None;
+    // The last tick that was run, where its row is not written.
+    let mut unwritten = None;
+    while let Some(k) = network.step() {
+        unwritten = Some(k).filter(|_| k % stride != 0 && k != scenario.time.ticks);
+        if unwritten.is_none() {
+            rows.row(&network, k)?;
+        }
+        rows.reached(scenario.time.at_s(k));
+        if interrupt.is_set() && k < scenario.time.ticks {
+            interrupted = Some(format!("after {} of {} ticks: interrupted", k + 1, scenario.time.ticks + 1));
+            break;
+        }
+    }
+    if let Some(k) = unwritten {
+        rows.row(&network, k)?;
+    }
+    let mut summary = judge(scenario, &network.findings(), interrupted);
+    summary.trace_hash = Some(network.hash().to_string());
+    summary.version = env!("CARGO_PKG_VERSION");
+    summary.wall_s = begin.elapsed().as_secs_f64();
+    Ok(summary)
+}
+
+/// Refuses ids that there are not.
+///
+/// # Errors
+/// The first of them, under the name that the user has for them.
+pub fn known_nodes(scenario: &LargeScenario, nodes: &[usize], name: &str) -> Result<(), RunError> {
+    match nodes.iter().find(|&&id| id == 0 || id > scenario.nodes()) {
+        Some(id) => Err(RunError::bad_input(format!("{name} {id}: ids are 1 to {} here", scenario.nodes()))),
+        None => Ok(()),
+    }
+}
+
 /// Runs `scenario`, writes what `options` ask for, and gives the summary with the judged expectations.
 ///
 /// # Errors
@@ -42,43 +109,31 @@ pub fn execute_large_in(
     options: &RunOptions,
     large: &LargeOptions,
 ) -> Result<Summary, RunError> {
-    let begin = Instant::now();
+    execute_large_with(claim, scenario, options, large, &mut Nobody)
+}
+
+/// The same for who takes the rows as well.
+///
+/// # Errors
+/// See [`RunError`], and those of `also`; outputs appear whole or not at all.
+pub fn execute_large_with(
+    claim: &mut Claim,
+    scenario: &LargeScenario,
+    options: &RunOptions,
+    large: &LargeOptions,
+    also: &mut dyn LargeRows,
+) -> Result<Summary, RunError> {
     refuse(options)?;
-    if let Some(id) = large.nodes.iter().find(|&&id| id == 0 || id > scenario.nodes()) {
-        return Err(RunError::bad_input(format!("--nodes {id}: ids are 1 to {} here", scenario.nodes())));
-    }
-    let mut outputs = options.out.as_deref().map(|out| Outputs::open(out, &large.nodes)).transpose()?;
+    known_nodes(scenario, &large.nodes, "--nodes")?;
+    let outputs = options.out.as_deref().map(|out| Outputs::open(out, &large.nodes)).transpose()?;
     let json = options.json.as_ref().map(AtomicFile::create).transpose()?;
-    let watched: Vec<usize> = large.nodes.iter().map(|id| id - 1).collect();
-    let threads = large.threads.or_else(|| std::thread::available_parallelism().ok().map(Into::into));
-    let mut network =
-        Network::watching(scenario, threads.unwrap_or(1), &watched).map_err(RunError::bad_input)?;
-    let stride = options.every_ticks.unwrap_or_else(|| scenario.time.ticks.div_ceil(DEFAULT_ROWS)).max(1);
     let progress = Progress::new("none", scenario.time.end_s(), options.verbosity == Verbosity::Quiet);
-    let mut interrupted = None;
-    // The last tick that was run, where its row is not written.
-    let mut unwritten = None;
-    while let Some(k) = network.step() {
-        unwritten = Some(k).filter(|_| k % stride != 0 && k != scenario.time.ticks);
-        if let Some(outputs) = outputs.as_mut().filter(|_| unwritten.is_none()) {
-            outputs.take(scenario, &network, k)?;
-        }
-        progress.at(scenario.time.at_s(k));
-        if options.interrupt.is_set() && k < scenario.time.ticks {
-            interrupted = Some(format!("after {} of {} ticks: interrupted", k + 1, scenario.time.ticks + 1));
-            break;
-        }
-    }
+    let mut written = Written { scenario, outputs, progress, also };
+    let done = simulate_large(scenario, large, options.every_ticks, &options.interrupt, &mut written);
+    let Written { outputs, progress, .. } = written;
     drop(progress);
-    if let Some((outputs, k)) = outputs.as_mut().zip(unwritten) {
-        outputs.take(scenario, &network, k)?;
-    }
-    let findings = network.findings();
-    let mut summary = judge(scenario, &findings, interrupted);
-    summary.trace_hash = Some(network.hash().to_string());
-    summary.version = env!("CARGO_PKG_VERSION");
+    let mut summary = done?;
     summary.command = claim.command().to_owned();
-    summary.wall_s = begin.elapsed().as_secs_f64();
     let text = summary.to_json();
     if let Some(outputs) = outputs {
         outputs.write(scenario, &text)?;
@@ -86,6 +141,41 @@ pub fn execute_large_in(
     json.map_or(Ok(()), |file| claim::commit(file, &text))?;
     claim.take_junit().map_or(Ok(()), |file| claim::commit(file, &junit(&summary, &options.repeat)))?;
     Ok(summary)
+}
+
+/// Rows that go into files, and the bar.
+struct Written<'s> {
+    scenario: &'s LargeScenario,
+    outputs: Option<Outputs>,
+    progress: Progress,
+    also: &'s mut dyn LargeRows,
+}
+
+impl LargeRows for Written<'_> {
+    fn reached(&mut self, t: f64) {
+        self.progress.at(t);
+        self.also.reached(t);
+    }
+
+    fn row(&mut self, network: &Network<'_>, k: u64) -> Result<(), RunError> {
+        self.also.row(network, k)?;
+        let Some(outputs) = &mut self.outputs else { return Ok(()) };
+        Ok(outputs.take(self.scenario, network, k)?)
+    }
+}
+
+impl LargeRows for Nobody {
+    fn row(&mut self, _: &Network<'_>, _: u64) -> Result<(), RunError> {
+        Ok(())
+    }
+}
+
+/// The columns of `quantiles.csv` behind the time.
+#[must_use]
+pub fn quantile_names() -> Vec<String> {
+    let of_states = QUANTILES.iter().map(|share| format!("x_q{:02}", (share * 100.0).round() as u32));
+    let others = ["ratio_q50", "ratio_q95", "ratio_q100", "u_q50", "u_q100"];
+    ["x_mean".to_owned()].into_iter().chain(of_states).chain(others.map(str::to_owned)).collect()
 }
 
 /// Options that would do nothing.
@@ -203,13 +293,7 @@ impl Outputs {
     fn open(out: &Path, nodes: &[usize]) -> Result<Self, RecordError> {
         let file = |name: &str| AtomicFile::create(out.join(name));
         let mut quantiles = file(names::QUANTILES)?;
-        quantiles.write(|out| {
-            write!(out, "t,x_mean")?;
-            QUANTILES
-                .iter()
-                .try_for_each(|share| write!(out, ",x_q{:02}", (share * 100.0).round() as u32))?;
-            writeln!(out, ",ratio_q50,ratio_q95,ratio_q100,u_q50,u_q100")
-        })?;
+        quantiles.write(|out| writeln!(out, "t,{}", quantile_names().join(",")))?;
         let trajectory = (!nodes.is_empty())
             .then(|| {
                 let mut trajectory = file(names::TRAJECTORY)?;

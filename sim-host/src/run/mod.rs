@@ -37,7 +37,10 @@ pub use error::RunError;
 pub use event_log::MoreEvents;
 pub(crate) use fidelity::LOCKSTEP;
 pub(crate) use folder::Folder;
-pub use large::{LargeOptions, execute_large_in};
+pub use large::{
+    LargeOptions, LargeRows, execute_large_in, execute_large_with, known_nodes, quantile_names,
+    simulate_large,
+};
 pub(crate) use lock::{Access, Lock, LockError};
 pub(crate) use names::SCENARIO as SCENARIO_FILE;
 pub(crate) use names::{SWEEP as SWEEP_FILE, is_ours};

@@ -160,25 +160,25 @@ fn problem(scenario: &Scenario) -> Result<CoupledProblem, RunError> {
     if !scenario.stays_whole() {
         return Err(RunError::bad_input(
             "there is no reference for a scenario with an [[event]] that takes nodes or links away: the continuous-time solution is that of all nodes and all links; \
-             run it with --on loopback, without reference_error among its expectations",
+             run it with sim-host run --on loopback, without reference_error among its expectations",
         ));
     }
     if !scenario.is_honest() {
         return Err(RunError::bad_input(
             "there is no reference for a scenario with an [[event]] of kind liar, replayer or impostor: the continuous-time solution is that of nodes \
-             that say their own states; run it with --on loopback, without reference_error among its expectations",
+             that say their own states; run it with sim-host run --on loopback, without reference_error among its expectations",
         ));
     }
     if (0..scenario.nodes.len()).any(|index| scenario.has_plant(index)) {
         return Err(RunError::bad_input(
             "there is no reference for a scenario with an [[event]] of kind sensor or actuator: the continuous-time solution is that of nodes \
-             whose sensors and actuators work; run it with --on loopback, without reference_error among its expectations",
+             whose sensors and actuators work; run it with sim-host run --on loopback, without reference_error among its expectations",
         ));
     }
     if !scenario.staged.is_empty() {
         return Err(RunError::bad_input(
             "there is no reference for a scenario with an [[event]] of kind set: the continuous-time solution is that of nodes that stay as they are; \
-             run it with --on loopback, without reference_error among its expectations",
+             run it with sim-host run --on loopback, without reference_error among its expectations",
         ));
     }
     Ok(CoupledProblem {

@@ -142,6 +142,10 @@ fn told_after(error: RunError, known: &Known, back: &[u8]) -> RunError {
     let groups = groups.iter().filter(|(_, nodes)| !nodes.is_empty());
     let groups = groups.map(|(name, nodes)| format!("{name}: {}", list(nodes))).collect::<Vec<_>>();
     let error = error.and(groups.join("; "));
+    let error = match back {
+        [] => error,
+        back => error.and(format_args!("went back from an earlier trial: {}", list(back))),
+    };
     let error = match known.unsure.as_slice() {
         [] => error,
         unsure => error.and(format_args!(
@@ -180,6 +184,13 @@ mod tests {
             "{words}"
         );
         assert!(words.ends_with("\nthe same command again sends it to those that do not have it"), "{words}");
+        // One was lost as an earlier trial ended, and another one has gone back from it.
+        let known = Known { unsure: vec![2], unchanged: vec![1, 3], ..Known::default() };
+        let error = told_after(RunError::in_the_run(HubError::OldProgram { node: 2 }), &known, &[1]).message;
+        assert!(
+            error.contains("not known: 2; have the program that they had: 1, 3\nwent back from an earlier trial: 1\nswitch off and on: 2"),
+            "{error}"
+        );
     }
 
     #[test]

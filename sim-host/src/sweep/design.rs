@@ -41,11 +41,15 @@ enum Rows {
 }
 
 /// Names of columns that are no keys, and what to say to who wants them as keys.
-const RESERVED: [(&str, &str); 4] = [
+const RESERVED: [(&str, &str); 8] = [
     ("seed", "repetitions have seeds: use --seeds K, and --seed N for the first one"),
     ("version", "is the version of the format"),
     ("run", "is no key of a scenario"),
+    ("repetition", "is no key of a scenario"),
     ("verdict", "is no key of a scenario"),
+    ("why", "is no key of a scenario"),
+    ("wall_s", "is no key of a scenario"),
+    ("cpu_s", "is no key of a scenario"),
 ];
 
 impl Design {

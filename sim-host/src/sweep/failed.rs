@@ -25,10 +25,10 @@ pub fn leave(folder: &Path, ended: &Ended) -> Result<Option<PathBuf>, RunError> 
     let beside = path.parent().unwrap_or(folder);
     fs::create_dir_all(beside)
         .map_err(|reason| crate::record::RecordError { path: beside.to_owned(), reason })?;
-    for input in &scenario.input_files {
+    for input in scenario.input_files() {
         write_atomic(beside.join(&input.name), input.text.as_bytes())?;
     }
-    write_atomic(&path, scenario.as_run.as_bytes())?;
+    write_atomic(&path, scenario.as_run().as_bytes())?;
     Ok(Some(path))
 }
 

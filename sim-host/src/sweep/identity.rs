@@ -105,9 +105,9 @@ impl Identity {
         let (draw, ranges) = plan.design.drawing();
         let (scenario, scenario_hash) = match plan.first_readable() {
             Some(first) => {
-                let files = first.input_files.iter().map(|file| file.text.as_str());
-                let scenario_hash = hash([first.as_run.as_str()].into_iter().chain(files));
-                (first.title, scenario_hash)
+                let files = first.input_files().iter().map(|file| file.text.as_str());
+                let scenario_hash = hash([first.as_run()].into_iter().chain(files));
+                (first.title().to_owned(), scenario_hash)
             }
             None => (String::new(), hash([plan.source.text.as_str()])),
         };

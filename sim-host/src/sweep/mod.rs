@@ -265,8 +265,8 @@ fn begin(
         return Ok(());
     }
     let Some(base) = plan.base() else { return Ok(()) };
-    for input in &base.input_files {
+    for input in base.input_files() {
         write_atomic(out.join(&input.name), input.text.as_bytes())?;
     }
-    Ok(write_atomic(out.join(SCENARIO_FILE), base.as_run.as_bytes())?)
+    Ok(write_atomic(out.join(SCENARIO_FILE), base.as_run().as_bytes())?)
 }

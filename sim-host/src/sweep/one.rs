@@ -7,9 +7,13 @@ use super::verdict::Verdict;
 use crate::exit::Exit;
 use crate::interrupt::Interrupt;
 use crate::printable::printable;
-use crate::record::{BusLogs, Row as Sample, failures};
-use crate::run::{Fidelity, Outcome, Rows, RunError, RunOptions, Verbosity, simulate_into};
-use crate::scenario::Scenario;
+use crate::record::{BusLogs, Row as Sample, Summary, failures};
+use crate::run::{
+    Fidelity, LargeOptions, LargeRows, Outcome, Rows, RunError, RunOptions, Verbosity, simulate_into,
+    simulate_large,
+};
+use crate::scenario::AnyScenario;
+use funnelnet_sim::large::Network;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -26,18 +30,18 @@ pub struct Ended {
     /// Its row.
     pub row: Row,
     /// The scenario, where it was read.
-    pub scenario: Option<Scenario>,
+    pub scenario: Option<AnyScenario>,
 }
 
-/// Does a run; `None` where the user has stopped it.
+/// Does a run; `None` where the user has stopped it. A network without a bus has so many `threads`.
 #[must_use]
-pub fn run(plan: &Plan, number: u64, interrupt: &Interrupt) -> Option<Ended> {
+pub fn run(plan: &Plan, number: u64, interrupt: &Interrupt, threads: usize) -> Option<Ended> {
     let run = plan.run(number);
     let (begin, cpu) = (Instant::now(), thread_cpu_s());
     let mut scenario = None;
     let judged = catch_unwind(AssertUnwindSafe(|| {
         let read = plan.scenario(&run).map_err(RunError::bad_input)?;
-        judge(scenario.insert(read), interrupt)
+        judge(scenario.insert(read), interrupt, threads)
     }));
     let judged = judged.unwrap_or_else(|panic| Err(RunError::defect(words_of(panic.as_ref()))));
     if interrupt.is_set() {
@@ -56,7 +60,9 @@ pub fn run(plan: &Plan, number: u64, interrupt: &Interrupt) -> Option<Ended> {
     cell("verdict", verdict.name().to_owned());
     cell("why", why.clone());
     cell("wall_s", format!("{:.6}", begin.elapsed().as_secs_f64()));
-    if let Some((before, after)) = cpu.zip(thread_cpu_s()) {
+    // That of other threads is not known.
+    let is_alone = threads == 1 || !matches!(scenario, Some(AnyScenario::Large(_)));
+    if let Some((before, after)) = cpu.zip(thread_cpu_s()).filter(|_| is_alone) {
         cell("cpu_s", format!("{:.6}", after - before));
     }
     cells.retain(|_, text| !text.is_empty());
@@ -72,9 +78,24 @@ impl Rows for Nowhere {
     }
 }
 
-fn judge(scenario: &Scenario, interrupt: &Interrupt) -> Result<crate::record::Summary, RunError> {
-    let outcome: Outcome = simulate_into(scenario, &options(interrupt), &mut Nowhere)?;
-    Ok(outcome.judge(scenario, Fidelity::Loopback))
+impl LargeRows for Nowhere {
+    fn row(&mut self, _: &Network<'_>, _: u64) -> Result<(), RunError> {
+        Ok(())
+    }
+}
+
+fn judge(scenario: &AnyScenario, interrupt: &Interrupt, threads: usize) -> Result<Summary, RunError> {
+    match scenario {
+        AnyScenario::Wired(scenario) => {
+            let outcome: Outcome = simulate_into(scenario, &options(interrupt), &mut Nowhere)?;
+            Ok(outcome.judge(scenario, Fidelity::Loopback))
+        }
+        AnyScenario::Large(scenario) => {
+            let large = LargeOptions { nodes: Vec::new(), threads: Some(threads) };
+            // Of the end alone.
+            simulate_large(scenario, &large, Some(scenario.time.ticks), interrupt, &mut Nowhere)
+        }
+    }
 }
 
 fn options(interrupt: &Interrupt) -> RunOptions {
@@ -94,7 +115,7 @@ fn options(interrupt: &Interrupt) -> RunOptions {
     }
 }
 
-fn first_failure(summary: &crate::record::Summary) -> String {
+fn first_failure(summary: &Summary) -> String {
     let failures = failures(summary);
     let first = failures.first().map_or("", |failure| failure.trim_start_matches("failed: "));
     let more = failures.len().saturating_sub(1);

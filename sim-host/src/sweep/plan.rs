@@ -4,7 +4,7 @@ use super::design::{Design, Setting};
 use super::identity::hash_of;
 use super::values::canonical;
 use crate::random::mix;
-use crate::scenario::{Diagnostics, Override, Scenario, Source};
+use crate::scenario::{AnyScenario, Diagnostics, Override, Source};
 use std::path::Path;
 
 /// All that is to be run.
@@ -83,7 +83,7 @@ impl Plan {
     ///
     /// # Errors
     /// Everything that was found to be wrong with it.
-    pub fn scenario(&self, run: &Run) -> Result<Scenario, Diagnostics> {
+    pub fn scenario(&self, run: &Run) -> Result<AnyScenario, Diagnostics> {
         let of_point = |setting: &Setting| {
             Override::from_option(&setting.option, &format!("{}={}", setting.key, setting.value))
                 .map_err(Diagnostics::from)
@@ -93,23 +93,23 @@ impl Plan {
             overrides.push(of_point(setting)?);
         }
         overrides.push(Override::seed(run.seed));
-        self.source.scenario(&overrides)
+        self.source.any_scenario(&overrides)
     }
 
     /// The scenario of the first point that has one.
     #[must_use]
-    pub fn first_readable(&self) -> Option<Scenario> {
+    pub fn first_readable(&self) -> Option<AnyScenario> {
         (0..self.design.points()).find_map(|point| self.scenario(&self.run(point * self.seeds + 1)).ok())
     }
 
     /// The scenario with what `--set` puts into it; where it is none without its points, that of the first one.
     #[must_use]
-    pub fn base(&self) -> Option<Scenario> {
+    pub fn base(&self) -> Option<AnyScenario> {
         let mut overrides = self.settings.clone();
         if self.seed != self.source.seed() {
             overrides.push(Override::seed(self.seed));
         }
-        self.source.scenario(&overrides).ok().or_else(|| self.first_readable())
+        self.source.any_scenario(&overrides).ok().or_else(|| self.first_readable())
     }
 
     /// The words of the command that repeats a run; `scenario` takes the place of standard input.
@@ -167,7 +167,7 @@ mod tests {
         assert_eq!(seeds(&plan), [5, 6, 7, 5, 6, 7]);
         let run = plan.run(5);
         assert_eq!((run.repetition, run.point[0].value.as_str()), (2, "star"));
-        assert_eq!(plan.scenario(&run).unwrap().seed, 6);
+        assert!(matches!(plan.scenario(&run).unwrap(), AnyScenario::Wired(scenario) if scenario.seed == 6));
     }
 
     #[test]

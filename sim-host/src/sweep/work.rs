@@ -9,7 +9,7 @@ use super::verdict::{Tally, Verdict};
 use super::{Quoting, Request};
 use crate::interrupt::Interrupt;
 use crate::run::RunError;
-use crate::scenario::Scenario;
+use crate::scenario::AnyScenario;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,8 +22,17 @@ use std::time::Duration;
 const MOST_TOLD: usize = 10;
 
 /// How much work a run is, in node-steps.
-fn work_of(scenario: &Scenario) -> u64 {
-    scenario.time.steps().saturating_mul(scenario.nodes.len() as u64).max(1)
+fn work_of(scenario: &AnyScenario) -> u64 {
+    scenario.node_steps().max(1)
+}
+
+/// How many runs go on at once, and on how many threads each: a network without a bus is large, and is run by itself on all of them. No
+/// figure depends on that.
+fn shared_out(plan: &Plan, jobs: usize) -> (usize, usize) {
+    match plan.base() {
+        Some(AnyScenario::Large(_)) => (1, jobs),
+        _ => (jobs, 1),
+    }
 }
 
 /// Reads the scenario of every run, and gives how much work they are. Stops where the user wants to.
@@ -49,7 +58,8 @@ pub fn read_all(plan: &Plan, runs: &[u64], request: &Request) -> Result<Load, Ru
         let mut work = work.lock().unwrap_or_else(PoisonError::into_inner);
         *work = work.saturating_add(sum);
     };
-    thread::scope(|scope| (0..request.jobs).for_each(|_| drop(scope.spawn(read))));
+    let (readers, _) = shared_out(plan, request.jobs);
+    thread::scope(|scope| (0..readers).for_each(|_| drop(scope.spawn(read))));
     let refused = refused.into_inner().unwrap_or_else(PoisonError::into_inner);
     if !refused.is_empty() && !request.may_refuse {
         return Err(told(&refused, runs.len()));
@@ -89,13 +99,14 @@ pub fn run_all(
 ) -> Result<Tally, RunError> {
     let mut progress = Progress::new(load, tally, request.is_quiet);
     let next = AtomicUsize::new(0);
+    let (runs_at_once, threads) = shared_out(plan, request.jobs);
     // Set by the user, or here where nothing can be written any more.
     let stop = &request.interrupt;
     let (sender, receiver) = channel::<Ended>();
     let written = thread::scope(|scope| {
-        for _ in 0..request.jobs {
+        for _ in 0..runs_at_once {
             let (sender, next) = (sender.clone(), &next);
-            scope.spawn(move || work(plan, runs, next, stop, &sender));
+            scope.spawn(move || work(plan, runs, next, (stop, threads), &sender));
         }
         drop(sender);
         loop {
@@ -120,12 +131,12 @@ fn work(
     plan: &Plan,
     runs: &[u64],
     next: &AtomicUsize,
-    stop: &Interrupt,
+    (stop, threads): (&Interrupt, usize),
     sender: &std::sync::mpsc::Sender<Ended>,
 ) {
     while !stop.is_set() {
         let Some(&number) = runs.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
-        let Some(ended) = one::run(plan, number, stop) else { return };
+        let Some(ended) = one::run(plan, number, stop, threads) else { return };
         // Nobody listens where nothing can be written any more.
         if sender.send(ended).is_err() {
             return;

@@ -59,6 +59,8 @@ pub enum Moment {
     Block(u32),
     Check,
     Swap,
+    /// It is told to restart.
+    Restart,
     /// It starts, on trial.
     OnTrial,
     /// It is on trial, and this tick comes.
@@ -484,6 +486,7 @@ impl Script {
                     Request::Block(block) => self.at(Moment::Block(block.offset / update::BLOCK_UNIT)),
                     Request::Check => self.at(Moment::Check),
                     Request::Swap => self.at(Moment::Swap),
+                    Request::Restart => self.at(Moment::Restart),
                     Request::Status { length: 0 } => self.asked_for_ticks(),
                     _ => {}
                 }

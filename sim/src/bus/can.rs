@@ -459,7 +459,8 @@ impl<N: Noise, F: OnWire> CanBus<N, F> {
                 continue;
             }
             let lost = queue.lost();
-            match &mut self.links {
+            // Nor does a link lose it, or hold it back: what is heard goes with the stamps in their order.
+            match self.links.as_mut().filter(|_| !is_sync) {
                 None if queue.is_empty() && !computes => hand(port, &frame, index, &mut self.off, receive),
                 None => queue.put(frame),
                 Some(links) => {

@@ -26,7 +26,7 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
         let text =
             "how fast honest nodes move is not known for this law, or for a run of this length".to_owned();
         let found = new(text, json!({}));
-        return Some(match short_restart(scenario) {
+        return Some(match short_restart(scenario).or_else(|| drawn_restart(scenario)) {
             Some(advice) => found.advise(Status::Warn, advice),
             None => found.stands(Status::NotChecked),
         });
@@ -76,7 +76,7 @@ pub(super) fn finding(subject: &Subject<'_>) -> Option<Finding> {
         let advice = format!("states reach {}; {then}; let safety.heard_limit be larger", figure(far));
         return Some(found.advise(Status::Warn, advice).set("safety.heard_limit", figure(ROOM * far)));
     }
-    Some(match short_restart(scenario) {
+    Some(match short_restart(scenario).or_else(|| drawn_restart(scenario)) {
         Some(advice) => found.advise(Status::Warn, advice),
         None => found,
     })
@@ -117,4 +117,25 @@ fn loses_frames(scenario: &Scenario) -> bool {
     let of_links =
         scenario.links.iter().any(|link| !link.settings.loss.is_none() || link.settings.corrupt > 0.0);
     !bus.loss.is_none() || of_links
+}
+
+/// The same of what `[faults]` may draw, whatever this seed has drawn.
+fn drawn_restart(scenario: &Scenario) -> Option<String> {
+    let safety = scenario.safety;
+    let shortest_ns = scenario.shortest_bounce_ns?;
+    if safety.heard_rate.is_none() || safety.drop_after == 0 || !loses_frames(scenario) {
+        return None;
+    }
+    let longest = u64::from(Bounds::of(scenario).extrapolate);
+    // Whole ticks, wherever between two of them it begins.
+    let ticks = shortest_ns / scenario.time.tick_ns;
+    (ticks <= longest).then(|| {
+        format!(
+            "with some seed [faults] has a node off for {}, and its neighbours extrapolate it for {longest} ticks. Where the frame is lost \
+             by which it says that it starts anew, and it comes back far from where it was, they drop its edges; let faults.shortest be \
+             {} or more, or leave bounce out of faults.kinds",
+            format_duration(shortest_ns),
+            format_duration((longest + 1) * scenario.time.tick_ns)
+        )
+    })
 }

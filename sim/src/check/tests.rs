@@ -141,6 +141,37 @@ fn a_restart_that_neighbours_do_not_see_is_warned_of() {
     assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &edge), "heard").status, Status::Warn);
 }
 
+/// Whatever this seed has drawn.
+#[test]
+fn a_restart_that_some_seed_may_draw_too_short_is_warned_of() {
+    let of = |faults: &str, sets: &[&str]| {
+        let overrides: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+        let text = format!("{PAIR}[faults]\nrate = 0.001\n{faults}\n");
+        let scenario = Scenario::parse(&text, Path::new("pair.toml"), &overrides).unwrap();
+        assert!(scenario.events.is_empty(), "this seed draws none");
+        check(&scenario)
+    };
+    let rate = ["safety.heard_rate=40", "coupling.u_max=20", "bus.loss=0.01"];
+    let bounces =
+        |shortest: &str| of(&format!("kinds = ['bounce']\nshortest = '{shortest}'\nlongest = '1s'"), &rate);
+    let report = bounces("5ms");
+    let ticks = value(&report, "bounds", "extrapolate_ticks");
+    let found = find(&report, "heard");
+    let advice = &found.advice.as_ref().unwrap().text;
+    assert!(
+        found.status == Status::Warn && advice.starts_with("with some seed [faults] has a node off for 5ms"),
+        "{advice}"
+    );
+    assert!(advice.contains(&format!("faults.shortest be {}ms or more", ticks + 1.0)), "{advice}");
+    assert_eq!(find(&bounces(&format!("{}ms", ticks + 1.0)), "heard").status, Status::Ok);
+    assert_eq!(find(&bounces(&format!("{ticks}.5ms")), "heard").status, Status::Warn);
+    assert_eq!(find(&of("kinds = ['burst']\nshortest = '5ms'", &rate), "heard").status, Status::Ok);
+    // It says that it starts anew, and that comes to all.
+    assert_eq!(find(&of("kinds = ['bounce']\nshortest = '5ms'", &rate[..2]), "heard").status, Status::Ok);
+    let never = ["safety.heard_rate=40", "safety.drop_after=0", "coupling.u_max=20", "bus.loss=0.01"];
+    assert_eq!(find(&of("kinds = ['bounce']", &never), "heard").status, Status::Ok);
+}
+
 #[test]
 fn the_paper_example_holds() {
     let report = load("five-agents.toml", &[]);

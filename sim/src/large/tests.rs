@@ -294,7 +294,7 @@ fn what_needs_a_bus_is_refused_by_its_key() {
     }
     assert!(large_of(&source, &["coupling.floor=f32"]).is_ok());
     let error = source.scenario(&[]).unwrap_err().to_string();
-    assert!(error.contains("bus.model") && error.contains("`run` and `check`"), "{error}");
+    assert!(error.contains("bus.model") && error.contains("`run`, `check` and `sweep`"), "{error}");
 }
 
 #[test]

@@ -1,7 +1,19 @@
-//! The line of a record of CSV. The reader gives where it began to look for the record, which is before empty lines
+//! Columns of CSV by their names, and the line of a record. The reader gives where it began to look for the record, which is before empty lines
 //! and comments.
 
 use csv::{Error, ErrorKind, Position, StringRecord};
+
+/// The column with this name; none where there is none.
+///
+/// # Errors
+/// There are several: nobody knows which one is meant.
+pub(super) fn column(headers: &StringRecord, name: &str) -> Result<Option<usize>, String> {
+    let mut places = (0..headers.len()).filter(|&at| headers.get(at) == Some(name));
+    match (places.next(), places.next()) {
+        (_, Some(_)) => Err(format!("has the column '{name}' more than once; rename all but one")),
+        (place, None) => Ok(place),
+    }
+}
 
 /// Line of `record` in `text`, from 1.
 pub(super) fn line_of(text: &str, record: &StringRecord) -> u64 {

@@ -1,11 +1,12 @@
 //! `[faults]`: events by chance, drawn from the seed. What is drawn becomes events like those that a scenario names.
 
 use super::bus::MOST_BIT_ERRORS;
+use super::clock::read_by;
 use super::diagnostic::Problem;
 use super::duration::format_duration;
 use super::event::{
-    ActuatorFault, Detail, EventKind, EventSpec, LAST_JOIN, Lie, MOST_EVENTS, OLDEST, SensorFault, Setting,
-    Targets, no_plants,
+    ActuatorFault, ClockChange, Detail, EventKind, EventSpec, LAST_JOIN, Lie, MOST_EVENTS, OLDEST,
+    SensorFault, Setting, Targets, no_plants,
 };
 use super::reader::{Log, Range, Section};
 use super::tree::{Item, Value};
@@ -25,8 +26,8 @@ pub(super) const OFFSET: Range = Range::any("state units");
 /// Part of its input that a drawn actuator does.
 pub(super) const EFFECTIVENESS: Range = Range::between(0.0, 1.0, "of the input");
 
-/// Kinds that come to an end by themselves, by name.
-pub(super) const KINDS: [EventKind; 13] = [
+/// Kinds that come to an end by themselves, or that the network makes up for, by name.
+pub(super) const KINDS: [EventKind; 15] = [
     EventKind::Bounce,
     EventKind::Partition,
     EventKind::Burst,
@@ -40,7 +41,11 @@ pub(super) const KINDS: [EventKind; 13] = [
     EventKind::Replayer,
     EventKind::Sensor,
     EventKind::Actuator,
+    EventKind::Clock,
+    EventKind::SyncLoss,
 ];
+/// How far a drawn clock jumps where the scenario does not say, ns.
+const JUMP_NS: i64 = 300_000;
 
 /// What is drawn.
 pub(super) struct FaultsSpec<'a> {
@@ -56,7 +61,15 @@ pub(super) struct FaultsSpec<'a> {
     offset: f64,
     age_ns: u64,
     effectiveness: f64,
+    jump_ns: i64,
     item: &'a Item,
+}
+
+impl FaultsSpec<'_> {
+    /// The shortest time for which it may have a node off, ns; none where it draws no bounce.
+    pub(super) fn shortest_bounce_ns(&self) -> Option<u64> {
+        self.kinds.contains(&EventKind::Bounce).then_some(self.lasts_ns.0)
+    }
 }
 
 /// Reads `[faults]`; none where there is none.
@@ -79,6 +92,7 @@ pub(super) fn read<'a>(file: &mut Section<'a>, root: &'a Item) -> Option<FaultsS
         offset: section.number("offset", Some(1.0), OFFSET),
         age_ns: section.duration("age", Some(100_000_000)).max(1),
         effectiveness: section.number("effectiveness", Some(0.0), EFFECTIVENESS),
+        jump_ns: section.value("jump", JUMP_NS, read_by),
         item,
     };
     section.finish();
@@ -164,6 +178,19 @@ fn is_sound(spec: &FaultsSpec<'_>, to: u64, last: u64, setting: &Setting<'_>) ->
     if spec.kinds.contains(&EventKind::Bounce) && setting.clocks && !setting.sync {
         let why = "a node that comes learns the tick from a time master";
         refuse("kinds", format!("must be without bounce beside clocks and no [sync]: {why}"));
+    }
+    if spec.kinds.contains(&EventKind::Clock) && !setting.clocks {
+        refuse(
+            "kinds",
+            "must be without clock, which needs [clock] or [sync]: without them all nodes share one"
+                .to_owned(),
+        );
+    }
+    if spec.kinds.contains(&EventKind::SyncLoss) && !setting.sync {
+        refuse("kinds", "must be without sync-loss, which needs [sync]".to_owned());
+    }
+    if spec.kinds.contains(&EventKind::Clock) && spec.jump_ns == 0 {
+        refuse("jump", "must not be zero: that is no fault".to_owned());
     }
     if spec.kinds.contains(&EventKind::Actuator) && spec.effectiveness >= 1.0 {
         refuse("effectiveness", "must be below 1: that is no fault".to_owned());
@@ -251,6 +278,11 @@ impl Chance<'_> {
                 let fault = SensorFault::Gives(Lie::Offset(spec.offset));
                 vec![event(kind, of_node, Detail::Sensor(fault))]
             }
+            EventKind::Clock => {
+                let change = ClockChange { by_ns: spec.jump_ns, drift_ppb: None };
+                vec![EventSpec { lasts_ns: 0, ..event(kind, of_node, Detail::Clock(change)) }]
+            }
+            EventKind::SyncLoss => vec![event(kind, Targets::Masters, Detail::None)],
             EventKind::Actuator => {
                 vec![event(kind, of_node, Detail::Actuator(ActuatorFault::Part(spec.effectiveness)))]
             }

@@ -138,11 +138,17 @@ impl Files {
 
     /// Makes the sections of a scenario name those files.
     pub fn name_copies(&self, root: &mut Table) {
-        if let (Some(graph), true) = (root.get_mut("graph"), self.graph.borrow().is_some()) {
+        if let (Some(graph), Some(read)) = (root.get_mut("graph"), self.graph.borrow().as_ref()) {
             let place = graph.place.clone();
             if let Value::Table(table) = &mut graph.value {
+                let item = |value, key: &str| Item { value, ..Item::empty_table(&place, key) };
                 let value = Value::Text(graph_file::COPY.to_owned());
-                table.insert("file".to_owned(), Item { value, ..Item::empty_table(&place, "file") });
+                table.insert("file".to_owned(), item(value, "file"));
+                // The copy has edges alone, by which nobody can tell how many nodes there are where it has none.
+                if !read.has_edges() && !table.contains_key("nodes") {
+                    let value = Value::Integer(read.nodes.into());
+                    table.insert("nodes".to_owned(), item(value, "nodes"));
+                }
             }
         }
         for (key, item) in root.iter_mut() {
@@ -245,7 +251,7 @@ fn read_column(path: &Path, time: &str, column: &str) -> Column {
     let headers = reader.headers().map_err(|error| format!("{shown}: {error}"))?.clone();
     let find = |name: &str| {
         let known = headers.iter().collect::<Vec<_>>().join(", ");
-        let place = headers.iter().position(|header| header == name);
+        let place = super::csv_line::column(&headers, name).map_err(|why| format!("{shown} {why}"))?;
         place.ok_or_else(|| format!("{shown} has no column '{name}'; it has {known}"))
     };
     let (time_at, column_at) = (find(time)?, find(column)?);
@@ -307,6 +313,10 @@ mod tests {
         assert_eq!(read("t, p\n0, 1\n1.5, -2e3\n", "p"), Ok(vec![(0.0, 1.0), (1.5, -2e3)]));
         let wrong = |text, column| read(text, column).unwrap_err();
         assert_eq!(wrong("t,p\n0,1\n", "q"), "F has no column 'q'; it has t, p");
+        let twice = "F has the column 'p' more than once; rename all but one";
+        assert_eq!(wrong("t,p,q,p\n0,1,2,3\n", "p"), twice);
+        // Of what nobody reads there may be any number.
+        assert_eq!(read("t,p,q,q\n0,1,2,3\n", "p"), Ok(vec![(0.0, 1.0)]));
         assert_eq!(wrong("t,p\n0,1\n0,2\n", "p"), "F, line 3: times must increase, and 0 does not");
         assert_eq!(wrong("t,p\n0,nan\n", "p"), "F, line 2: 'nan' must be a number within 1e9");
         assert_eq!(wrong("t,p\n", "p"), "F has no rows");

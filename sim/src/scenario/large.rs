@@ -113,6 +113,45 @@ pub enum AnyScenario {
     Large(Box<LargeScenario>),
 }
 
+impl AnyScenario {
+    /// Title; the file's name where it gives none.
+    #[must_use]
+    pub fn title(&self) -> &str {
+        match self {
+            Self::Wired(scenario) => &scenario.title,
+            Self::Large(scenario) => &scenario.title,
+        }
+    }
+
+    /// The text that gives it again, with the values of the command line in it.
+    #[must_use]
+    pub fn as_run(&self) -> &str {
+        match self {
+            Self::Wired(scenario) => &scenario.as_run,
+            Self::Large(scenario) => &scenario.as_run,
+        }
+    }
+
+    /// The files that it names there.
+    #[must_use]
+    pub fn input_files(&self) -> &[InputFile] {
+        match self {
+            Self::Wired(scenario) => &scenario.input_files,
+            Self::Large(scenario) => &scenario.input_files,
+        }
+    }
+
+    /// Steps of all nodes in the whole run.
+    #[must_use]
+    pub fn node_steps(&self) -> u64 {
+        let (time, nodes) = match self {
+            Self::Wired(scenario) => (&scenario.time, scenario.nodes.len()),
+            Self::Large(scenario) => (&scenario.time, scenario.nodes()),
+        };
+        time.steps().saturating_mul(nodes as u64)
+    }
+}
+
 impl Source {
     /// The scenario, of whichever kind its `bus.model` says, with `overrides` put in first.
     ///
@@ -150,7 +189,7 @@ fn model(root: &Item) -> Option<&Item> {
 /// Refuses such a scenario where a bus is needed.
 pub(super) fn refuse(root: &Item, log: &Log) {
     if let Some(item) = model(root).filter(|_| is_large(root)) {
-        let allowed = "is for `run` and `check` only; here a bus has to carry the states";
+        let allowed = "is for `run`, `check` and `sweep` only; here a bus has to carry the states";
         log.report(item.diagnostic(Problem::Value, allowed));
     }
 }

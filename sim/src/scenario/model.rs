@@ -44,6 +44,8 @@ pub struct Scenario {
     pub links: Vec<LinkSpec>,
     /// Events of nodes and links, in the order of time.
     pub events: Vec<EventSpec>,
+    /// The shortest time for which `[faults]` may have a node off, whatever the seed is, ns; none where it draws no bounce.
+    pub shortest_bounce_ns: Option<u64>,
     /// What events set while nodes run, by index; empty where they set nothing.
     pub staged: Vec<Option<Staged>>,
     /// The clocks of the nodes, by index; none where all are right.
@@ -101,7 +103,7 @@ impl Scenario {
     /// The same without events, and without what they set.
     #[must_use]
     pub fn without_events(&self) -> Self {
-        Self { events: Vec::new(), staged: Vec::new(), ..self.clone() }
+        Self { events: Vec::new(), shortest_bounce_ns: None, staged: Vec::new(), ..self.clone() }
     }
 
     /// Whether every node says its own state, as far as it knows it.

@@ -77,7 +77,8 @@ pub(super) fn read<'a>(
     let by_itself = section.has("file").then_some(Kind::File);
     let kind = section.choice("kind", &KINDS, by_itself)?;
     let file = if kind == Kind::File { Some(file(&mut section, files)?) } else { None };
-    let most = file.as_ref().map(|file| file.nodes);
+    // Without edges a file does not say how many there are.
+    let most = file.as_ref().map(|file| file.nodes).filter(|&nodes| nodes > 0);
     let nodes = section.integer("nodes", most, (1, largest), why);
     let weight = section.number("weight", Some(1.0), EDGE_WEIGHT);
     let mut network = Network {
@@ -127,7 +128,13 @@ fn file(section: &mut Section<'_>, files: &Files) -> Option<Rc<FileGraph>> {
         section.log().report(item.diagnostic(Problem::Value, "must be a string"));
         return None;
     };
-    files.graph(name).map_err(|why| section.log().report(item.diagnostic(Problem::Value, why))).ok()
+    let refuse = |why: String| section.log().report(item.diagnostic(Problem::Value, why));
+    let graph = files.graph(name).map_err(refuse).ok()?;
+    if graph.nodes == 0 && !section.has("nodes") {
+        refuse("names no node; graph.nodes must say how many there are".to_owned());
+        return None;
+    }
+    Some(graph)
 }
 
 fn degree(section: &mut Section<'_>) -> usize {

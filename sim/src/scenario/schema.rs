@@ -858,6 +858,7 @@ fn faults_section() -> Value {
         key("effectiveness", number(faults::EFFECTIVENESS), "of an actuator: part of the input that it does")
             .or(json!(0.0)),
         key("age", span(), "of a replayer: how old its states are").or(json!("100ms")),
+        key("jump", signed_duration(), "of a clock: how far it jumps").or(json!("300us")),
     ])
 }
 

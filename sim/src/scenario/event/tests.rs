@@ -652,6 +652,21 @@ fn faults_by_chance_are_as_many_and_as_long_as_said_and_of_the_seed() {
 }
 
 #[test]
+fn clocks_jump_and_sync_is_lost_by_chance() {
+    let keys = "rate = 40\nkinds = ['clock', 'sync-loss']\njump = '-200us'\nlongest = '20ms'";
+    let scenario = read(&chance(keys, "bus = { model = 'can' }\nsync = {}"));
+    let (jumps, losses): (Vec<_>, Vec<_>) =
+        scenario.events.iter().partition(|event| event.kind == EventKind::Clock);
+    assert!(jumps.len() > 15 && losses.len() > 15, "{} {}", jumps.len(), losses.len());
+    for jump in jumps {
+        let change = ClockChange { by_ns: -200_000, drift_ppb: None };
+        assert_eq!((&jump.detail, jump.lasts_ns), (&Detail::Clock(change), 0));
+    }
+    assert!(losses.iter().all(|loss| loss.kind == EventKind::SyncLoss && loss.targets == Targets::Masters));
+    assert!(losses.iter().all(|loss| (10 * MS..=20 * MS).contains(&loss.lasts_ns)));
+}
+
+#[test]
 fn faults_leave_what_named_events_take_away_to_those_and_time_to_recover() {
     let keys = "rate = 200\nkinds = ['bounce']\nlongest = '20ms'";
     let named = "event = [{ at = '1s', kind = 'crash', nodes = [1, 2, 3, 4] }]\nexpect = { recovered_within = '300ms' }";
@@ -685,6 +700,9 @@ fn faults_that_cannot_be_drawn_are_refused() {
         ("rate = 1\nkinds = ['liar']\noffset = 0", "faults.offset = 0: must not be zero"),
         ("rate = 1\nkinds = ['replayer']\nage = '1us'", "faults.age = '1us': must be from 1ms to 100s"),
         ("rate = 1\nkinds = ['burst']\nlos = 1", "unknown key 'los' in [faults]"),
+        ("rate = 1\nkinds = ['clock']", "must be without clock, which needs [clock] or [sync]"),
+        ("rate = 1\nkinds = ['sync-loss']", "must be without sync-loss, which needs [sync]"),
+        ("rate = 1\nkinds = ['burst']\njump = '2s'", "faults.jump = '2s': must be a second at most"),
     ] {
         let found = refused(&chance(keys, ""));
         assert!(found.contains(words), "{keys}\n{found}");
@@ -707,7 +725,13 @@ fn faults_beside_clocks_are_refused_by_their_kinds_whatever_the_seed_draws() {
         read(&of("liar", clocks));
         read(&of("partition", clocks));
     }
-    read(&of("bounce", "bus = { model = 'can' }\nsync = {}\nclock = { drift_ppm = 50 }"));
+    let kept = "bus = { model = 'can' }\nsync = {}\nclock = { drift_ppm = 50 }";
+    read(&of("bounce", kept));
+    // Clocks alone have no SYNC to lose.
+    read(&of("clock", "clock = { drift_ppm = 50 }"));
+    assert!(refused(&of("sync-loss", "clock = { drift_ppm = 50 }")).contains("must be without sync-loss"));
+    let still = format!("{kept}\n[faults]\nrate = 1\nkinds = ['clock']\njump = '0s'");
+    assert!(refused(&still).contains("faults.jump = '0s': must not be zero"));
     let named = "event = [{ at = '1s', kind = 'sensor', node = 2, offset = 1 }]\n[[node]]\nid = 1\nclock = { drift_ppm = 50 }";
     let found = refused(named);
     assert!(found.contains("a plant keeps the true time"), "{found}");

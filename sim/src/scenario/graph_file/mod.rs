@@ -3,7 +3,7 @@
 #[cfg(feature = "graphml")]
 mod graphml;
 
-use super::csv_line::{line_of, malformed};
+use super::csv_line::{column, line_of, malformed};
 use super::graph::Edge;
 use super::network::{EDGE_WEIGHT, MAX_NODES};
 use std::collections::BTreeMap;
@@ -26,7 +26,7 @@ pub(super) struct FileEdge {
 pub(super) struct FileGraph {
     /// How messages name the file.
     shown: String,
-    /// The largest id.
+    /// The largest id; 0 where there is none.
     pub nodes: u64,
     edges: Vec<FileEdge>,
 }
@@ -45,9 +45,6 @@ pub(super) fn read(path: &Path) -> Result<FileGraph, String> {
         .is_some_and(|end| end.eq_ignore_ascii_case("graphml") || end.eq_ignore_ascii_case("xml"));
     let (nodes, edges) = if is_xml { graphml_edges(&text) } else { csv_edges(&text) }
         .map_err(|why| format!("{shown}{why}"))?;
-    if nodes == 0 {
-        return Err(format!("{shown} has no nodes"));
-    }
     Ok(FileGraph { shown, nodes, edges })
 }
 
@@ -69,17 +66,15 @@ fn csv_edges(text: &str) -> Found {
     let mut reader =
         csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| format!(": {error}"))?.clone();
-    let at = |name: &str| headers.iter().position(|header| header == name);
+    let first = line_of(text, &headers);
+    let at = |name: &str| column(&headers, name).map_err(|why| format!(", line {first}: {why}"));
     let need = |name: &str| {
         let has = headers.iter().collect::<Vec<_>>().join(", ");
-        at(name).ok_or_else(|| {
-            format!(
-                ", line {}: has no column '{name}', as in from,to,weight; it has {has}",
-                line_of(text, &headers)
-            )
+        at(name)?.ok_or_else(|| {
+            format!(", line {first}: has no column '{name}', as in from,to,weight; it has {has}")
         })
     };
-    let (from, to, weight) = (need("from")?, need("to")?, at("weight"));
+    let (from, to, weight) = (need("from")?, need("to")?, at("weight")?);
     let (mut nodes, mut edges) = (0, Vec::new());
     for record in reader.records() {
         let record = record.map_err(|error| malformed(text, &error))?;
@@ -114,6 +109,11 @@ fn number(line: u64, text: &str) -> Result<f64, String> {
 }
 
 impl FileGraph {
+    /// Whether there is one.
+    pub fn has_edges(&self) -> bool {
+        !self.edges.is_empty()
+    }
+
     /// The edges between `nodes` nodes, sorted, each once; those without a weight have this one.
     pub fn edges(&self, nodes: u64, weight: f64) -> Result<Vec<Edge>, String> {
         let mut weights: BTreeMap<(u64, u64), f64> = BTreeMap::new();
@@ -201,7 +201,12 @@ mod tests {
             wrong("from,to,weight\n1,2,1\n2,1,3\n"),
             "F, line 3: weight 3: 1 and 2 are already joined with weight 1, and the graph is undirected"
         );
-        assert_eq!(wrong("from,to\n"), "F has no nodes");
+        assert_eq!(
+            wrong("from,to,weight,to\n1,2,1,3\n"),
+            "F, line 1: has the column 'to' more than once; rename all but one"
+        );
+        // The scenario may say how many nodes there are.
+        assert_eq!(found("g.csv", "from,to\n").map(|graph| graph.nodes), Ok(0));
         let graph = found("g.csv", "from,to\n1,2\n2,3\n").unwrap();
         assert_eq!(
             graph.edges(2, 1.0).unwrap_err(),
