@@ -9,8 +9,39 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use system_tests::campaign::{Seen, draw, look, smaller};
 
-/// A run that takes longer hangs.
+/// A run that takes longer hangs, unless the machine has left this program no time meanwhile.
 const PATIENCE: Duration = Duration::from_secs(120);
+/// Processor time of all threads without which no run can be said to hang. One that waits for ever uses none: it is found
+/// after [`ASLEEP`].
+const BUSY: Duration = Duration::from_secs(60);
+const ASLEEP: Duration = Duration::from_secs(3_600);
+
+/// A run that a thread is at.
+#[derive(Clone, Copy)]
+struct Begun {
+    number: u64,
+    at: Instant,
+    /// Processor time of this program by then.
+    used: Duration,
+}
+
+impl Begun {
+    fn hangs(&self) -> bool {
+        let waited = self.at.elapsed();
+        waited > ASLEEP || waited > PATIENCE && processor_time().saturating_sub(self.used) > BUSY
+    }
+}
+
+/// Processor time of all threads of this program; zero where the system does not tell it.
+fn processor_time() -> Duration {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name of the program, in parentheses, may have blanks. User and system time are the 14th and 15th field, in hundredths of
+    // a second.
+    let rest = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
+    let ticks: u64 =
+        rest.split_whitespace().skip(11).take(2).filter_map(|field| field.parse::<u64>().ok()).sum();
+    Duration::from_millis(10 * ticks)
+}
 
 #[derive(Default)]
 struct Tally {
@@ -28,7 +59,7 @@ fn main() -> ExitCode {
     let (next, done) = (AtomicU64::new(from), AtomicBool::new(false));
     let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
     // What each thread is at, and since when.
-    let at: Vec<Mutex<Option<(u64, Instant)>>> = (0..threads).map(|_| Mutex::new(None)).collect();
+    let at: Vec<Mutex<Option<Begun>>> = (0..threads).map(|_| Mutex::new(None)).collect();
     let tally = Mutex::new(Tally::default());
     std::thread::scope(|scope| {
         let workers: Vec<_> =
@@ -61,14 +92,14 @@ fn main() -> ExitCode {
     if tally.broken == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-fn work(at: &Mutex<Option<(u64, Instant)>>, next: &AtomicU64, end: u64, tally: &Mutex<Tally>) {
+fn work(at: &Mutex<Option<Begun>>, next: &AtomicU64, end: u64, tally: &Mutex<Tally>) {
     loop {
         let number = next.fetch_add(1, Ordering::Relaxed);
         if number >= end {
             *at.lock().expect("a place") = None;
             return;
         }
-        *at.lock().expect("a place") = Some((number, Instant::now()));
+        *at.lock().expect("a place") = Some(Begun { number, at: Instant::now(), used: processor_time() });
         let world = draw(number);
         match std::panic::catch_unwind(|| look(&world)) {
             Ok(Ok(seen)) => tally.lock().expect("a tally").seen.push(seen),
@@ -91,11 +122,11 @@ fn found(number: u64, what: &str, text: &str) {
     println!("world {number}: {what} ({file})");
 }
 
-fn watch(at: &[Mutex<Option<(u64, Instant)>>], done: &AtomicBool) {
+fn watch(at: &[Mutex<Option<Begun>>], done: &AtomicBool) {
     while !done.load(Ordering::Relaxed) {
         for at in at {
-            let slow = at.lock().expect("a place").filter(|(_, since)| since.elapsed() > PATIENCE);
-            if let Some((number, _)) = slow {
+            let slow = at.lock().expect("a place").filter(Begun::hangs);
+            if let Some(Begun { number, .. }) = slow {
                 found(number, "it hangs", &draw(number).text());
                 std::process::exit(1);
             }
