@@ -20,7 +20,7 @@ use funnelnet_node::watchdog::FEED_EVERY_NS;
 use funnelnet_node::{Configured, Event, InputRange, Model, PlantSetup, Session, Task};
 use funnelnet_plant::{Failure, Plant, Virtual};
 use funnelnet_protocol::NodeConfig;
-use funnelnet_protocol::config::ConfigError;
+use funnelnet_protocol::config::{ConfigError, TimeRules};
 use funnelnet_protocol::message::{
     Command, Component, FaultCode, Message, NodeId, Severity, Target, TickStamp,
 };
@@ -349,6 +349,72 @@ fn what_a_controller_has_lost_since_the_configuration_is_reported() {
     losses.set(Losses { frames: 7, bus_errors: 6, ..Losses::default() });
     time.run(node.as_mut(), 3 * MS);
     assert_eq!(line.report(node.as_mut()).counters.link, Losses { frames: 2, ..Losses::default() });
+}
+
+/// A controller that stamps a SYNC so many ns away from when the app reads it.
+struct Stamping<C> {
+    inner: C,
+    away: i64,
+}
+
+impl<C: Controller> Controller for Stamping<C> {
+    type Format = C::Format;
+
+    async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange {
+        self.inner.exchange(next).await
+    }
+
+    fn offer(&mut self, frame: &FrameOf<Self>) -> bool {
+        self.inner.offer(frame)
+    }
+
+    fn sync_at(&self, now: u64) -> Option<u64> {
+        Some(now.saturating_add_signed(self.away))
+    }
+
+    fn cancel(&mut self) {}
+
+    fn state(&self) -> BusState {
+        self.inner.state()
+    }
+
+    fn counters(&self) -> (u8, u8) {
+        self.inner.counters()
+    }
+
+    fn restart(&mut self) {}
+}
+
+/// Who has said the last two states, where the second node follows the first one by these stamps.
+fn last_two(away: i64) -> Vec<u16> {
+    let (time, words) = (Time::default(), [Words::default(), Words::default()]);
+    let (lines, bus) = ([Line::new(&time), Line::new(&time)], Bus::<2>::new(&time));
+    let link = |index: usize| {
+        let controller = Stamping { inner: bus.tap::<Classic>(index), away };
+        CanNode::new(controller, Serial::new(&lines[index]))
+    };
+    let [first, second] = [0, 1].map(|index| node(&time, link(index), Absent, &words[index]));
+    let mut nodes = pin!(join(first, second));
+    let rules = TimeRules { period_us: 8_000, ..TimeRules::NONE }.with_master(NodeId::new(1).unwrap());
+    for (line, id) in lines.iter().zip(1..) {
+        line.ask(&Request::Configure(NodeConfig { time: rules, ..config(id) }));
+    }
+    lines[0].tell(&start());
+    time.run(nodes.as_mut(), 2 * MS / 5);
+    lines[1].tell(&start());
+    time.run(nodes.as_mut(), 101 * MS / 2);
+    assert!(words[0].has("is time master") && words[1].has("follows time master 1"), "{:?}", words[1].0);
+    let sent = bus.sent.take();
+    assert!(sent.iter().any(|id| id >> 7 == 1), "no SYNC on the bus: {sent:?}");
+    let states: Vec<_> = sent.iter().filter(|&&id| id >> 7 == 3).map(|id| id & 0x7F).collect();
+    states[states.len() - 2..].to_vec()
+}
+
+/// Its ticks come by the stamp's mistake before or after those of the master, half a ms before the end here.
+#[test]
+fn sync_on_a_bus_counts_as_of_the_controllers_stamp() {
+    assert_eq!(last_two(-300_000), [2, 1]);
+    assert_eq!(last_two(300_000), [1, 2]);
 }
 
 #[test]
