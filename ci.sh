@@ -271,9 +271,11 @@ cmd_fmt() { #: check the format of every Rust file
     (cd python && cargo fmt --check) || fail "not formatted: (cd python && cargo fmt)"
 }
 
-cmd_clippy() { #: clippy with warnings denied: workspace, and firmware for its target
+cmd_clippy() { #: clippy with warnings denied: workspace, Python package, and firmware for its target
     cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
     cargo clippy --quiet --locked --package funnelnet-can-bus --all-targets --all-features -- -D warnings
+    # One folder of build products serves both workspaces.
+    (cd python && CARGO_TARGET_DIR=$ROOT/target cargo clippy --quiet --locked --all-targets -- -D warnings)
     if target_has_clippy; then
         firmware_cargo clippy --quiet --locked --features cost --bins -- -D warnings
         local image

@@ -6,42 +6,11 @@ use std::num::NonZero;
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use system_tests::campaign::{Seen, draw, look, smaller};
 
-/// A run that takes longer hangs, unless the machine has left this program no time meanwhile.
-const PATIENCE: Duration = Duration::from_secs(120);
-/// Processor time of all threads without which no run can be said to hang. One that waits for ever uses none: it is found
-/// after [`ASLEEP`].
-const BUSY: Duration = Duration::from_secs(60);
-const ASLEEP: Duration = Duration::from_secs(3_600);
-
-/// A run that a thread is at.
-#[derive(Clone, Copy)]
-struct Begun {
-    number: u64,
-    at: Instant,
-    /// Processor time of this program by then.
-    used: Duration,
-}
-
-impl Begun {
-    fn hangs(&self) -> bool {
-        let waited = self.at.elapsed();
-        waited > ASLEEP || waited > PATIENCE && processor_time().saturating_sub(self.used) > BUSY
-    }
-}
-
-/// Processor time of all threads of this program; zero where the system does not tell it.
-fn processor_time() -> Duration {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The name of the program, in parentheses, may have blanks. User and system time are the 14th and 15th field, in hundredths of
-    // a second.
-    let rest = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-    let ticks: u64 =
-        rest.split_whitespace().skip(11).take(2).filter_map(|field| field.parse::<u64>().ok()).sum();
-    Duration::from_millis(10 * ticks)
-}
+/// A run hangs for which the program computes longer, by each of its threads, s. Not by the time that passes: a busy machine lets it wait.
+const PATIENCE_S: f64 = 120.0;
 
 #[derive(Default)]
 struct Tally {
@@ -59,7 +28,7 @@ fn main() -> ExitCode {
     let (next, done) = (AtomicU64::new(from), AtomicBool::new(false));
     let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
     // What each thread is at, and since when.
-    let at: Vec<Mutex<Option<Begun>>> = (0..threads).map(|_| Mutex::new(None)).collect();
+    let at: Vec<Mutex<Option<(u64, f64)>>> = (0..threads).map(|_| Mutex::new(None)).collect();
     let tally = Mutex::new(Tally::default());
     std::thread::scope(|scope| {
         let workers: Vec<_> =
@@ -92,14 +61,14 @@ fn main() -> ExitCode {
     if tally.broken == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-fn work(at: &Mutex<Option<Begun>>, next: &AtomicU64, end: u64, tally: &Mutex<Tally>) {
+fn work(at: &Mutex<Option<(u64, f64)>>, next: &AtomicU64, end: u64, tally: &Mutex<Tally>) {
     loop {
         let number = next.fetch_add(1, Ordering::Relaxed);
         if number >= end {
             *at.lock().expect("a place") = None;
             return;
         }
-        *at.lock().expect("a place") = Some(Begun { number, at: Instant::now(), used: processor_time() });
+        *at.lock().expect("a place") = Some((number, computed_s()));
         let world = draw(number);
         match std::panic::catch_unwind(|| look(&world)) {
             Ok(Ok(seen)) => tally.lock().expect("a tally").seen.push(seen),
@@ -122,11 +91,21 @@ fn found(number: u64, what: &str, text: &str) {
     println!("world {number}: {what} ({file})");
 }
 
-fn watch(at: &[Mutex<Option<Begun>>], done: &AtomicBool) {
+/// Time for which all threads of this program have computed, s; 0 where the system does not say.
+fn computed_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name in parentheses may have blanks; behind it are the state and ten numbers, then the user's and the system's time, 1/100 s.
+    let times = stat.rsplit(')').next().unwrap_or("").split_whitespace().skip(11).take(2);
+    times.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
+fn watch(at: &[Mutex<Option<(u64, f64)>>], done: &AtomicBool) {
+    let patience = PATIENCE_S * at.len() as f64;
     while !done.load(Ordering::Relaxed) {
+        let now = computed_s();
         for at in at {
-            let slow = at.lock().expect("a place").filter(Begun::hangs);
-            if let Some(Begun { number, .. }) = slow {
+            let slow = at.lock().expect("a place").filter(|(_, since)| now - since > patience);
+            if let Some((number, _)) = slow {
                 found(number, "it hangs", &draw(number).text());
                 std::process::exit(1);
             }
