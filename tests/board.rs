@@ -204,11 +204,14 @@ pub struct Kept {
     epoch: u32,
     /// It fails at the next commit.
     pub fails: bool,
+    /// It keeps nothing that is staged.
+    pub is_worn: bool,
 }
 
 impl Kept {
     fn perform(&mut self, task: Task<'_>) -> Result<u32, StoreError> {
         match task {
+            Task::Stage(_) if self.is_worn => return Err(StoreError::Failed),
             Task::Stage(config) => self.staged = Some(config.clone()),
             Task::Commit(_) if std::mem::take(&mut self.fails) => return Err(StoreError::Failed),
             Task::Commit(room) => {

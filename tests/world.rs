@@ -67,6 +67,12 @@ struct Bus {
     to_host: Line<PortFrame>,
 }
 
+/// Puts a frame on its way, behind all that arrives until then.
+fn put<T>(line: &mut Line<T>, at: u64, frame: T) {
+    let place = line.partition_point(|&(before, _)| before <= at);
+    line.insert(place, (at, frame));
+}
+
 /// Boards, lines and a clock.
 pub struct World<F: Fate = Peace> {
     boards: Vec<Board>,
@@ -81,6 +87,8 @@ pub struct World<F: Fate = Peace> {
     now: u64,
     /// Time that a frame takes either way, ns.
     travel: u64,
+    /// What it takes beside that on a line to a node, ns.
+    pub line_delay: u64,
     /// The host can switch the boards off and on.
     pub has_power: bool,
     /// What may happen.
@@ -99,6 +107,7 @@ impl<F: Fate> World<F> {
             off: vec![false; nodes],
             now: 0,
             travel,
+            line_delay: 0,
             has_power: false,
             fate,
         }
@@ -191,7 +200,8 @@ impl<F: Fate> World<F> {
         }
         for frame in bytes.split_inclusive(|&byte| byte == 0) {
             let arrives = self.fate.carry(node, Way::ToNode, self.now, frame.to_vec()).into_iter();
-            self.to_node[node].extend(arrives.map(|frame| (self.now + self.travel, Said::Line(frame))));
+            let at = self.now + self.travel + self.line_delay;
+            arrives.for_each(|frame| put(&mut self.to_node[node], at, Said::Line(frame)));
         }
         Ok(())
     }
@@ -216,7 +226,7 @@ impl<F: Fate> World<F> {
         let at = self.now + self.travel;
         let bus = &mut self.buses[bus];
         for &node in bus.nodes.iter().filter(|&&node| Some(node) != from) {
-            self.to_node[node].push_back((at, Said::Bus(frame.clone())));
+            put(&mut self.to_node[node], at, Said::Bus(frame.clone()));
         }
         bus.to_host.push_back((at, frame));
     }

@@ -7,7 +7,7 @@
 //!
 //! A value that says too much, or has changed too fast, is not taken: for that tick its neighbour is silent.
 //! An edge of which too many values in a row were not taken is *barred*. It stays so until its neighbour starts
-//! anew: until it says that it has stopped, or has been silent for longer than it would be extrapolated.
+//! anew: until it says so, says that it has stopped, or has been silent for longer than it would be extrapolated.
 
 use funnelnet_law::floor::Floor;
 use funnelnet_law::funnel::Widths;
@@ -24,6 +24,10 @@ use heapless::Vec;
 pub const WINDOW_BACK: u32 = 8;
 /// Ticks that a received one may lie ahead.
 pub const WINDOW_AHEAD: u32 = 2;
+
+/// [`Edge::doubts`] of a neighbour that has said that it starts anew: the state that comes next may be anywhere. Not a flag of
+/// its own, since each state that is taken ends it, and clears the doubts anyhow.
+const STARTS_ANEW: u8 = u8::MAX;
 
 /// Ticks that received ones may lie apart.
 const SPAN: i32 = (WINDOW_BACK + WINDOW_AHEAD) as i32;
@@ -43,7 +47,7 @@ struct Edge<F> {
     /// Of `value`; of one that was never heard, the tick before the first at which it should have been.
     tick: u32,
     hearing: Hearing,
-    /// Values in a row that were not taken.
+    /// Values in a row that were not taken, or [`STARTS_ANEW`].
     doubts: u8,
     /// Memory of edge-wise coupling.
     memory: Memory<F>,
@@ -107,7 +111,7 @@ impl<F: Real> Edge<F> {
         if gives_up {
             (self.hearing, self.memory) = (given_up, Memory::default());
             // Who was silent may have started anew, and may be anywhere.
-            if 2 * i32::from(self.doubts) <= self.age(k) {
+            if self.doubts == STARTS_ANEW || 2 * i32::from(self.doubts) <= self.age(k) {
                 self.doubts = 0;
             }
         }
@@ -120,15 +124,55 @@ impl<F: Real> Edge<F> {
         self.hearing = match self.hearing {
             Hearing::Known if self.tick.wrapping_sub(tick) as i32 <= 0 => Hearing::Lost,
             Hearing::New | Hearing::Waiting => Hearing::Missed,
-            // It may come back as another one.
-            Hearing::Barred => {
-                (self.hearing, self.tick, self.doubts) = (Hearing::Lost, tick, 0);
+            Hearing::Lost | Hearing::Missed | Hearing::Barred => {
+                self.may_be_another(tick);
                 return false;
             }
-            Hearing::Known | Hearing::Lost | Hearing::Missed => return false,
+            Hearing::Known => return false,
         };
         (self.tick, self.memory, self.doubts) = (tick, Memory::default(), 0);
         true
+    }
+
+    /// Takes note that a neighbour starts anew, with the state after that of `tick` as its first one. Nothing is
+    /// dropped: until that state comes it is extrapolated, as it was. States of up to `tick` are of before.
+    fn starts_anew(&mut self, tick: u32, slope_limit: F) {
+        match self.hearing {
+            // There is nothing that a state would be held against.
+            Hearing::New | Hearing::Waiting => {}
+            Hearing::Lost | Hearing::Missed | Hearing::Barred => self.may_be_another(tick),
+            // Who says so again and again is not extrapolated for ever.
+            Hearing::Known if self.doubts == STARTS_ANEW => {}
+            // It has spoken since.
+            Hearing::Known if (self.tick.wrapping_sub(tick) as i32) > 0 => {}
+            Hearing::Known => {
+                (self.value, _) = self.at(tick, slope_limit);
+                (self.tick, self.doubts) = (tick, STARTS_ANEW);
+            }
+        }
+    }
+
+    /// Takes note that a neighbour that is gone may come back as another one. What it has said up to `tick` is of
+    /// before.
+    fn may_be_another(&mut self, tick: u32) {
+        if self.hearing == Hearing::Barred {
+            // `tick` may be before that of a state that was not taken, and that was the first one.
+            (self.hearing, self.tick) = (Hearing::Lost, tick);
+        } else if !self.is_of_before(tick) {
+            self.tick = tick;
+        }
+        self.doubts = 0;
+    }
+
+    /// Whether a value `x` of `tick` is the first one of a neighbour that starts anew; then it is taken.
+    #[cold]
+    #[inline(never)]
+    fn begins_anew(&mut self, tick: u32, x: F) -> bool {
+        let begins = self.doubts == STARTS_ANEW;
+        if begins {
+            (self.value, self.increment, self.tick, self.doubts) = (x, F::ZERO, tick, 0);
+        }
+        begins
     }
 
     /// Why a value `x` of `tick` is not the first one of an edge that has none. `patience` is the time for
@@ -246,6 +290,8 @@ pub enum Heard {
     Newer,
     /// The first value, or the first after its edge was dropped.
     First,
+    /// The first value of a known neighbour that has started anew, away from where it was.
+    Anew,
 }
 
 /// Outcome of a state that was not taken for what it says.
@@ -470,7 +516,7 @@ impl<F: Real> Neighbours<F> {
             _ => return Err(Refusal::Stale),
         };
         if increment.abs() > self.change_limit {
-            return Err(Refusal::TooFast);
+            return if edge.begins_anew(tick, x) { Ok((Heard::Anew, age)) } else { Err(Refusal::TooFast) };
         }
         (edge.value, edge.increment, edge.tick, edge.doubts) = (x, increment, tick, 0);
         Ok((Heard::Newer, age))
@@ -496,13 +542,19 @@ impl<F: Real> Neighbours<F> {
         if edge.tick.wrapping_sub(tick) as i32 >= 0 && edge.hearing != Hearing::New {
             return None;
         }
-        if edge.hearing == Hearing::Barred {
-            edge.tick = tick;
-            return None;
+        match (edge.hearing, edge.doubts) {
+            (Hearing::Barred, _) => {
+                edge.tick = tick;
+                return None;
+            }
+            // It is silent for now, and its first state is still waited for.
+            (_, STARTS_ANEW) => return None,
+            _ => {}
         }
-        edge.doubts = edge.doubts.saturating_add(1);
-        let (is_first, change) = (edge.doubts == 1, x - edge.value);
-        let bars = self.drop_after != 0 && edge.doubts >= self.drop_after;
+        let doubts = edge.doubts.saturating_add(1);
+        edge.doubts = doubts.min(STARTS_ANEW - 1);
+        let (is_first, change) = (doubts == 1, x - edge.value);
+        let bars = self.drop_after != 0 && doubts >= self.drop_after;
         if bars {
             of_id.iter_mut().for_each(|edge| edge.bar(tick));
             self.alone = !self.edges.iter().any(Edge::is_known);
@@ -524,6 +576,18 @@ impl<F: Real> Neighbours<F> {
             self.alone = !self.edges.iter().any(Edge::is_known);
         }
         dropped
+    }
+
+    /// Takes note that neighbour `id` starts anew, with the state after that of `tick` as its first one; `own` is the
+    /// tick that the node computes next.
+    #[cold]
+    #[inline(never)]
+    pub fn starts_anew(&mut self, id: NodeId, tick: TickStamp, own: u32) {
+        let first = usize::from(self.slot.get(usize::from(id.get())).copied().unwrap_or(NONE));
+        let of_id = self.edges.get_mut(first..first + usize::from(self.components));
+        let Some((edges, tick)) = of_id.zip(tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD)) else { return };
+        let slope_limit = self.slope_limit;
+        edges.iter_mut().for_each(|edge| edge.starts_anew(tick, slope_limit));
     }
 
     /// Sums of one component at tick `k`, for the node's own state.

@@ -94,7 +94,7 @@ impl World {
     /// It was off, comes back, and says so with the tick before its first state.
     fn starts_anew(&mut self, id: u8) {
         let tick = TickStamp::low(self.node.tick().wrapping_sub(1), 8);
-        let (source, code, severity) = (NodeId::new(id).unwrap(), FaultCode::STARTS_ANEW, Severity::Stopped);
+        let (source, code, severity) = (NodeId::new(id).unwrap(), FaultCode::STARTS_ANEW, Severity::Notice);
         self.node.on_message(&Message::Fault { source, code, severity, arg: 0, tick }, 0).unwrap();
     }
 
@@ -136,9 +136,9 @@ fn who_starts_anew_within_what_is_extrapolated_may_be_anywhere_if_it_says_so() {
         world.tick();
         world.ticks(10, Some(40.0));
         assert_eq!(world.node.neighbour_is_barred(two()), Some(!says_so));
+        // Nothing is dropped, and nothing to be told.
         let told = world.told();
-        let anew = [Event::NeighbourLost(two()), Event::NeighbourFound(two())];
-        assert_eq!(told.ends_with(&anew), says_so, "{told:?}");
+        assert_eq!(told == [Event::NeighbourFound(two())], says_so, "{told:?}");
     }
     // Also where it was barred for what it said before.
     let mut world = World::new(&config(guarded(3)));
@@ -147,6 +147,72 @@ fn who_starts_anew_within_what_is_extrapolated_may_be_anywhere_if_it_says_so() {
     assert_eq!(world.node.neighbour_is_barred(two()), Some(true));
     world.starts_anew(2);
     assert_eq!(world.hear(2, 30.0), Ok(()));
+}
+
+/// One that stops where a single neighbour is lost. A lost one is one that is silent for too long, whatever it has said.
+#[test]
+fn who_starts_anew_is_not_lost_and_its_first_state_may_be_late_or_get_lost() {
+    let world = || {
+        let mut world = World::new(&NodeConfig { lost_neighbours: 1, ..config(guarded(3)) });
+        world.ticks(10, Some(1.0));
+        world.ticks(1, None);
+        world.starts_anew(2);
+        world
+    };
+    for late in 0..=PATIENCE {
+        let mut world = world();
+        world.ticks(late, None);
+        assert_eq!((world.presence(2), world.node.phase()), (Some(Presence::Known), Phase::Running));
+        assert_eq!(world.ticks(5, Some(40.0)), [Ok(()); 5], "{late}");
+        assert_eq!(world.node.counters().neighbours_lost, 0);
+        // From then on it is held against what it says.
+        assert_eq!(world.ticks(1, Some(41.0)), [Err(Refusal::TooFast)]);
+    }
+    // It counts as silent from its word on, and no second one makes that longer.
+    let mut world = world();
+    for _ in 0..PATIENCE {
+        world.ticks(1, None);
+        world.starts_anew(2);
+    }
+    world.ticks(1, None);
+    assert_eq!(world.node.phase(), Phase::Faulted(FaultCode::NEIGHBOURS_LOST));
+}
+
+/// What it said before may come after its word, which is then of before.
+#[test]
+fn a_state_of_before_is_not_the_first_one_of_who_starts_anew() {
+    let mut world = World::new(&config(guarded(3)));
+    world.ticks(10, Some(1.0));
+    world.ticks(2, None);
+    world.starts_anew(2);
+    let tick = TickStamp::low(world.node.tick() - 1, 8);
+    let old = Message::State { source: two(), component: Component::FIRST, tick, x: 1.0 };
+    assert!(world.node.on_message(&old, 0).is_err());
+    // Nor is one that no node may say.
+    assert_eq!(world.ticks(1, Some(70.0)), [Err(Refusal::OutOfRange)]);
+    assert_eq!(world.ticks(2, Some(40.0)), [Ok(()); 2]);
+    // A word that comes once more, and late, changes nothing.
+    world.ticks(2, Some(40.0));
+    let (code, severity, tick) =
+        (FaultCode::STARTS_ANEW, Severity::Notice, TickStamp::low(world.node.tick() - 4, 8));
+    world.node.on_message(&Message::Fault { source: two(), code, severity, arg: 0, tick }, 0).unwrap();
+    assert_eq!(world.ticks(1, Some(1.0)), [Err(Refusal::TooFast)]);
+}
+
+/// It lied until it was lost, and would be held against what it said before that.
+#[test]
+fn a_lost_neighbour_that_says_goodbye_or_starts_anew_may_be_anywhere() {
+    let words: [(fn(&mut World, u8), bool); 3] =
+        [(World::says_goodbye, true), (World::starts_anew, true), (|_, _| {}, false)];
+    for (says, is_heard) in words {
+        let mut world = World::new(&config(guarded(200)));
+        world.ticks(10, Some(1.0));
+        world.ticks(PATIENCE + 3, Some(30.0));
+        assert_eq!(world.presence(2), Some(Presence::Lost));
+        says(&mut world, 2);
+        world.ticks(1, None);
+        assert_eq!(world.ticks(1, Some(10.0)) == [Ok(())], is_heard);
+    }
 }
 
 #[test]

@@ -110,7 +110,7 @@ fn a_newcomer_says_that_it_starts_anew_right_before_its_first_state_where_that_i
         let anew = Message::Fault {
             source: NodeId::new(1).unwrap(),
             code: FaultCode::STARTS_ANEW,
-            severity: Severity::Stopped,
+            severity: Severity::Notice,
             arg: 0,
             tick: TickStamp::full(FIRST + 1),
         };

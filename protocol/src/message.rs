@@ -178,7 +178,7 @@ impl FaultCode {
     /// The node was told to stop, it alone, and leaves a network that runs: its goodbye. Argument 0.
     pub const LEAVES: Self = Self(12);
     /// The node joins a network in which it may have been before, and starts anew: what it said before its next state counts no
-    /// more. Argument 0. To its neighbours it is a goodbye; the node runs.
+    /// more. Argument 0. A notice; the node runs.
     pub const STARTS_ANEW: Self = Self(13);
 }
 

@@ -234,8 +234,40 @@ fn an_honest_node_that_was_off_for_a_moment_and_is_elsewhere_then_is_heard() {
                 anew += usize::from(matches!(told.event, Event::NeighbourFound(id) if id.get() == 1));
             }
             assert!((x[999] - x[1025]).abs() > 2.0, "{} {}", x[999], x[1025]);
-            // Without limits nothing is said, and its neighbour notices nothing but a jump.
-            assert_eq!((barred, anew), (0, if limits.is_empty() { 1 } else { 2 }), "{limits} {bus}");
+            // Its neighbour notices nothing but a jump, and drops nothing.
+            assert_eq!((barred, anew), (0, 1), "{limits} {bus}");
+        }
+    }
+}
+
+/// Each stops where a single neighbour is lost, and the first state of who is back comes after a neighbour's tick, or not at all.
+#[test]
+fn nobody_stops_because_a_neighbour_has_started_anew() {
+    let text = |seed, bus| {
+        format!(
+            r#"version = 1
+seed = {seed}
+time = {{ tick = "1ms", duration = "500ms" }}
+graph = {{ kind = "ring", nodes = 5 }}
+agent.dynamics = {{ kind = "affine", slope = -0.5 }}
+coupling.kind = "node-wise"
+coupling.gain = {{ kind = "reciprocal", scale = 1.0 }}
+coupling.funnel = {{ kind = "constant", width = 4.0 }}
+coupling.u_max = 20.0
+safety = {{ heard_rate = 40.0, lost_neighbours = 1 }}
+event = [{{ at = "300ms", kind = "bounce", node = 2, for = "5ms" }}]
+bus = {{ {bus} }}
+"#
+        )
+    };
+    for bus in ["latency = '850us', jitter = '300us'", "loss = 0.1"] {
+        for seed in 1..=20 {
+            let scenario = Scenario::parse(&text(seed, bus), Path::new("anew.toml"), &[]).unwrap();
+            let mut simulation = Simulation::new(&scenario).unwrap();
+            while simulation.step().is_some() {}
+            let stops: Vec<_> =
+                simulation.events().iter().filter(|told| matches!(told.event, Event::Fault(_))).collect();
+            assert!(stops.is_empty(), "{bus}, seed {seed}: {stops:?}");
         }
     }
 }

@@ -7,7 +7,7 @@ use funnelnet_protocol::message::{Command, Message, NodeId, Target};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::serial::{self, Frame, MAX_FRAME, MAX_RAW};
 use funnelnet_protocol::service::{Body, Identity, Reply, Request};
-use sim_host::conductor::{Conductor, HubError};
+use sim_host::conductor::{Conductor, HubError, OnLoss};
 use sim_host::configure::Drive;
 use sim_host::presence::Presence;
 use sim_host::run::Fidelity;
@@ -265,6 +265,89 @@ fn what_is_not_staged_as_it_was_given_ends_the_run_before_it_starts() {
     let refused = with_mischief(|_, frame| stages(&frame, |config| config.tuning.damping = -1.0));
     let text = refused.err().unwrap().to_string();
     assert!(text.contains("node 2 has not staged its configuration"), "{text}");
+    // A storage that keeps nothing.
+    let mut world = World::new(5, TRAVEL, Peace);
+    world.board_mut(1).kept.is_worn = true;
+    let text = in_world(&five(NARROW, &[]), &mut world, &[], false).err().unwrap().to_string();
+    assert_eq!(text, "");
+}
+
+/// Three of a path, of which the second stops once it has lost the first, after it has been told to adopt something.
+fn stops_before_the_tick() -> Scenario {
+    let events = "event=[{at='100ms',kind='crash',node=1},{at='116ms',kind='set',key='coupling.funnel.end',value=0.5,node=2}]";
+    let sets = ["time.duration=200ms", "graph={kind='path',nodes=5}", "safety.lost_neighbours=1", events];
+    scenario("five-agents.toml", &sets)
+}
+
+#[test]
+fn nobody_awaits_an_answer_of_a_node_that_has_stopped_before_the_tick() {
+    let stops = stops_before_the_tick();
+    let mut told = None;
+    let look = |_, frame: Frame<'_>| {
+        told = told.or(commit(&frame));
+        None
+    };
+    let ran = in_world(&stops, &mut World::new(5, TRAVEL, Mischief(look)), &[], false).unwrap();
+    let (_, ran) = as_loopback(&stops, ran);
+    assert_eq!((told.map(|(_, tick)| tick), ran.contradictions.as_slice()), (Some(116), &[][..]));
+    assert_eq!((ran.presence[110][1], ran.presence[115][1]), (Presence::Ran, Presence::Stopped));
+}
+
+/// The question, or its answer, is spoilt: it is asked again.
+#[test]
+fn what_a_node_has_is_asked_again_where_no_answer_comes() {
+    let (mut told, mut spoilt) = (false, 0);
+    let ran = with_mischief(|_, frame| {
+        told |= commit(&frame).is_some();
+        let Frame::Service { kind, body, .. } = frame else { return None };
+        let asks = told && matches!(Request::decode(kind, body), Ok(Request::Hello));
+        spoilt += u32::from(asks);
+        (asks && spoilt <= 2).then(|| vec![0])
+    })
+    .unwrap();
+    assert_eq!((ran.adopted, ran.contradictions.as_slice(), spoilt), (all_at(150), &[][..], 3));
+}
+
+/// A node that is lost when it is asked what it has: it has run the tick before, and nobody knows what it has adopted.
+#[test]
+fn who_is_lost_once_it_was_told_is_named_and_missed_from_the_tick_on() {
+    let mut told = false;
+    let deaf = |_, frame: Frame<'_>| {
+        told |= commit(&frame).is_some();
+        let Frame::Service { kind, body, .. } = frame else { return None };
+        (told && matches!(Request::decode(kind, body), Ok(Request::Hello))).then(|| vec![0])
+    };
+    let scenario = five(NARROW, &[]);
+    let mut world = World::new(5, TRAVEL, Mischief(deaf));
+    let mut conductor = conductor(&scenario, LOCKSTEP, PATIENCE).with_loss(OnLoss::GoOn);
+    world.run(conductor.meet()).unwrap();
+    world.run(conductor.stage()).unwrap();
+    world.run(conductor.start()).unwrap();
+    let mut presence = Vec::new();
+    for _ in 0..=160 {
+        world.run(conductor.advance()).unwrap();
+        presence.push(conductor.presence()[1]);
+    }
+    assert_eq!(presence[148..152], [Presence::Ran, Presence::Ran, Presence::Absent, Presence::Absent]);
+    let [absence] = conductor.absences() else { panic!("{:?}", conductor.absences()) };
+    assert_eq!((absence.node, absence.from), (2, 150));
+}
+
+/// It comes by its slow line, and ticks by its bus.
+#[test]
+fn a_node_on_can_that_comes_has_had_its_start_and_its_commit_before_the_next_tick() {
+    for event in
+        ["{at='140ms',kind='bounce',node=2,for='3ms'}", "{at='145ms',kind='bounce',node=2,for='2ms'}"]
+    {
+        let scenario = five(&format!("{event},{NARROW}"), &[]);
+        let buses: [&[usize]; 1] = [&[0, 1, 2, 3, 4]];
+        let mut world = World::new(5, TRAVEL, Peace).with_bus(buses[0], false);
+        world.line_delay = 5_000_000;
+        let ran = in_world(&scenario, &mut world, &buses, false).unwrap();
+        let (_, ran) = as_loopback(&scenario, ran);
+        assert_eq!(ran.contradictions.len(), 1, "{:?}", ran.contradictions);
+        assert_eq!(ran.reports[1].as_ref().unwrap().counters.refused(Refusal::Phase), 1);
+    }
 }
 
 /// It says that it has what it was given, and its funnel is the old one.
@@ -356,7 +439,49 @@ mod own_clock {
         let (conductor, _) = ran(&five(NARROW, &[]), &mut World::new(5, TRAVEL, Mischief(lost)));
         assert_eq!(adopted(conductor.events()).len(), 4);
         let said = conductor.contradictions().join("; ");
-        assert!(said.starts_with("node 2 has not adopted what was staged in it"), "{said}");
+        assert!(
+            said.starts_with("node 2 has not adopted what was staged in it, and goes on as it was: "),
+            "{said}"
+        );
+        assert!(said.ends_with(" at tick 150"), "{said}");
+    }
+
+    #[test]
+    fn a_storage_that_fails_at_the_commit_is_told_also_here() {
+        let mut world = World::new(5, TRAVEL, Peace);
+        world.board_mut(1).kept.fails = true;
+        let (conductor, _) = ran(&five(NARROW, &[]), &mut world);
+        let said = conductor.contradictions().join("; ");
+        assert!(said.contains(", since its storage has failed (FAULT 9) at tick 150"), "{said}");
+    }
+
+    /// It hears no state, and stops: before the tick, or after one at which it has not adopted anything.
+    #[test]
+    fn who_has_stopped_before_the_tick_is_not_asked_and_who_has_after_it_does_not_go_on() {
+        for (at, named) in [("300ms", false), ("150ms", true)] {
+            let mut states = 0;
+            let deaf = |way, frame: Frame<'_>| {
+                let is_heard = way == Way::ToNode && matches!(frame, Frame::RealTime(Message::State { .. }));
+                states += u32::from(is_heard);
+                (commit(&frame).is_some() || is_heard && states > 400).then(|| vec![0])
+            };
+            let scenario = five(&NARROW.replace("150ms", at), &["safety.lost_neighbours=1"]);
+            let mut world = World::new(5, TRAVEL, Mischief(deaf));
+            let mut conductor = conductor(&scenario, DRIVE, PATIENCE).with_own_clock();
+            world.run(conductor.meet()).unwrap();
+            world.run(conductor.stage()).unwrap();
+            world.run(conductor.start()).unwrap();
+            for _ in 0..=scenario.time.ticks {
+                world.run(conductor.advance()).unwrap();
+            }
+            assert_eq!(conductor.presence()[1], Presence::Stopped);
+            world.run(conductor.finish()).unwrap();
+            let said = conductor.contradictions().into_iter().filter(|said| said.contains("adopted"));
+            let said: Vec<_> = said.collect();
+            assert_eq!(said.len(), usize::from(named), "{said:?}");
+            let words = "node 2 had not adopted what was staged in it when it stopped: ";
+            assert!(said.iter().all(|said| said.starts_with(words)), "{said:?}");
+        }
     }
 }
 

@@ -30,7 +30,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
                 self.on_command(command, target, at_tick, now)
             }
             Message::Ctrl { .. } => Ok(()),
-            Message::Fault { source, severity, tick, .. } => self.on_fault(source, severity, tick),
+            Message::Fault { source, code, severity, tick, .. } => {
+                self.on_fault(source, code, severity, tick)
+            }
             Message::Edge { source, neighbour, weight } => self.on_edge(source, neighbour, weight),
         };
         match outcome {
@@ -71,10 +73,10 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
             Ok(heard) => heard,
             Err(reason) => return Err(self.not_taken(reason, source, (component, tick), x)),
         };
-        if heard == Heard::First {
+        if heard != Heard::Newer {
             self.disturb();
             // Once per neighbour, whatever its number of components.
-            if component == Component::FIRST {
+            if component == Component::FIRST && heard == Heard::First {
                 self.outbox.report(Event::NeighbourFound(source));
             }
         }
@@ -122,12 +124,21 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
 
     /// Takes a FAULT. It goes from line to line, so one with the node's own id may be its own, come back: no
     /// sign of a twin, which sends states, too.
-    fn on_fault(&mut self, source: NodeId, severity: Severity, tick: TickStamp) -> Result<(), Refusal> {
+    fn on_fault(
+        &mut self,
+        source: NodeId,
+        code: FaultCode,
+        severity: Severity,
+        tick: TickStamp,
+    ) -> Result<(), Refusal> {
         if source == self.params.id {
             return Err(Refusal::OwnId);
         }
-        if severity == Severity::Stopped && self.phase == Phase::Running {
-            self.dismiss(source, tick);
+        match (severity, code) {
+            _ if self.phase != Phase::Running => {}
+            (Severity::Stopped, _) => self.dismiss(source, tick),
+            (_, FaultCode::STARTS_ANEW) => self.neighbours.starts_anew(source, tick, self.clock.tick),
+            _ => {}
         }
         Ok(())
     }

@@ -140,7 +140,7 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         // Neighbours that have not missed it would hold its state against what it said before, and bar it.
         if self.params.heard.remembers() {
             let anew = FaultCode::STARTS_ANEW;
-            self.outbox.fault = Some(self.fault_message(anew, Severity::Stopped, 0));
+            self.outbox.fault = Some(self.fault_message(anew, Severity::Notice, 0));
         }
     }
 

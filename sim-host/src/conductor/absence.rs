@@ -75,6 +75,21 @@ impl Conductor {
     /// # Errors
     /// The error itself, where the run has to end.
     pub(super) async fn lose(&mut self, index: usize, error: HubError) -> Result<(), HubError> {
+        self.lose_from(index, error, self.tick).await?;
+        self.set_presence(index, Presence::Absent);
+        Ok(())
+    }
+
+    /// The same of a node that has missed no tick before `from`.
+    ///
+    /// # Errors
+    /// As [`Self::lose`].
+    pub(super) async fn lose_from(
+        &mut self,
+        index: usize,
+        error: HubError,
+        from: u32,
+    ) -> Result<(), HubError> {
         let alone = self.nodes.iter().enumerate().all(|(other, node)| other == index || !node.is_here());
         if self.on_loss == OnLoss::Stop || alone || matches!(error, HubError::Interrupted) {
             return Err(error);
@@ -85,10 +100,11 @@ impl Conductor {
             // A port that is gone keeps its name from the board that comes back, until it is closed.
             node.contact.close().await?;
         }
-        node.lose_staged();
+        if let Some(commit) = &mut node.commit {
+            commit.lose_sight();
+        }
         node.away = Some(Away { next_look: self.outside.now().saturating_add(ns(LOOK_EVERY)) });
-        self.absences.push(Absence { node: node.contact.id(), from: self.tick, to: None, why });
-        self.set_presence(index, Presence::Absent);
+        self.absences.push(Absence { node: node.contact.id(), from, to: None, why });
         Ok(())
     }
 

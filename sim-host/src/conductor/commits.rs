@@ -6,12 +6,15 @@
 //! both. Nothing acknowledges a commit. What a node has now is asked of it, and one that has not adopted what was staged in it
 //! is named, and goes on (docs/notes/2026-11-30-set-on-nodes.md).
 
+use super::contact::TIMES;
 use super::deadline::ns;
+use super::member::Member;
+use super::own_clock::OwnClock;
 use super::{Conductor, HubError, Received, Task};
 use crate::engine::{NodeEvent, TOLD_AHEAD};
 use funnelnet_node::Event;
 use funnelnet_protocol::config::NodeConfig;
-use funnelnet_protocol::message::{Command, FaultCode, Message, NodeId, Target};
+use funnelnet_protocol::message::{Command, Message, NodeId, Target};
 use funnelnet_protocol::refusal::Refusal;
 use funnelnet_protocol::report::Report;
 use funnelnet_protocol::serial;
@@ -36,6 +39,8 @@ pub(super) struct Commit {
     stage: Stage,
     /// This program's count of ticks when it told the node, where that was past the tick.
     late: Option<u64>,
+    /// The node has said that its storage has failed at it.
+    storage_failed: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +49,8 @@ enum Stage {
     Staged,
     /// The node was off, and what was staged in it counts as gone.
     Lost,
+    /// The same of a node that was lost once it was told: it may have adopted before that.
+    LostOnceTold,
     /// The node was told to adopt it.
     Told,
     /// There is nothing to be done any more.
@@ -52,7 +59,7 @@ enum Stage {
 
 impl Commit {
     pub(super) fn new(staged: Staged) -> Self {
-        Self { staged, stage: Stage::Staged, late: None }
+        Self { staged, stage: Stage::Staged, late: None, storage_failed: false }
     }
 
     /// Takes note that the node is off. What it has adopted is stored for good.
@@ -62,9 +69,22 @@ impl Commit {
         }
     }
 
+    /// Takes note that the node is lost, and no event has taken it off.
+    pub(super) fn lose_sight(&mut self) {
+        match self.stage {
+            Stage::Told => self.stage = Stage::LostOnceTold,
+            _ => self.lose(),
+        }
+    }
+
     /// Whether nothing is left of what was staged.
     pub(super) fn is_lost(&self) -> bool {
-        self.stage == Stage::Lost
+        matches!(self.stage, Stage::Lost | Stage::LostOnceTold)
+    }
+
+    /// Takes note that the node's storage has failed at the commit (FAULT 9).
+    pub(super) fn fail(&mut self) {
+        self.storage_failed = true;
     }
 
     /// What tells one node to adopt what is staged in it.
@@ -113,7 +133,8 @@ impl Conductor {
         let next = self.tick.saturating_add(1);
         for index in 0..self.nodes.len() {
             if let Err(error) = self.commit_one(index, next).await {
-                self.lose(index, error).await?;
+                // It has taken part in this tick.
+                self.lose_from(index, error, next).await?;
             }
         }
         Ok(())
@@ -127,9 +148,8 @@ impl Conductor {
         match stage {
             Stage::Staged => self.tell_to_commit(index).await?,
             // It was told when it came, and has refused.
-            Stage::Lost => {
-                self.missed_commits.push(index);
-                self.end_commit(index);
+            Stage::Lost | Stage::LostOnceTold => {
+                self.note_missed(index, stage);
                 return Ok(());
             }
             Stage::Told | Stage::Over => {}
@@ -153,9 +173,8 @@ impl Conductor {
                 Stage::Staged if self.own.as_ref().is_none_or(|own| own.telling(index) == 0) => continue,
                 Stage::Staged => self.tell_to_commit(index).await?,
                 // It was off. Nothing is sent: a board that keeps its power still has what was staged.
-                Stage::Lost => {
-                    self.missed_commits.push(index);
-                    self.end_commit(index);
+                Stage::Lost | Stage::LostOnceTold => {
+                    self.note_missed(index, stage);
                     continue;
                 }
                 Stage::Told | Stage::Over => continue,
@@ -171,17 +190,34 @@ impl Conductor {
     /// At the end of a run: asks the nodes that were told to commit, and were not asked yet, what they have.
     pub(super) async fn ask_who_was_told(&mut self) -> Result<(), HubError> {
         for index in 0..self.nodes.len() {
-            let is_here = self.nodes.get(index).is_some_and(super::member::Member::is_here);
-            let commit = self.nodes.get(index).and_then(|node| node.commit.as_ref());
-            let is_told = commit.is_some_and(|commit| commit.stage == Stage::Told);
-            if is_here
-                && is_told
+            if self.has_to_say_what_it_has(index)
                 && let Err(error) = self.ask_what_it_has(index).await
             {
                 self.lose(index, error).await?;
             }
         }
         Ok(())
+    }
+
+    /// Whether a node was told, was not asked yet, and did not stop by itself before the tick: from such a one nobody awaits it.
+    fn has_to_say_what_it_has(&self, index: usize) -> bool {
+        let Some(node) = self.nodes.get(index).filter(|node| node.is_here()) else { return false };
+        let Some(commit) = node.commit.as_ref().filter(|commit| commit.stage == Stage::Told) else {
+            return false;
+        };
+        let has_run = |own: &OwnClock| own.recording.has_run(index, commit.staged.tick);
+        !node.stopped || self.own.as_ref().is_some_and(has_run)
+    }
+
+    fn note_missed(&mut self, index: usize, stage: Stage) {
+        match self.nodes.get(index) {
+            Some(Member { contact, commit: Some(commit), .. }) if stage == Stage::LostOnceTold => {
+                let what = "was lost once it was told to adopt what was staged in it, and goes on as it was";
+                self.doubts.note(contact.id(), what, commit.staged.tick, || "that may be gone".to_owned());
+            }
+            _ => self.missed_commits.push(index),
+        }
+        self.end_commit(index);
     }
 
     /// What is left to be done with the commit of a node that runs, and its tick.
@@ -212,9 +248,9 @@ impl Conductor {
             Received::Reply(Reply::Identity(identity)) => Some(identity),
             _ => None,
         };
-        let identity = node.contact.ask_who(patience, pick).await;
+        let every = patience / TIMES;
+        let identity = node.contact.ask(&Request::Hello, (patience, every), "identity", pick).await;
         let relays = node.on_can.is_none() && self.own.is_none();
-        let storage_failed = faults.iter().any(is_failure_of_commit);
         let now = u64::from(self.tick).saturating_add(1).saturating_mul(self.tick_ns);
         for fault in faults {
             // On CAN the others have heard it.
@@ -229,7 +265,7 @@ impl Conductor {
             return Ok(());
         }
         let report = self.ask_why(index).await?;
-        self.note_not_adopted(index, identity, (storage_failed, &report));
+        self.note_not_adopted(index, identity, &report);
         Ok(())
     }
 
@@ -251,18 +287,18 @@ impl Conductor {
 
     /// What a node reports that has not adopted what was staged in it.
     async fn ask_why(&mut self, index: usize) -> Result<Report, HubError> {
-        let every = (self.patience.answer, self.patience.answer / super::contact::TIMES);
+        let every = (self.patience.answer, self.patience.answer / TIMES);
         let Some(node) = self.nodes.get_mut(index) else { return Ok(Report::default()) };
         node.contact.ask(&Request::Report, every, "report", super::finish::report).await
     }
 
-    fn note_not_adopted(&mut self, index: usize, identity: Identity, (failed, report): (bool, &Report)) {
+    fn note_not_adopted(&mut self, index: usize, identity: Identity, report: &Report) {
         let Some(node) = self.nodes.get(index) else { return };
-        let Some(Commit { staged, late, .. }) = &node.commit else { return };
+        let Some(Commit { staged, late, storage_failed, .. }) = &node.commit else { return };
         let value = || {
             let (found, expected) = (identity.checksum, staged.config.checksum());
             let has = format!("its configuration is {found:08x} and not {expected:08x}");
-            let why = match failed {
+            let why = match storage_failed {
                 true => "since its storage has failed (FAULT 9)".to_owned(),
                 false => format!("and it has refused {}", refused(report)),
             };
@@ -271,8 +307,12 @@ impl Conductor {
             });
             format!("{has}, {why}{late}")
         };
-        let what = "has not adopted what was staged in it, and goes on as it was";
-        self.doubts.note(node.contact.id(), what, self.tick, value);
+        let what = match node.stopped {
+            true => "had not adopted what was staged in it when it stopped",
+            false => "has not adopted what was staged in it, and goes on as it was",
+        };
+        // Asked at the end of a run, it is about the tick all the same.
+        self.doubts.note(node.contact.id(), what, self.tick.min(staged.tick), value);
         self.end_commit(index);
     }
 
@@ -290,8 +330,4 @@ fn refused(report: &Report) -> String {
     let counted: Vec<_> =
         counted.map(|reason| format!("{} {}", reason.name(), report.counters.refused(reason))).collect();
     if counted.is_empty() { "no frame".to_owned() } else { format!("frames ({})", counted.join(", ")) }
-}
-
-fn is_failure_of_commit(message: &Message) -> bool {
-    matches!(message, Message::Fault { code: FaultCode::COMMIT, .. })
 }

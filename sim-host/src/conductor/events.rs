@@ -191,6 +191,10 @@ impl Conductor {
             // storage still has what this program could not take from it.
             node.contact.write(&serial::encode(&commit.message())).await?;
         }
+        if node.on_can.is_some() {
+            // SYNC comes on its bus, and its line may be slower. Its answer says that it has had all of that before.
+            node.ask_again_who_it_is(patience.answer).await?;
+        }
         node.begin_anew();
         self.hearing.forget(index);
         if node.listens_first() {

@@ -20,8 +20,6 @@ impl Conductor {
                     return;
                 }
             }
-            // It runs, and says a state next.
-            Message::Fault { code: FaultCode::STARTS_ANEW, .. } => {}
             Message::Fault { code, severity, .. } => {
                 if let Some(node) = self.nodes.get_mut(index).filter(|_| severity == Severity::Stopped) {
                     // Only these faults are the outcome of a tick, which the node has seen as any other.
@@ -106,10 +104,16 @@ impl Conductor {
     /// it run again.
     pub(super) fn note_fault(&mut self, index: usize, fault: &Message, now: u64) {
         let Message::Fault { code, severity, arg, tick, .. } = *fault else { return };
+        // It is no warning, and comes with a state.
         if code == FaultCode::STARTS_ANEW {
             return;
         }
         let Some(node) = self.nodes.get_mut(index) else { return };
+        if code == FaultCode::COMMIT
+            && let Some(commit) = &mut node.commit
+        {
+            commit.fail();
+        }
         let event = match severity {
             Severity::Stopped if node.stopped => return,
             Severity::Stopped => {

@@ -139,6 +139,16 @@ impl Member {
         check_identity(&self.contact, &identity, self.uid)
     }
 
+    /// The same of one that is known to listen: what was sent to it before, it has done then.
+    pub(super) async fn ask_again_who_it_is(&mut self, patience: Duration) -> Result<(), HubError> {
+        let identity = |received| match received {
+            Received::Reply(Reply::Identity(identity)) => Some(identity),
+            _ => None,
+        };
+        let every = (patience, patience / TIMES);
+        self.contact.ask(&Request::Hello, every, "identity", identity).await.map(|_| ())
+    }
+
     pub(super) async fn configure(
         &mut self,
         config: &NodeConfig,

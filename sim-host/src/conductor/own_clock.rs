@@ -10,7 +10,7 @@ use super::recording::{Leap, Recording};
 use super::task::{Reading, Source};
 use super::watch::{Failing, Watch};
 use super::{Conductor, HubError, OTHER_COMPONENT, OTHER_TICK, Received, START, STOP, measure};
-use funnelnet_protocol::message::{Component, FaultCode, Message, Severity, TickStamp};
+use funnelnet_protocol::message::{Component, Message, Severity, TickStamp};
 use funnelnet_protocol::report::Telemetry;
 use funnelnet_protocol::serial;
 use funnelnet_protocol::service::Reply;
@@ -216,8 +216,6 @@ impl Conductor {
                 let Some(tick) = self.near(index, tick) else { return Ok(()) };
                 self.record_state(index, (tick, component, x), (at, on_bus))?;
             }
-            // It runs, and says a state next.
-            Message::Fault { code: FaultCode::STARTS_ANEW, .. } => {}
             Message::Fault { tick, severity, .. } => {
                 if self.take_goodbye(index, &message, now)? {
                     return Ok(());

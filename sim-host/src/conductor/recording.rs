@@ -167,6 +167,11 @@ impl Recording {
         }
     }
 
+    /// Whether a node has run a tick, or may have: it has not stopped before.
+    pub(crate) fn has_run(&self, node: usize, tick: u32) -> bool {
+        self.tracks.get(node).is_some_and(|track| !track.has_ended(tick))
+    }
+
     /// An event has taken a node off, whatever it has told.
     pub(crate) fn leave(&mut self, node: usize) {
         if let Some(track) = self.tracks.get_mut(node) {

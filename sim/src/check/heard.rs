@@ -7,7 +7,7 @@ use super::text::plural;
 use super::{Finding, Status, figure, largest};
 
 use crate::sampled::{self, Bounds};
-use crate::scenario::{Change, Scenario, Step, format_duration};
+use crate::scenario::{Change, EventKind, Scenario, Step, format_duration};
 
 /// Noise of two states in a row that goes beyond this many standard deviations is not waited for.
 const DEVIATIONS: f64 = 6.0;
@@ -111,12 +111,18 @@ fn short_restart(scenario: &Scenario) -> Option<String> {
     ))
 }
 
-/// Whether a frame may not come, beside what events do.
+/// Whether a frame may not come. Events that lose frames count whenever they happen.
 fn loses_frames(scenario: &Scenario) -> bool {
     let bus = &scenario.bus;
     let of_links =
         scenario.links.iter().any(|link| !link.settings.loss.is_none() || link.settings.corrupt > 0.0);
-    !bus.loss.is_none() || of_links
+    !bus.loss.is_none() || of_links || scenario.events.iter().any(|event| event_loses_frames(event.kind))
+}
+
+fn event_loses_frames(kind: EventKind) -> bool {
+    let is_of_links =
+        matches!(kind, EventKind::Partition | EventKind::Burst | EventKind::Corrupt | EventKind::Hold);
+    is_of_links || kind.is_of_wires()
 }
 
 /// The same of what `[faults]` may draw, whatever this seed has drawn.

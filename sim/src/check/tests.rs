@@ -131,6 +131,16 @@ fn a_restart_that_neighbours_do_not_see_is_warned_of() {
     assert!(advice.ends_with(&format!("for more than {ticks} ticks")), "{advice}");
     // It says that it starts anew, and that comes to all.
     assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &rate[..2]), "heard").status, Status::Ok);
+    // An event may take that word, also one that is drawn.
+    let burst = "[[event]]\nat = '900ms'\nkind = 'burst'\nloss = 0.5\nfor = '300ms'\n";
+    let faults = "[faults]\nrate = 20.0\nkinds = ['burst']\n";
+    for lossy in [burst, "[[event]]\nat = '900ms'\nkind = 'partition'\nlink = [1, 2]\n", faults] {
+        let report = of(&(event("1s", "'bounce'\nfor = '5ms'") + lossy), &rate[..2]);
+        assert_eq!(find(&report, "heard").status, Status::Warn, "{lossy}");
+    }
+    let liar = "[[event]]\nat = '900ms'\nkind = 'liar'\nnode = 2\noffset = 0.1\nfor = '10ms'\n";
+    let report = of(&(event("1s", "'bounce'\nfor = '5ms'") + liar), &rate[..2]);
+    assert_eq!(find(&report, "heard").status, Status::Ok);
     // No edge is dropped, or nobody is known to be too fast.
     let never = ["safety.heard_rate=40", "safety.drop_after=0", "coupling.u_max=20", "bus.loss=0.01"];
     assert_eq!(find(&of(&event("1s", "'bounce'\nfor = '5ms'"), &never), "heard").status, Status::Ok);
