@@ -25,10 +25,6 @@ pub const WINDOW_BACK: u32 = 8;
 /// Ticks that a received one may lie ahead.
 pub const WINDOW_AHEAD: u32 = 2;
 
-/// [`Edge::doubts`] of a neighbour that has said that it starts anew: the state that comes next may be anywhere. Not a flag of
-/// its own, since each state that is taken ends it, and clears the doubts anyhow.
-const STARTS_ANEW: u8 = u8::MAX;
-
 /// Ticks that received ones may lie apart.
 const SPAN: i32 = (WINDOW_BACK + WINDOW_AHEAD) as i32;
 
@@ -47,7 +43,7 @@ struct Edge<F> {
     /// Of `value`; of one that was never heard, the tick before the first at which it should have been.
     tick: u32,
     hearing: Hearing,
-    /// Values in a row that were not taken, or [`STARTS_ANEW`].
+    /// Values in a row that were not taken.
     doubts: u8,
     /// Memory of edge-wise coupling.
     memory: Memory<F>,
@@ -64,35 +60,37 @@ pub enum Presence {
     Lost,
 }
 
-/// Hearing of a component of an edge.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Hearing of a component of an edge. The last two have a value, by which a tick tells them from the others at once.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 enum Hearing {
     /// Nothing: there was no tick yet.
     New,
     /// Never heard since the first tick.
     Waiting,
-    /// Its value means something.
-    Known,
     /// Heard once, and silent for too long.
     Lost,
     /// Never heard, for too long.
     Missed,
     /// Too many values in a row were not taken. `tick` is that of the last one.
     Barred,
+    /// Its value means something.
+    Known,
+    /// The same, and the neighbour has said that it starts anew: the value that comes next may be anywhere.
+    Anew,
 }
 
 impl<F: Real> Edge<F> {
     fn presence(&self) -> Presence {
         match self.hearing {
             Hearing::New | Hearing::Waiting => Presence::Unheard,
-            Hearing::Known => Presence::Known,
+            Hearing::Known | Hearing::Anew => Presence::Known,
             Hearing::Lost | Hearing::Missed | Hearing::Barred => Presence::Lost,
         }
     }
 
     #[inline]
     fn is_known(&self) -> bool {
-        self.hearing == Hearing::Known
+        self.hearing >= Hearing::Known
     }
 
     /// Whether the edge is given up at tick `k`, where there is no value, or one that is too old. Time counts
@@ -102,8 +100,9 @@ impl<F: Real> Edge<F> {
         if self.hearing == Hearing::New {
             (self.hearing, self.tick) = (Hearing::Waiting, k.wrapping_sub(1));
         }
+        let is_anew = self.hearing == Hearing::Anew;
         let given_up = match self.hearing {
-            Hearing::Known => Hearing::Lost,
+            Hearing::Known | Hearing::Anew => Hearing::Lost,
             Hearing::Waiting => Hearing::Missed,
             Hearing::New | Hearing::Lost | Hearing::Missed | Hearing::Barred => return false,
         };
@@ -111,7 +110,7 @@ impl<F: Real> Edge<F> {
         if gives_up {
             (self.hearing, self.memory) = (given_up, Memory::default());
             // Who was silent may have started anew, and may be anywhere.
-            if self.doubts == STARTS_ANEW || 2 * i32::from(self.doubts) <= self.age(k) {
+            if is_anew || 2 * i32::from(self.doubts) <= self.age(k) {
                 self.doubts = 0;
             }
         }
@@ -122,13 +121,13 @@ impl<F: Real> Edge<F> {
     /// there was one to drop. Not where it has spoken since: then it is back.
     fn leaves(&mut self, tick: u32) -> bool {
         self.hearing = match self.hearing {
-            Hearing::Known if self.tick.wrapping_sub(tick) as i32 <= 0 => Hearing::Lost,
+            Hearing::Known | Hearing::Anew if self.tick.wrapping_sub(tick) as i32 <= 0 => Hearing::Lost,
             Hearing::New | Hearing::Waiting => Hearing::Missed,
             Hearing::Lost | Hearing::Missed | Hearing::Barred => {
                 self.may_be_another(tick);
                 return false;
             }
-            Hearing::Known => return false,
+            Hearing::Known | Hearing::Anew => return false,
         };
         (self.tick, self.memory, self.doubts) = (tick, Memory::default(), 0);
         true
@@ -142,12 +141,12 @@ impl<F: Real> Edge<F> {
             Hearing::New | Hearing::Waiting => {}
             Hearing::Lost | Hearing::Missed | Hearing::Barred => self.may_be_another(tick),
             // Who says so again and again is not extrapolated for ever.
-            Hearing::Known if self.doubts == STARTS_ANEW => {}
+            Hearing::Anew => {}
             // It has spoken since.
             Hearing::Known if (self.tick.wrapping_sub(tick) as i32) > 0 => {}
             Hearing::Known => {
                 (self.value, _) = self.at(tick, slope_limit);
-                (self.tick, self.doubts) = (tick, STARTS_ANEW);
+                (self.tick, self.hearing, self.doubts) = (tick, Hearing::Anew, 0);
             }
         }
     }
@@ -162,17 +161,6 @@ impl<F: Real> Edge<F> {
             self.tick = tick;
         }
         self.doubts = 0;
-    }
-
-    /// Whether a value `x` of `tick` is the first one of a neighbour that starts anew; then it is taken.
-    #[cold]
-    #[inline(never)]
-    fn begins_anew(&mut self, tick: u32, x: F) -> bool {
-        let begins = self.doubts == STARTS_ANEW;
-        if begins {
-            (self.value, self.increment, self.tick, self.doubts) = (x, F::ZERO, tick, 0);
-        }
-        begins
     }
 
     /// Why a value `x` of `tick` is not the first one of an edge that has none. `patience` is the time for
@@ -200,12 +188,12 @@ impl<F: Real> Edge<F> {
         (self.hearing, self.tick, self.memory) = (Hearing::Barred, tick, Memory::default());
     }
 
-    /// Whether a value of `tick` is one of those that a neighbour has said before it stopped, and that came
-    /// after that.
+    /// Whether a value of `tick` is one of those that a neighbour has said before it stopped, or started anew, and that
+    /// came after that.
     fn is_of_before(&self, tick: u32) -> bool {
         let since = tick.wrapping_sub(self.tick) as i32;
         // Ticks wrap, and it may be gone for longer than half of their range.
-        self.presence() == Presence::Lost && (-SPAN..=0).contains(&since)
+        (self.presence() == Presence::Lost || self.hearing == Hearing::Anew) && (-SPAN..=0).contains(&since)
     }
 
     /// Ticks since `value`; below zero where it came early.
@@ -290,7 +278,7 @@ pub enum Heard {
     Newer,
     /// The first value, or the first after its edge was dropped.
     First,
-    /// The first value of a known neighbour that has started anew, away from where it was.
+    /// The first value of a known neighbour that has started anew.
     Anew,
 }
 
@@ -450,7 +438,8 @@ impl<F: Real> Neighbours<F> {
     /// `None` for a stranger.
     pub fn was_heard(&self, id: NodeId) -> Option<bool> {
         let of_id = self.of(id);
-        let heard = |edge: &Edge<F>| matches!(edge.hearing, Hearing::Known | Hearing::Lost | Hearing::Barred);
+        let heard =
+            |edge: &Edge<F>| edge.is_known() || matches!(edge.hearing, Hearing::Lost | Hearing::Barred);
         (!of_id.is_empty()).then(|| of_id.iter().any(heard))
     }
 
@@ -495,18 +484,19 @@ impl<F: Real> Neighbours<F> {
         let edge = self.edges.get_mut(index).ok_or(Refusal::UnknownSource)?;
         let tick = tick.rebuild(own, WINDOW_BACK, WINDOW_AHEAD).ok_or(Refusal::TickWindow)?;
         let age = own.wrapping_sub(tick) as i32;
-        if !edge.is_known() {
+        if edge.hearing != Hearing::Known {
             // Older than what is extrapolated, it would be dropped again at the next tick.
             let patience = self.extrapolate_ticks as i32;
             if age > patience || edge.is_of_before(tick) {
                 return Err(Refusal::Stale);
             }
+            let heard = if edge.hearing == Hearing::Anew { Heard::Anew } else { Heard::First };
             if let Some(reason) = edge.keeps_out(tick, x, patience, self.change_limit) {
                 return Err(reason);
             }
             (edge.value, edge.increment, edge.tick, edge.hearing) = (x, F::ZERO, tick, Hearing::Known);
             (edge.doubts, self.alone) = (0, false);
-            return Ok((Heard::First, age));
+            return Ok((heard, age));
         }
         let gap = tick.wrapping_sub(edge.tick) as i32;
         let increment = match gap {
@@ -516,7 +506,7 @@ impl<F: Real> Neighbours<F> {
             _ => return Err(Refusal::Stale),
         };
         if increment.abs() > self.change_limit {
-            return if edge.begins_anew(tick, x) { Ok((Heard::Anew, age)) } else { Err(Refusal::TooFast) };
+            return Err(Refusal::TooFast);
         }
         (edge.value, edge.increment, edge.tick, edge.doubts) = (x, increment, tick, 0);
         Ok((Heard::Newer, age))
@@ -542,19 +532,13 @@ impl<F: Real> Neighbours<F> {
         if edge.tick.wrapping_sub(tick) as i32 >= 0 && edge.hearing != Hearing::New {
             return None;
         }
-        match (edge.hearing, edge.doubts) {
-            (Hearing::Barred, _) => {
-                edge.tick = tick;
-                return None;
-            }
-            // It is silent for now, and its first state is still waited for.
-            (_, STARTS_ANEW) => return None,
-            _ => {}
+        if edge.hearing == Hearing::Barred {
+            edge.tick = tick;
+            return None;
         }
-        let doubts = edge.doubts.saturating_add(1);
-        edge.doubts = doubts.min(STARTS_ANEW - 1);
-        let (is_first, change) = (doubts == 1, x - edge.value);
-        let bars = self.drop_after != 0 && doubts >= self.drop_after;
+        edge.doubts = edge.doubts.saturating_add(1);
+        let (is_first, change) = (edge.doubts == 1, x - edge.value);
+        let bars = self.drop_after != 0 && edge.doubts >= self.drop_after;
         if bars {
             of_id.iter_mut().for_each(|edge| edge.bar(tick));
             self.alone = !self.edges.iter().any(Edge::is_known);

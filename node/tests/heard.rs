@@ -178,6 +178,30 @@ fn who_starts_anew_is_not_lost_and_its_first_state_may_be_late_or_get_lost() {
     assert_eq!(world.node.phase(), Phase::Faulted(FaultCode::NEIGHBOURS_LOST));
 }
 
+/// Its first state begins a new motion: what is between it and the last value is no slope.
+#[test]
+fn the_first_state_of_who_starts_anew_has_no_slope_also_where_it_is_near() {
+    let mut world = World::new(&config(guarded(3)));
+    world.ticks(10, Some(1.0));
+    world.ticks(1, None);
+    world.starts_anew(2);
+    assert_eq!(world.ticks(1, Some(1.009)), [Ok(())]);
+    world.ticks(1, None);
+    let seen = world.node.observations()[0];
+    assert!((seen.nu - (2.009 - 2.0 * seen.x)).abs() < 1e-5, "{seen:?}");
+}
+
+/// Nothing is held against who says that it starts anew, then what no node may say, and is lost for that.
+#[test]
+fn who_starts_anew_out_of_range_may_be_anywhere_once_it_is_lost() {
+    let mut world = World::new(&config(guarded(9)));
+    world.ticks(10, Some(1.0));
+    world.starts_anew(2);
+    assert_eq!(world.ticks(PATIENCE + 1, Some(70.0))[0], Err(Refusal::OutOfRange));
+    assert_eq!(world.presence(2), Some(Presence::Lost));
+    assert_eq!(world.ticks(1, Some(40.0)), [Ok(())]);
+}
+
 /// What it said before may come after its word, which is then of before.
 #[test]
 fn a_state_of_before_is_not_the_first_one_of_who_starts_anew() {

@@ -166,7 +166,12 @@ impl Conductor {
             node.contact.forget();
             return Ok(());
         }
-        node.contact.write(&serial::encode(&STOP)).await
+        node.contact.write(&serial::encode(&STOP)).await?;
+        if node.on_can.is_some() && self.own.is_none() {
+            // As when it comes: it is not to run the next tick, which begins on its bus.
+            node.ask_again_who_it_is(self.patience.answer).await?;
+        }
+        Ok(())
     }
 
     /// Brings a node that is off: its stored configuration, and a start that says that the others run.
