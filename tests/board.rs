@@ -36,6 +36,8 @@ pub struct Board {
     on_can: Option<OnCan>,
     /// Parts in a billion that its clock is too fast.
     drift_ppb: i64,
+    /// It hears of no other node on its bus, but SYNC and commands.
+    pub is_deaf: bool,
     /// What it keeps over a restart.
     pub kept: Kept,
     /// What its node saw at the last ticks that it told of.
@@ -51,6 +53,7 @@ impl Board {
             deframer: Deframer::new(),
             on_can: None,
             drift_ppb: 0,
+            is_deaf: false,
             kept: Kept::default(),
             seen: VecDeque::new(),
         }
@@ -93,7 +96,7 @@ impl Board {
     pub fn restart(&mut self) {
         let (seen, on_can) = (std::mem::take(&mut self.seen), self.on_can.take());
         let kept = Kept { staged: None, ..std::mem::take(&mut self.kept) };
-        *self = Self { seen, on_can, kept, drift_ppb: self.drift_ppb, ..Self::new() };
+        *self = Self { seen, on_can, kept, drift_ppb: self.drift_ppb, is_deaf: self.is_deaf, ..Self::new() };
         if self.kept.stored.is_some() {
             *self.session.config_buffer() = self.kept.stored.clone();
             self.session.restore().unwrap();
@@ -105,6 +108,9 @@ impl Board {
         let Some(can) = &mut self.on_can else { return Vec::new() };
         let mut said = Vec::new();
         for message in can.hearing.unpack(frame.id(), frame.data()) {
+            if self.is_deaf && matches!(message, Ok(Message::State { .. } | Message::Edge { .. })) {
+                continue;
+            }
             let own = self.own(now);
             self.session.on_frame(message.map(serial::Frame::RealTime), own);
             said.append(&mut self.poll(now));

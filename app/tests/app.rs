@@ -330,6 +330,31 @@ impl<C: Controller> Controller for Losing<'_, C> {
     }
 }
 
+/// Several may wait for a node that writes its flash.
+#[test]
+fn each_sync_comes_with_the_stamp_of_its_own_frame() {
+    let time = Time::default();
+    let (line, bus) = (Line::new(&time), Bus::<2>::new(&time));
+    let mut link = CanNode::new(bus.tap::<Classic>(0), Serial::new(&line));
+    let mut master = CanNode::new(bus.tap::<Classic>(1), Serial::new(&line));
+    bus.begins.borrow_mut().extend([100, 300]);
+    let sync =
+        |tick| Message::Sync { source: NodeId::new(2), previous_tick: TickStamp::low(tick, 24), phase_us: 0 };
+    for tick in 0..3 {
+        assert!(poll_once(master.send(&sync(tick), 0)).is_ready());
+    }
+    for (tick, began) in [(0, Some(100)), (1, Some(300)), (2, None)] {
+        assert!(poll_once(link.wait(&time)).is_ready());
+        let (heard, at) = match link.next(900) {
+            Some(Input::Sync(heard, at)) => (heard, Some(at)),
+            Some(Input::Frame(Ok(serial::Frame::RealTime(heard)))) => (heard, None),
+            _ => panic!("no SYNC"),
+        };
+        assert_eq!((heard, at), (sync(tick), began));
+        assert!(link.next(900).is_none());
+    }
+}
+
 #[test]
 fn what_a_controller_has_lost_since_the_configuration_is_reported() {
     let (time, log) = (Time::default(), Words::default());

@@ -8,7 +8,7 @@ use funnelnet_node::{Configured, Event, InputRange, Model, Output, Phase, PlantS
 use funnelnet_protocol::config::{
     Breach, ConfigError, Coupling, EdgeConfig, Field, Funnel, Gain, NodeConfig, Shape, TickSource, TimeRules,
 };
-use funnelnet_protocol::message::{Command, Message, NodeId, Severity, Target, TickStamp};
+use funnelnet_protocol::message::{Command, JOIN, Message, NodeId, Severity, Target, TickStamp};
 use funnelnet_protocol::report::{Counters, Telemetry};
 use funnelnet_protocol::serial::Frame;
 use funnelnet_protocol::service::{Body, Identity, Key, Reply, Request, StageError, StoreError, kind};
@@ -376,6 +376,46 @@ fn rules_of_time_cannot_change_while_a_node_runs_and_all_else_can() {
         assert_eq!(adopted, refused == 0);
         assert_eq!(board.session.keeper().map(Keeper::role), Some(Role::Leads));
     }
+}
+
+/// Under the rules of time of another node, which is the only master.
+fn follower(width: f32, holdover_ns: u64) -> NodeConfig {
+    let time = TimeRules { period_us: 100_000, ..TimeRules::NONE }.with_master(NodeId::new(3).unwrap());
+    NodeConfig { tick_source: TickSource::Timer, time, holdover_ns, ..with_width(&config(2, 1), width) }
+}
+
+#[test]
+fn the_keeper_goes_on_by_the_holdover_of_what_was_committed() {
+    for (before, after, lost) in [(0, 50 * MS, true), (50 * MS, 0, false)] {
+        let mut board = Board::ready(follower(10.0, before));
+        board.stage(&follower(20.0, after));
+        board.tell(ctrl(Command::Start, 0));
+        board.drain(MS);
+        board.tell(commit(2));
+        assert!(board.drain(2 * MS).contains(&Output::Report(Event::Adopted { tick: 2 })));
+        let is_lost = |output: &Output| {
+            matches!(output, Output::Send(Message::Fault { code: FaultCode::HOLDOVER, .. }))
+        };
+        assert!(!board.drain(45 * MS).iter().any(is_lost));
+        assert_eq!(board.drain(60 * MS).iter().any(is_lost), lost, "{before} {after}");
+    }
+}
+
+#[test]
+fn a_node_that_waits_for_its_tick_refuses_a_commit_and_comes() {
+    let mut board = Board::ready(follower(10.0, 0));
+    board.stage(&follower(20.0, 0));
+    board.tell(ctrl(Command::Start, JOIN));
+    board.tell(commit(400));
+    assert_eq!(board.counters().refused(Refusal::Phase), 1);
+    for k in 0..3 {
+        let (previous_tick, phase_us) = (TickStamp::low(1_000 + 100 * k, 24), 0);
+        let sync = Message::Sync { source: NodeId::new(3), previous_tick, phase_us };
+        let at = u64::from(100 * k + 1) * MS;
+        board.session.on_sync(&sync, at, at);
+        board.drain(at);
+    }
+    assert_eq!(board.phase(), Phase::Running);
 }
 
 #[test]

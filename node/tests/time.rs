@@ -414,3 +414,36 @@ fn a_tick_of_24_bits_goes_round() {
     assert!(keeper.is_in_time());
     assert_eq!(keeper.network(start + S), start + S);
 }
+
+/// Beyond half of what 24 bits can tell, a tick is not behind that of one who comes.
+#[test]
+fn who_joins_takes_the_whole_tick_of_24_bits() {
+    for first in [5_u32, 9_000_000, (1 << 24) - 300] {
+        let mut keeper = Keeper::new(rules(5, &[1], None));
+        keeper.start(MS, MS, 2 * MS, true);
+        for k in 0..3 {
+            let stamp = MS + u64::from(100 * k) * MS;
+            let previous = TickStamp::low((first + 100 * k).wrapping_sub(100), 24);
+            let said = (previous, if k == 0 { UNKNOWN_PHASE } else { 0 });
+            assert_eq!(keeper.on_sync(id(1), said, stamp, stamp), Ok(()));
+        }
+        assert!(keeper.is_in_time());
+        assert_eq!(keeper.next_tick(201 * MS + MS / 2).0, first + 201);
+    }
+}
+
+#[test]
+fn where_stamps_have_jitter_a_sync_that_does_not_come_a_period_after_the_last_is_counted() {
+    for (jitter_ns, expected) in [(0, Ok(())), (2 * MS, Err(Refusal::TickWindow))] {
+        let mut keeper = Keeper::new(Rules { jitter_ns, ..rules(5, &[1], None) });
+        keeper.start(0, 0, TICK, false);
+        let mut hear = |at: u32| {
+            let said = (TickStamp::low(at - 100, 24), 0);
+            let at = u64::from(at);
+            keeper.on_sync(id(1), said, at * MS, at * MS)
+        };
+        assert_eq!([100, 200, 300].map(&mut hear), [Ok(()); 3]);
+        assert_eq!(hear(500), expected, "one was lost");
+        assert_eq!(hear(600), Ok(()));
+    }
+}

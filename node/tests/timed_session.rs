@@ -324,7 +324,12 @@ fn rules_that_are_none_are_refused_by_name() {
     assert_eq!(field(with_host), Some(ConfigField::SyncMasters));
     assert_eq!(field(TimeRules { period_us: 9_999, ..good }), Some(ConfigField::SyncPeriod));
     assert_eq!(field(TimeRules { period_us: 10_000_001, ..good }), Some(ConfigField::SyncPeriod));
-    assert_eq!(field(TimeRules { jitter_us: 1_000_001, ..good }), Some(ConfigField::SyncJitter));
+    // A new master's SYNC come each tick of 10 ms, and a quarter of that is the most by which one may be late.
+    assert_eq!(refused(TimeRules { jitter_us: 2_500, ..good }, TickSource::Timer), Ok(()));
+    assert_eq!(field(TimeRules { jitter_us: 2_501, ..good }), Some(ConfigField::SyncJitter));
+    let slow = TimeRules { period_us: 1_000_000, ..good };
+    assert_eq!(refused(TimeRules { jitter_us: 30_000, ..slow }, TickSource::Timer), Ok(()));
+    assert_eq!(field(TimeRules { jitter_us: 30_001, ..slow }), Some(ConfigField::SyncJitter));
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn processes_with_drifting_clocks_keep_one_time_with_sync_and_go_stale_without()
     let frames = with["sync"]["frames"].as_u64().unwrap();
     assert!((180..=220).contains(&frames), "{with}");
     assert_eq!((&with["sync"]["masters"], &without["sync"]), (&1.into(), &Value::Null));
-    assert!(ended.out.contains("SYNC of 1 time masters, largest skew"), "{}", ended.out);
+    assert!(ended.out.contains("SYNC, one time master, largest skew"), "{}", ended.out);
     assert_eq!(summary["bench"]["skipped"], serde_json::json!([]));
 }
 
@@ -70,7 +70,7 @@ fn processes_with_drifting_clocks_keep_one_time_with_sync_and_go_stale_without()
 fn a_process_that_is_killed_by_an_event_comes_back_and_learns_the_tick() {
     let events = "[[event]]\nat = \"2s\"\nkind = \"bounce\"\nnode = 3\nfor = \"1s\"\n\
                   [[event]]\nat = \"7s\"\nkind = \"sync-loss\"\nfor = \"1s\"\n";
-    let bench = processes(&[0.0, 100.0, -100.0], "[sync]\nmasters = [1, 2]\n", events, "10s");
+    let bench = processes(&DRIFTS, "[sync]\nmasters = [1, 2]\n", events, "10s");
     let ended = bench.run(&["--every", "5ms"]);
     let summary = bench.summary();
     assert_eq!(
@@ -81,7 +81,8 @@ fn a_process_that_is_killed_by_an_event_comes_back_and_learns_the_tick() {
     );
     assert_eq!(summary["bench"]["skipped"], serde_json::json!([]), "{}", ended.err);
     let clocks = own_clock(&bench);
-    assert!(clocks["end_skew_s"].as_f64().unwrap() < 0.003, "{clocks}");
+    // Without SYNC the first of them would be 1.9 ms apart, and the last one 1.3 ms more since its restart.
+    assert!(clocks["end_skew_s"].as_f64().unwrap() < 0.002, "{clocks}");
     // Ten SYNC a second of each master that leads and is not heard.
     let sync = &clocks["sync"];
     assert!(sync["kept"].as_u64().unwrap() >= 5, "{sync}");
@@ -113,7 +114,7 @@ fn without_sync_events_that_take_nodes_off_are_skipped_with_the_reason() {
 
 #[test]
 fn boards_behind_serial_lines_keep_one_time_and_stop_with_their_run() {
-    let boards = [Board::good(1), Board::with_clock(2, 1.000_15), Board::with_clock(3, 0.999_85)];
+    let boards = [Board::good(1), Board::with_clock(2, 1.000_19), Board::with_clock(3, 0.999_81)];
     let bench = Bench::of(&boards.each_ref()).with("clock = \"own\"").patient();
     let path = bench.path("scenario.toml");
     let text =
@@ -123,7 +124,8 @@ fn boards_behind_serial_lines_keep_one_time_and_stop_with_their_run() {
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let clocks = own_clock(&bench);
     assert!(clocks["sync"]["frames"].as_u64().unwrap() >= 50, "{clocks}");
-    assert!(clocks["end_skew_s"].as_f64().unwrap() < 0.003, "{clocks}");
+    // Without SYNC 3.8 ms.
+    assert!(clocks["end_skew_s"].as_f64().unwrap() < 0.002, "{clocks}");
     assert_eq!(boards.map(Board::end), [Some(Phase::Stopped); 3]);
 }
 
@@ -134,7 +136,7 @@ fn where_the_host_ticks_sync_of_masters_is_skipped_and_the_run_is_lockstep() {
     let ended = bench.run(&[]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert_eq!(bench.summary()["bench"]["bit_for_bit"], true);
-    assert!(ended.err.contains("skipped: clock, sync"), "{}", ended.err);
+    assert!(ended.err.contains("skipped: sync: the clocks of a bench are its own"), "{}", ended.err);
 }
 
 /// The firmware's image, whose clock is the computer's: it leads, follows, and learns the tick after a restart.

@@ -6,13 +6,15 @@ use funnelnet_node::time::Role;
 use funnelnet_node::{Event, Phase};
 use funnelnet_protocol::NodeId;
 use funnelnet_protocol::config::{TickSource, TimeRules};
+use funnelnet_protocol::message::{FaultCode, Message, Severity};
+use funnelnet_protocol::serial::{self, Frame};
 use sim_host::conductor::{Conductor, HubError, Patience, SyncCounts};
 use sim_host::configure::{Drive, node_configs};
 use sim_host::presence::Presence;
 use sim_host::scenario::Scenario;
 use std::path::Path;
 use std::time::Duration;
-use system_tests::world::{Peace, World, conductor_of, staged};
+use system_tests::world::{Blow, Fate, Peace, Way, World, conductor_of, staged};
 
 const OWN_CLOCK: Drive = Drive { tick_source: TickSource::Timer, telemetry_every: 1, is_simulated: false };
 const PATIENCE: Patience = Patience { boot: Duration::from_secs(5), answer: Duration::from_millis(500) };
@@ -26,17 +28,22 @@ const RING: &str = "version = 1\ntime = { tick = '10ms', duration = '10min' }\ng
                     agent = { dynamics = { kind = 'affine', slope = -1.0, offset = 1.0 } }\n\
                     coupling = { kind = 'node-wise', gain = { kind = 'reciprocal', scale = 1.0 }, funnel = { kind = 'constant', width = 20.0 } }";
 
-fn ring(events: &str, masters: &[u8], keys: &str) -> Scenario {
+fn ring(events: &str, masters: &[u8]) -> Scenario {
+    of_text(RING, events, masters)
+}
+
+/// The scenario of this text with these events and masters.
+fn of_text(text: &str, events: &str, masters: &[u8]) -> Scenario {
     let sync =
         if masters.is_empty() { String::new() } else { format!("sync = {{ masters = {masters:?} }}\n") };
-    let text = format!("event = [{events}]\n{sync}{RING}{keys}");
+    let text = format!("event = [{events}]\n{sync}{text}");
     Scenario::parse(&text, Path::new("ring.toml"), &[]).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
 /// How a bench of these nodes is run.
-struct Bench {
+struct Bench<F: Fate = Peace> {
     conductor: Conductor,
-    world: World,
+    world: World<F>,
     ticks: u32,
     /// Unrecorded node-ticks.
     unrecorded: u64,
@@ -51,35 +58,31 @@ impl Bench {
     }
 
     fn of(world: World, chosen: (&str, &[u8]), with: impl FnOnce(Conductor) -> Conductor) -> Self {
-        Self::all_of(world, chosen, "", with)
+        Self::all_of(world, &ring(chosen.0, chosen.1), chosen.1, with)
     }
+}
 
-    /// With more keys of the scenario.
-    fn limited(world: World, chosen: (&str, &[u8]), keys: &str) -> Self {
-        Self::all_of(world, chosen, keys, |conductor| conductor)
-    }
-
+impl<F: Fate> Bench<F> {
     fn all_of(
-        world: World,
-        (events, masters): (&str, &[u8]),
-        keys: &str,
+        world: World<F>,
+        scenario: &Scenario,
+        masters: &[u8],
         with: impl FnOnce(Conductor) -> Conductor,
     ) -> Self {
-        let scenario = ring(events, masters, keys);
-        let mut configs = node_configs(&scenario, OWN_CLOCK).unwrap();
+        let mut configs = node_configs(scenario, OWN_CLOCK).unwrap();
         if !masters.is_empty() {
             let rules = TimeRules { period_us: 100_000, jitter_us: 2_000, ..TimeRules::NONE };
             let ids = masters.iter().filter_map(|&id| NodeId::new(id));
             let rules = ids.fold(rules, TimeRules::with_master);
             configs.iter_mut().for_each(|config| config.time = rules);
         }
-        let mut staged = staged(&scenario, OWN_CLOCK);
+        let mut staged = staged(scenario, OWN_CLOCK);
         staged.iter_mut().flatten().for_each(|staged| {
             staged.config.time = configs.first().map_or(TimeRules::NONE, |config| config.time)
         });
-        let conductor = conductor_of(&scenario, &configs, PATIENCE).with_staged(staged);
+        let conductor = conductor_of(scenario, &configs, PATIENCE).with_staged(staged);
         let conductor = with(conductor).with_own_clock();
-        let silences = (0..NODES).map(|index| sim_host::engine::silences(&scenario, index)).collect();
+        let silences = (0..NODES).map(|index| sim_host::engine::silences(scenario, index)).collect();
         let conductor = if masters.is_empty() { conductor } else { conductor.with_sync(silences) };
         let mut bench = Self { conductor, world, ticks: 0, unrecorded: 0 };
         bench.world.run(bench.conductor.meet()).unwrap();
@@ -204,7 +207,7 @@ fn a_master_that_dies_is_followed_within_three_periods_and_leads_again_when_it_i
 fn the_only_master_that_restarts_can_learn_the_tick_from_nobody_and_the_run_names_it() {
     let mut bench = Bench::new("{ at = '5s', kind = 'bounce', node = 1, for = '1s' }", &[1]);
     let error = bench.run(6_000).unwrap_err().to_string();
-    assert!(error.contains("node 1 "), "{error}");
+    assert!(error.contains("node 1 goes on speaking, but said no telemetry of tick 6"), "{error}");
 }
 
 #[test]
@@ -269,6 +272,41 @@ fn on_a_bus_nodes_hear_the_master_themselves_and_the_host_carries_its_sync_to_li
     let ticks: Vec<_> =
         bench.world.boards().iter().map(|board| board.session().node().unwrap().tick()).collect();
     assert!(ticks.iter().all(|&tick| tick.abs_diff(ticks[0]) <= 1), "{ticks:?}");
+    let reports = bench.world.run(bench.conductor.finish()).unwrap();
+    assert_eq!(bench.conductor.unheard(&reports), [0; 0]);
+}
+
+/// What a node accepts of SYNC says nothing of what it hears of states.
+#[test]
+fn a_node_on_a_bus_that_takes_sync_and_no_state_has_heard_nobody() {
+    let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS).with_bus(&[0, 1, 2, 3], false);
+    [0, 2].iter().for_each(|&index| world.board_mut(index).is_deaf = true);
+    let on_can = |conductor: Conductor| conductor.with_can(vec![("can0".to_owned(), false)], |_| Some(0));
+    // What an event keeps back is not carried, and heard on the bus all the same.
+    let mut bench = Bench::of(world, ("{ at = '2s', kind = 'sync-loss', for = '1s' }", &[2]), on_can);
+    bench.run(1_000).unwrap();
+    assert_eq!(bench.role(2), Role::Follows(master(2)));
+    let reports = bench.world.run(bench.conductor.finish()).unwrap();
+    assert_eq!(bench.conductor.unheard(&reports), [2, 4]);
+}
+
+#[test]
+fn on_a_bus_where_all_have_left_nobody_says_sync() {
+    let events = "{ at = '5s', kind = 'leave', node = 3 }, { at = '5s', kind = 'leave', node = 4 }";
+    let world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS).with_bus(&[0, 1], false);
+    let on_can = |conductor: Conductor| {
+        let buses = ["can0", "can1"].map(|name| (name.to_owned(), false));
+        conductor.with_can(buses.to_vec(), |index| Some(index / 2))
+    };
+    let mut bench = Bench::of(world.with_bus(&[2, 3], false), (events, &[1]), on_can);
+    let frames =
+        |bench: &Bench| bench.conductor.can().map(|(_, counts)| counts.frames).collect::<Vec<_>>()[1];
+    bench.run(400).unwrap();
+    assert_eq!(bench.role(2), Role::Follows(master(1)));
+    bench.run(600).unwrap();
+    let before = frames(&bench);
+    bench.run(1_500).unwrap();
+    assert_eq!((frames(&bench), bench.presence()[3]), (before, Presence::Off));
 }
 
 /// What is set names a tick of the network's time, and leaves the rules of time as they are.
@@ -312,14 +350,109 @@ fn a_node_that_was_off_before_what_is_set_has_missed_it() {
 /// A node that comes says that it starts anew, which is not its end. Fields change states by at most 1 unit/s here.
 #[test]
 fn where_what_is_heard_has_limits_a_node_that_comes_goes_on_after_it_has_said_so() {
-    let limits = "\nsafety = { heard_rate = 2.0, drop_after = 3 }";
-    let events = "{ at = '10s', kind = 'bounce', node = 3, for = '1s' }";
+    // Honest nodes move by 0.1 a second, and by 0.2 where a newcomer is behind.
+    let text = RING.replace("slope = -1.0, offset = 1.0", "slope = -0.1, offset = 0.1")
+        + "\nsafety = { heard_rate = 0.3, drop_after = 3 }";
+    let scenario = of_text(&text, "{ at = '40s', kind = 'bounce', node = 3, for = '1s' }", &[1]);
     let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
     world.has_power = true;
-    let mut bench = Bench::limited(world, (events, &[1]), limits);
+    let mut bench = Bench::all_of(world, &scenario, &[1], |conductor| conductor);
     bench.run(6_000).unwrap();
     assert_eq!(bench.presence(), [Presence::Ran; NODES]);
     let nodes = bench.world.boards().iter().filter_map(|board| board.session().node());
     assert_eq!(nodes.map(|node| node.counters().kept.barred).sum::<u32>(), 0);
     assert_eq!(bench.conductor.contradictions(), [""; 0]);
+}
+
+#[test]
+fn one_that_leaves_while_it_waits_for_its_tick_goes_without_a_word_and_may_come_again() {
+    let events = "{ at = '5s', kind = 'crash', node = 3 }, { at = '8s', kind = 'join', node = 3 }, \
+                  { at = '8050ms', kind = 'leave', node = 3 }, { at = '12s', kind = 'join', node = 3 }";
+    for has_power in [true, false] {
+        let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+        world.has_power = has_power;
+        let mut bench = Bench::of(world, (events, &[1]), |conductor| conductor);
+        bench.run(1_100).unwrap();
+        assert_eq!(bench.presence()[2], Presence::Off);
+        bench.run(3_000).unwrap();
+        assert_eq!(bench.presence(), [Presence::Ran; NODES]);
+    }
+}
+
+/// Says a warning before each goodbye.
+struct Warns;
+
+impl Fate for Warns {
+    fn carry(&mut self, _: usize, way: Way, _: u64, frame: Vec<u8>) -> Vec<Vec<u8>> {
+        let mut bytes = frame.clone();
+        bytes.pop();
+        let Ok(Frame::RealTime(Message::Fault { source, code: FaultCode::LEAVES, arg, tick, .. })) =
+            serial::decode(&mut bytes)
+        else {
+            return vec![frame];
+        };
+        if way == Way::ToNode {
+            return vec![frame];
+        }
+        let (code, severity) = (FaultCode::COMMIT, Severity::Warning);
+        vec![serial::encode(&Message::Fault { source, code, severity, arg, tick }).to_vec(), frame]
+    }
+
+    fn befall(&mut self, _: usize, _: u64) -> Blow {
+        Blow::None
+    }
+}
+
+#[test]
+fn a_warning_is_no_goodbye() {
+    let world = World::new(NODES, TRAVEL, Warns).with_drifts(&DRIFTS);
+    let scenario = ring("{ at = '5s', kind = 'leave', node = 2 }", &[1]);
+    let mut bench = Bench::all_of(world, &scenario, &[1], |conductor| conductor);
+    bench.run(600).unwrap();
+    let events: Vec<_> = bench.conductor.events().iter().map(|event| event.event).collect();
+    assert_eq!(events, [Event::Warned(FaultCode::COMMIT), Event::Stopped]);
+    assert_eq!(bench.presence()[1], Presence::Off);
+}
+
+/// Nobody to join: it says its state at once, before it has told of a tick.
+#[test]
+fn the_first_state_of_a_node_without_coupling_that_was_long_away_is_taken_for_what_it_is() {
+    let text = RING.replace("'node-wise'", "'none'");
+    let scenario = of_text(&text, "{ at = '5s', kind = 'bounce', node = 3, for = '5s' }", &[1]);
+    let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+    world.has_power = true;
+    let mut bench = Bench::all_of(world, &scenario, &[1], |conductor| conductor);
+    bench.run(2_000).unwrap();
+    assert_eq!(bench.presence(), [Presence::Ran; NODES]);
+    assert_eq!(bench.conductor.contradictions(), [""; 0]);
+}
+
+/// With and without its power in the host's hands, it is configured anew when it comes.
+#[test]
+fn a_node_that_has_adopted_what_is_set_comes_back_with_it() {
+    let events = "{ at = '20s', kind = 'set', key = 'coupling.funnel.width', value = 5.0 }, \
+                  { at = '30s', kind = 'bounce', node = 3, for = '1s' }";
+    for has_power in [true, false] {
+        let mut world = World::new(NODES, TRAVEL, Peace).with_drifts(&DRIFTS);
+        world.has_power = has_power;
+        let mut bench = Bench::of(world, (events, &[1]), |conductor| conductor);
+        bench.run(6_000).unwrap();
+        let widths: Vec<_> = bench.conductor.observations().iter().map(|seen| seen.psi).collect();
+        assert_eq!(widths, [5.0; NODES], "{has_power}");
+        bench.world.run(bench.conductor.finish()).unwrap();
+        assert_eq!(bench.conductor.missed_commits(), [0; 0], "{has_power}");
+        let is_adopted = |event: Event| event == Event::Adopted { tick: 2_000 };
+        let adopted = bench.conductor.events().iter().filter(|event| is_adopted(event.event));
+        assert_eq!(adopted.count(), NODES);
+        assert_eq!(bench.conductor.contradictions(), [""; 0]);
+    }
+}
+
+#[test]
+fn a_clock_that_no_sync_can_make_up_for_runs_apart_and_the_run_says_so() {
+    let world = World::new(NODES, TRAVEL, Peace).with_drifts(&[0, 500_000, 0, 0]);
+    let mut bench = Bench::of(world, ("", &[1]), |conductor| conductor);
+    let error = bench.run(30_000).unwrap_err().to_string();
+    assert!(error.contains("node 2 runs apart"), "{error}");
+    assert!(error.contains("more than the SYNC of a time master make up for"), "{error}");
 }

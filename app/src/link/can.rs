@@ -28,6 +28,8 @@ pub struct Received {
     pub length: u8,
     /// The first of them; no frame of the real-time plane has more.
     pub data: [u8; MAX_DATA],
+    /// When it began on the bus, by the app's clock (ns), where the controller knows that: it may have waited since.
+    pub began: Option<u64>,
 }
 
 impl Received {
@@ -35,7 +37,13 @@ impl Received {
     pub fn new(id: u16, length: u8, bytes: &[u8]) -> Self {
         let mut data = [0; MAX_DATA];
         data.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-        Self { id, length, data }
+        Self { id, length, data, began: None }
+    }
+
+    /// The same, which began on the bus then (ns).
+    #[must_use]
+    pub fn that_began(self, began: Option<u64>) -> Self {
+        Self { began, ..self }
     }
 
     /// Its data; nothing of one that is longer than any of the plane, which is no length of the plane either.
@@ -76,12 +84,6 @@ pub trait Controller {
         None
     }
 
-    /// When the last SYNC that it has received began on the bus, by the app's clock, which shows `now` (ns), where it
-    /// knows that: the frame may have waited for the task since.
-    fn sync_at(&self, _now: u64) -> Option<u64> {
-        None
-    }
-
     /// Drops the frames that were taken and not sent, but one that is being sent.
     fn cancel(&mut self);
 
@@ -115,6 +117,8 @@ pub struct CanNode<C: Controller, U> {
     service: Serial<U>,
     outgoing: Outgoing,
     port: CanPort<C::Format>,
+    /// When the frame that the port was given last began on the bus. What the port says then is of that frame.
+    began: Option<u64>,
     /// Frames that may be taken before the next wait.
     in_a_row: u8,
 }
@@ -122,7 +126,14 @@ pub struct CanNode<C: Controller, U> {
 impl<C: Controller, U: Read + Write> CanNode<C, U> {
     /// A node on this controller, with its service plane on this line.
     pub fn new(controller: C, service: Serial<U>) -> Self {
-        Self { controller, service, outgoing: Outgoing::new(), port: CanPort::new(), in_a_row: 0 }
+        Self {
+            controller,
+            service,
+            outgoing: Outgoing::new(),
+            port: CanPort::new(),
+            began: None,
+            in_a_row: 0,
+        }
     }
 
     fn losses(&self) -> Losses {
@@ -138,7 +149,10 @@ impl<C: Controller, U: Read + Write> CanNode<C, U> {
 
     fn note(&mut self, exchange: Exchange) {
         match exchange {
-            Exchange::Received(Some(frame)) => self.port.on_frame(frame.id, frame.data()),
+            Exchange::Received(Some(frame)) => {
+                self.began = frame.began;
+                self.port.on_frame(frame.id, frame.data());
+            }
             Exchange::Received(None) => {}
             Exchange::Refused(reason) => self.port.on_refused(reason),
             Exchange::Taken => self.port.on_taken(),
@@ -208,8 +222,7 @@ impl<C: Controller, U: Read + Write> Link for CanNode<C, U> {
         match self.hear() {
             Some(Heard::Change(change)) => Some(Input::Change(change)),
             Some(Heard::Message(Ok(sync @ Message::Sync { source: Some(_), .. }))) => {
-                let at = self.controller.sync_at(now);
-                Some(at.map_or(Input::Frame(Ok(Frame::RealTime(sync))), |at| Input::Sync(sync, at)))
+                Some(self.began.map_or(Input::Frame(Ok(Frame::RealTime(sync))), |at| Input::Sync(sync, at)))
             }
             Some(Heard::Message(message)) => Some(Input::Frame(message.map(Frame::RealTime))),
             None => self.service.next(now).map(for_the_service_line),

@@ -180,12 +180,20 @@ pub struct Bus<'a, const N: usize> {
     pub off: [Cell<bool>; N],
     /// Identifiers of what was sent.
     pub sent: RefCell<Vec<u16>>,
+    /// When frames begin, as controllers stamp them; those after the last of these have no stamp.
+    pub begins: RefCell<VecDeque<u64>>,
 }
 
 impl<'a, const N: usize> Bus<'a, N> {
     pub fn new(time: &'a Time) -> Self {
         let heard = std::array::from_fn(|_| RefCell::default());
-        Self { time, heard, off: std::array::from_fn(|_| Cell::default()), sent: RefCell::default() }
+        Self {
+            time,
+            heard,
+            off: std::array::from_fn(|_| Cell::default()),
+            sent: RefCell::default(),
+            begins: RefCell::default(),
+        }
     }
 
     /// The controller of a node.
@@ -196,8 +204,9 @@ impl<'a, const N: usize> Bus<'a, N> {
     fn carry(&self, sender: usize, frame: &impl Frame) {
         let (id, data) = (frame.id(), frame.data());
         self.sent.borrow_mut().push(id);
+        let began = self.begins.borrow_mut().pop_front();
         for (_, queue) in self.heard.iter().enumerate().filter(|&(index, _)| index != sender) {
-            queue.borrow_mut().push_back(Received::new(id, data.len() as u8, data));
+            queue.borrow_mut().push_back(Received::new(id, data.len() as u8, data).that_began(began));
         }
         self.time.stir();
     }

@@ -99,10 +99,6 @@ impl Controller for BxCan {
         received::next_now()
     }
 
-    fn sync_at(&self, now: u64) -> Option<u64> {
-        received::sync_at(now)
-    }
-
     fn cancel(&mut self) {
         // Only the requests: embassy's `abort` would wait for a frame that is being sent.
         pac::CAN1.tsr().write(|reg| (0..3).for_each(|mailbox| reg.set_abrq(mailbox, true)));

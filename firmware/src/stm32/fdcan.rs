@@ -242,10 +242,6 @@ impl Controller for FdCan {
         received::next_now()
     }
 
-    fn sync_at(&self, now: u64) -> Option<u64> {
-        received::sync_at(now)
-    }
-
     fn cancel(&mut self) {
         pac::FDCAN1.txbcr().write(|reg| (0..3).for_each(|buffer| reg.set_cr(buffer, true)));
     }

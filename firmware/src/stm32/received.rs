@@ -25,31 +25,30 @@ struct Waiting {
     id: u16,
     length: u8,
     data: [u8; LONGEST],
+    /// When it began on the bus, us, by the low 32 bits of embassy's clock; 0 where nobody asks for it.
+    began: u32,
 }
 
 static WAITING: Channel<CriticalSectionRawMutex, Waiting, ROOM> = Channel::new();
-/// When the last SYNC began on the bus, us, by the low 32 bits of embassy's clock; 0: none has come.
-static SYNC_AT: AtomicU32 = AtomicU32::new(0);
 static LOST: AtomicU32 = AtomicU32::new(0);
 static ERRORS: AtomicU32 = AtomicU32::new(0);
 
 /// Takes a data frame of `length` bytes from the controller, which began on the bus `ago` (us).
 pub fn put(id: StandardId, length: u8, data: [u8; LONGEST], ago: u32) {
-    if id.as_raw() >> NODE_BITS == u16::from(function::SYNC) {
-        let began = (Instant::now().as_micros() as u32).wrapping_sub(ago);
-        SYNC_AT.store(began.max(1), Ordering::Relaxed);
-    }
-    if WAITING.try_send(Waiting { id: id.as_raw(), length, data }).is_err() {
+    let began = match id.as_raw() >> NODE_BITS == u16::from(function::SYNC) {
+        true => (Instant::now().as_micros() as u32).wrapping_sub(ago).max(1),
+        false => 0,
+    };
+    if WAITING.try_send(Waiting { id: id.as_raw(), length, data, began }).is_err() {
         note_lost();
     }
 }
 
-/// When the last SYNC began on the bus, by the clock that shows `now` (ns); none where none has come.
-pub fn sync_at(now: u64) -> Option<u64> {
-    let at = SYNC_AT.load(Ordering::Relaxed);
-    // It may have come since `now` was read.
-    let ago = ((now / NS_PER_US) as u32).wrapping_sub(at) as i32;
-    (at != 0).then(|| now.saturating_add_signed(-i64::from(ago) * NS_PER_US as i64))
+/// The whole time, ns, of what began at `at`, as [`Waiting`] has it.
+fn whole(at: u32) -> Option<u64> {
+    let now = Instant::now().as_micros();
+    let ago = (now as u32).wrapping_sub(at);
+    (at != 0).then(|| now.saturating_sub(ago.into()).saturating_mul(NS_PER_US))
 }
 
 /// Counts that a frame was lost, or several at once, of which nobody knows how many.
@@ -79,7 +78,8 @@ pub fn losses() -> Losses {
 }
 
 fn exchange(waiting: &Waiting) -> Exchange {
-    Exchange::Received(Some(Received::new(waiting.id, waiting.length, &waiting.data)))
+    let frame = Received::new(waiting.id, waiting.length, &waiting.data);
+    Exchange::Received(Some(frame.that_began(whole(waiting.began))))
 }
 
 /// Interrupts do not interrupt each other, and the task adds nothing that an interrupt adds.

@@ -118,6 +118,9 @@ impl<M: Model> Session<M> {
         if node.adopt(params, &config.neighbours).is_err() {
             return false;
         }
+        if let Some(timing) = &mut self.timing {
+            timing.hold_over(config);
+        }
         // Of the tick before there is nothing more to tell.
         self.teller.pass_over(node.tick());
         self.settle();
@@ -137,11 +140,13 @@ impl<M: Model> Session<M> {
     /// id to be meant by.
     pub(super) fn on_commit(&mut self, target: Target, at_tick: u16) {
         let meant = self.node.as_ref().map_or(target == Target::All, |node| target.includes(node.id()));
-        let running = self.is_running();
+        let (running, waits) = (self.is_running(), self.waits_for_tick());
         let other_time = self.staged.is_some_and(|staged| !self.keeps_time_by(&staged.time));
         match (self.staged, self.node.as_mut()) {
             _ if !meant => {}
             _ if self.storage_request.is_some() || self.performing.is_some() => self.refuse(Refusal::Phase),
+            // It has been started, and would wait no more with what is staged.
+            _ if waits => self.refuse(Refusal::Phase),
             (None, _) => self.refuse(Refusal::Phase),
             // A keeper goes by the rules that it was started with.
             _ if running && other_time => self.refuse(Refusal::Value),

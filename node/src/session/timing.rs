@@ -82,6 +82,11 @@ impl Timing {
         !self.waits
     }
 
+    /// Goes on by the holdover of another configuration, whose rules are the same.
+    pub(super) fn hold_over(&mut self, config: &NodeConfig) {
+        self.keeper.hold_over(time::holdover(config));
+    }
+
     /// Takes note of when a SYNC of this node was on the wire, by the own clock, ns.
     pub(super) fn on_sent(&mut self, stamp: u64) {
         self.keeper.on_sent(stamp);
@@ -127,6 +132,11 @@ impl<M: Model> Session<M> {
         if let Some(timing) = &mut self.timing {
             timing.on_sent(stamp);
         }
+    }
+
+    /// Whether it has been told to join, and does not know the tick yet.
+    pub(super) fn waits_for_tick(&self) -> bool {
+        self.timing.as_ref().is_some_and(|timing| timing.waits)
     }
 
     /// Has time kept as the configuration of the node says, which is new.

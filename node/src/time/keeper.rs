@@ -12,8 +12,11 @@ use funnelnet_protocol::refusal::Refusal;
 const QUICK: u8 = 16;
 /// How much faster.
 const QUICKER: u64 = 8;
-/// Half of what 24 bits of a tick can tell.
+/// Part of the time between two such SYNC by which the next one may miss its instant.
+const NEAR: u64 = 4;
+/// Half of what 24 bits of a tick can tell, and all of it.
 const HALF: u32 = (1 << 23) - 1;
+const WHOLE: u32 = (1 << 24) - 1;
 const NS_PER_US: u64 = 1_000;
 const NS_PER_MS: u64 = 1_000_000;
 
@@ -70,20 +73,19 @@ impl Rules {
             masters: said.masters().filter_map(NodeId::new).fold(Masters::default(), Masters::and),
             period_ns: u64::from(said.period_us) * NS_PER_US,
             tick_ns: config.period_ns(),
-            holdover_ns: (config.holdover_ns > 0).then_some(config.holdover_ns),
+            holdover_ns: holdover(config),
             jitter_ns: u64::from(said.jitter_us) * NS_PER_US,
         })
     }
 
-    /// `ns` in whole ticks, at least one.
-    fn whole_ticks(&self, ns: u64) -> u64 {
-        let ticks = ns.checked_div(self.tick_ns).unwrap_or(0).max(1);
-        ticks.saturating_mul(self.tick_ns)
-    }
-
     /// Time between the SYNC of a new master, ns.
     fn quick_ns(&self) -> u64 {
-        self.whole_ticks(self.period_ns / QUICKER)
+        quick(self.period_ns, self.tick_ns)
+    }
+
+    /// Time between those of one that has led for a while, ns.
+    fn usual_ns(&self) -> u64 {
+        whole_ticks(self.period_ns, self.tick_ns)
     }
 
     /// A master that was silent for so long (ns) is taken for dead: the third SYNC in a row would come next.
@@ -94,6 +96,39 @@ impl Rules {
         let most = self.period_ns.saturating_mul(11) / 4;
         most.saturating_add(self.period_ns / 16 * u64::from(rank))
     }
+}
+
+/// What a configuration says of [`Rules::holdover_ns`].
+pub(crate) fn holdover(config: &NodeConfig) -> Option<u64> {
+    (config.holdover_ns > 0).then_some(config.holdover_ns)
+}
+
+/// The largest [`Rules::jitter_ns`] by which two SYNC of a new master are still told apart from three, ns: they come faster than
+/// those of one that leads for long.
+#[must_use]
+pub fn largest_jitter(period_ns: u64, tick_ns: u64) -> u64 {
+    quick(period_ns, tick_ns) / NEAR
+}
+
+/// The shortest [`Rules::period_ns`] with stamps of this [`Rules::jitter_ns`], ns: see [`largest_jitter`].
+#[must_use]
+pub fn shortest_period(jitter_ns: u64, tick_ns: u64) -> u64 {
+    let tick_ns = tick_ns.max(1);
+    match jitter_ns.saturating_mul(NEAR).div_ceil(tick_ns) {
+        0 | 1 => tick_ns,
+        ticks => ticks.saturating_mul(tick_ns).saturating_mul(QUICKER),
+    }
+}
+
+/// Time between the SYNC of a new master, ns.
+fn quick(period_ns: u64, tick_ns: u64) -> u64 {
+    whole_ticks(period_ns / QUICKER, tick_ns)
+}
+
+/// `ns` in whole ticks, at least one.
+fn whole_ticks(ns: u64, tick_ns: u64) -> u64 {
+    let ticks = ns.checked_div(tick_ns).unwrap_or(0).max(1);
+    ticks.saturating_mul(tick_ns)
 }
 
 /// Role of a node in keeping time.
@@ -150,6 +185,8 @@ pub struct Keeper {
     servo: Servo,
     role: Role,
     runs: bool,
+    /// It has come to a network that runs.
+    joins: bool,
     /// Network time of tick 0, ns.
     epoch: u64,
     /// Time of the last SYNC of the master that is followed, or of tick 0 (ns, own clock).
@@ -177,6 +214,7 @@ impl Keeper {
             servo: Servo::new(Map::new(0, 0), rules.jitter_ns),
             role: Role::Waits,
             runs: false,
+            joins: false,
             epoch: 0,
             heard_at: 0,
             stamp: None,
@@ -191,9 +229,9 @@ impl Keeper {
 
     /// Starts when the own clock shows `own`, which is network time `network`; tick 0 is at network time
     /// `epoch` (ns). All nodes of a network start at once, and the first of the masters leads from tick 0 on.
-    /// One that `joins` listens first.
+    /// One that `joins` listens first; it can do so for as long as the network's tick fits in the 24 bits of a SYNC.
     pub fn start(&mut self, own: u64, network: u64, epoch: u64, joins: bool) {
-        *self = Self { runs: true, epoch, ..Self::new(self.rules) };
+        *self = Self { runs: true, joins, epoch, ..Self::new(self.rules) };
         self.servo = Servo::new(Map::new(own, network), self.rules.jitter_ns);
         self.heard_at = self.servo.map().own(epoch);
         self.taken_at = self.heard_at;
@@ -201,6 +239,11 @@ impl Keeper {
         if !joins && masters.contains(id) && masters.before(id) == 0 {
             self.lead(own);
         }
+    }
+
+    /// Goes by another holdover (ns) from now on, as [`Rules::holdover_ns`] says it.
+    pub fn hold_over(&mut self, holdover_ns: Option<u64>) {
+        self.rules.holdover_ns = holdover_ns;
     }
 
     /// Stops: a node that does not run neither leads nor follows.
@@ -252,7 +295,8 @@ impl Keeper {
     ///
     /// # Errors
     /// The reason for refusing it: `Phase` before the start, `OwnId`, `UnknownSource` for one that is not the
-    /// master to be followed, `TickWindow` for a time that cannot be right.
+    /// master to be followed, `TickWindow` for a time that cannot be right, and, where stamps have jitter, for one
+    /// that does not come a period after the last.
     pub fn on_sync(
         &mut self,
         source: NodeId,
@@ -268,12 +312,13 @@ impl Keeper {
             self.follow(source);
         }
         (self.heard_at, self.is_alone) = (stamp, false);
-        let before = self.stamp.replace(stamp);
-        match before {
+        match self.stamp.replace(stamp).filter(|_| phase_us != UNKNOWN_PHASE) {
             // It says when the one before was on the wire. Was that the one that was heard?
-            Some(before) if phase_us != UNKNOWN_PHASE && self.is_next(stamp.saturating_sub(before)) => {
+            Some(before) if self.is_next(stamp.saturating_sub(before)) => {
                 self.observe(before, (previous, phase_us), now)
             }
+            // On lines either one was lost or this one was too late. Controllers are not late.
+            Some(_) if self.rules.jitter_ns > 0 => Err(Refusal::TickWindow),
             _ => Ok(()),
         }
     }
@@ -281,8 +326,8 @@ impl Keeper {
     /// Whether a SYNC that came so long (ns) after the last one that was heard is the next one, so that none
     /// was lost in between.
     fn is_next(&self, passed: u64) -> bool {
-        let (quick, usual) = (self.rules.quick_ns(), self.rules.whole_ticks(self.rules.period_ns));
-        passed.abs_diff(quick).min(passed.abs_diff(usual)) < quick / 4
+        let (quick, usual) = (self.rules.quick_ns(), self.rules.usual_ns());
+        passed.abs_diff(quick).min(passed.abs_diff(usual)) < quick / NEAR
     }
 
     /// Of several masters the lowest one is followed, as long as it is not silent.
@@ -329,13 +374,22 @@ impl Keeper {
 
     /// Network time of a tick and a phase, ns; `now` is that of the own clock.
     fn network_time(&self, (tick, phase_us): (TickStamp, u16), now: u64) -> u64 {
+        let ticks = match self.joins && !self.servo.has_joined() {
+            // It knows nothing yet but what it is told.
+            true => tick.rebuild(0, 0, WHOLE).map_or(0, u64::from),
+            false => self.near(tick, now),
+        };
+        let phase = u64::from(phase_us) * NS_PER_US;
+        self.epoch.saturating_add(ticks.saturating_mul(self.rules.tick_ns)).saturating_add(phase)
+    }
+
+    /// The tick that is nearest to the one of the network when the own clock shows `now` (ns).
+    fn near(&self, tick: TickStamp, now: u64) -> u64 {
         let passed = self.network(now).saturating_sub(self.epoch);
         let near = passed.checked_div(self.rules.tick_ns).unwrap_or(0);
         let low = near as u32;
         let ahead = tick.rebuild(low, HALF, HALF).map_or(0, |tick| tick.wrapping_sub(low) as i32);
-        let ticks = near.saturating_add_signed(ahead.into());
-        let phase = u64::from(phase_us) * NS_PER_US;
-        self.epoch.saturating_add(ticks.saturating_mul(self.rules.tick_ns)).saturating_add(phase)
+        near.saturating_add_signed(ahead.into())
     }
 
     /// Becomes time master: the next SYNC comes at the next tick.
@@ -417,8 +471,7 @@ impl Keeper {
 
     /// The next SYNC. It carries the instant of the one before.
     fn sync(&mut self, now: u64) -> Message {
-        let interval =
-            if self.quick > 0 { self.rules.quick_ns() } else { self.rules.whole_ticks(self.rules.period_ns) };
+        let interval = if self.quick > 0 { self.rules.quick_ns() } else { self.rules.usual_ns() };
         self.quick = self.quick.saturating_sub(1);
         // One that was long away does not make up for what it has missed.
         let missed = self.network(now).saturating_sub(self.due).checked_div(interval).unwrap_or(0);

@@ -18,4 +18,5 @@ pub mod keeper;
 pub mod map;
 pub mod servo;
 
-pub use keeper::{Change, Keeper, Masters, Output, Role, Rules};
+pub(crate) use keeper::holdover;
+pub use keeper::{Change, Keeper, Masters, Output, Role, Rules, largest_jitter, shortest_period};

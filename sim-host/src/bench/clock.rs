@@ -55,6 +55,13 @@ mod tests {
         assert_eq!(parse("").unwrap().clock, Clock::Host);
         assert_eq!(parse("clock = \"host\"").unwrap().clock, Clock::Host);
         assert_eq!(parse("clock = \"own\"").unwrap().clock, Clock::Own);
+        let drifting = |clock: &str| {
+            let text = format!("version = 1\n{clock}\n[[node]]\nid = 1\nhost = true\ndrift_ppm = 50\n");
+            BenchFile::parse(&text, Path::new("bench.toml")).map_err(|errors| errors.to_string())
+        };
+        assert_eq!(drifting("clock = \"own\"").unwrap().nodes[0].drift_ppb, 50_000);
+        let error = drifting("").unwrap_err();
+        assert!(error.contains("drift_ppm = 50: must come with clock = \"own\""), "{error}");
         let error = parse("clock = \"onw\"").unwrap_err();
         let expected = "bench.toml:2:9: clock = \"onw\": must be one of host, own; did you mean 'own'?";
         assert!(error.contains(expected), "{error}");

@@ -115,8 +115,12 @@ impl Difference {
         if (*here, there) == (Presence::Off, Presence::Off) {
             return;
         }
-        if !here.is_known() {
+        if !here.is_known() && *here != Presence::Off {
             self.unrecorded += 1;
+            self.first.get_or_insert(k);
+            return;
+        }
+        if (*here == Presence::Off) != (there == Presence::Off) {
             self.first.get_or_insert(k);
             return;
         }
@@ -145,6 +149,7 @@ fn bits(seen: &Observation<f32>) -> [u32; 5] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::NOTHING;
     use crate::loopback::engine as engine_of;
     use crate::scenario::Scenario;
     use std::path::Path;
@@ -190,6 +195,17 @@ agent = { dynamics = { kind = "affine", slope = -1.0 } }
             Presence::Ran
         };
         assert_eq!(second(another, &[]).first, Some(2));
+    }
+
+    /// A bench takes a node off by its own clock, a tick earlier or later than loopback.
+    #[test]
+    fn a_node_that_is_off_in_one_of_the_two_differs_and_has_no_distance() {
+        let mut difference = Difference::default();
+        let known = Observation { x: 3.0, ..Observation::default() };
+        difference.take(4, (&[NOTHING], &[known]), (&Presence::Off, Presence::Ran));
+        assert_eq!(difference, Difference { first: Some(4), largest: 0.0, unrecorded: 0 });
+        difference.take(5, (&[known], &[NOTHING]), (&Presence::Ran, Presence::Off));
+        assert_eq!(difference, Difference { first: Some(4), largest: 0.0, unrecorded: 0 });
     }
 
     #[test]

@@ -125,7 +125,7 @@ impl BenchFile {
             );
         }
         let nodes: Vec<_> =
-            items.iter().filter_map(|item| Some((item, read_node(item, &can, &log)?))).collect();
+            items.iter().filter_map(|item| Some((item, read_node(item, (&can, clock), &log)?))).collect();
         distinct(&nodes, &log);
         let nodes: Vec<_> = nodes.into_iter().map(|(_, node)| node).collect();
         let (wires, settle) = wires::read(&mut file, &nodes, clock);
@@ -207,7 +207,7 @@ impl BenchFile {
     }
 }
 
-fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode> {
+fn read_node(item: &Item, (interfaces, clock): (&[String], Clock), log: &Log) -> Option<BenchNode> {
     let mut section = Section::open(item, log)?;
     let id = section.integer("id", None, (1, LARGEST_RUN as u64), "the node's id in the scenario");
     let serial = section.text("serial").map(Where::Serial);
@@ -223,6 +223,11 @@ fn read_node(item: &Item, interfaces: &[String], log: &Log) -> Option<BenchNode>
     let drift = section.optional_number("drift_ppm", DRIFT);
     if let (Some(item), None) = (item.get("drift_ppm"), host.as_ref()) {
         let allowed = "must come with host = true: boards have a crystal of their own";
+        log.report(item.diagnostic(Problem::Value, allowed));
+    }
+    if let (Some(item), Clock::Host) = (item.get("drift_ppm"), clock) {
+        let allowed =
+            "must come with clock = \"own\": nodes that tick by this program's clock look at no other";
         log.report(item.diagnostic(Problem::Value, allowed));
     }
     let uid = section.value("uid", None, |item| read_uid(item).map(Some));

@@ -21,9 +21,12 @@ pub struct Skew {
 }
 
 impl Skew {
-    /// Takes the stamps of a tick; nodes that were lost or have stopped have none.
+    /// Takes the stamps of a tick; nodes that were lost or have stopped have none. One alone is not apart from anybody.
     pub fn tick(&mut self, k: u64, stamps: &[Stamps]) {
         let times = || stamps.iter().filter_map(|stamps| stamps.bus.or(stamps.state));
+        if times().count() < 2 {
+            return;
+        }
         let (Some(first), Some(last)) = (times().min(), times().max()) else { return };
         let skew = last - first;
         if self.last.len() == LAST {
@@ -53,9 +56,13 @@ mod tests {
         let at = |ms| Stamps { state: Some(Duration::from_millis(ms)), ..Stamps::default() };
         let mut skew = Skew::default();
         skew.tick(0, &[Stamps::default()]);
-        assert_eq!(skew.largest, None);
+        skew.tick(0, &[at(5), Stamps::default()]);
+        assert_eq!((skew.largest, skew.at_the_end()), (None, None));
         skew.tick(1, &[at(10), Stamps::default(), at(13)]);
         skew.tick(2, &[at(22), at(20), at(21)]);
         assert_eq!(skew.largest, Some((1, Duration::from_millis(3))));
+        let end = skew.at_the_end();
+        (3..200).for_each(|k| skew.tick(k, &[at(30), Stamps::default(), Stamps::default()]));
+        assert_eq!(skew.at_the_end(), end, "of ticks of which one node alone has told");
     }
 }

@@ -210,6 +210,8 @@ pub enum HubError {
         other: u8,
         /// Tick of that one's newest state.
         other_tick: u32,
+        /// A time master says SYNC among them.
+        has_sync: bool,
     },
     /// The ticks that a node tells do not follow each other.
     Leapt {
@@ -408,12 +410,19 @@ impl fmt::Display for HubError {
                     None => f.write_str("it has not ticked at all"),
                 }
             }
-            Self::RanApart { node, tick, other, other_tick } => write!(
-                f,
-                "node {node} runs apart from the others: its newest state is of tick {tick}, that of node {other} of tick {other_tick}, and a \
-                 node takes none that is more than {WINDOW_AHEAD} ahead of its own tick or {WINDOW_BACK} behind. Its clock is off, the run is too \
-                 long for clocks that nobody synchronises, or its line is too slow"
-            ),
+            Self::RanApart { node, tick, other, other_tick, has_sync } => {
+                let why = match has_sync {
+                    true => {
+                        "its clock is off by more than the SYNC of a time master make up for, it does not hear them"
+                    }
+                    false => "its clock is off, the run is too long for clocks that nobody synchronises",
+                };
+                write!(
+                    f,
+                    "node {node} runs apart from the others: its newest state is of tick {tick}, that of node {other} of tick {other_tick}, and a \
+                     node takes none that is more than {WINDOW_AHEAD} ahead of its own tick or {WINDOW_BACK} behind: {why}, or its line is too slow"
+                )
+            }
             Self::Leapt { node, from, to } => {
                 write!(f, "node {node} told of tick {to} where tick {from} was to come")
             }

@@ -95,7 +95,9 @@ impl Conductor {
 
     /// The whole tick of a frame, if it is anywhere near what is awaited from the node.
     pub(super) fn rebuilt(&self, index: usize, stamp: TickStamp) -> Option<u32> {
-        let telling = self.own.as_ref().map_or(self.tick, |own| own.telling(index));
+        // What one that comes has told of before says nothing of where it begins: that is where the others are.
+        let own = self.own.as_ref().filter(|_| !self.is_coming(index));
+        let telling = own.map_or(self.tick, |own| own.telling(index));
         let awaited = telling.wrapping_add(1);
         stamp.rebuild(awaited, STAMP_REACH.min(awaited), STAMP_REACH)
     }

@@ -224,21 +224,19 @@ impl Conductor {
 
     /// Says `message` once on each bus with nodes that run.
     pub(super) async fn say_on_can(&mut self, message: &Message) -> Result<(), HubError> {
-        let nodes = &self.nodes;
-        let runs = |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.is_here() && !node.stopped);
-        for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| runs(bus)) {
-            side.say(message).await?;
-        }
-        Ok(())
+        self.say_on_others(None, message).await
     }
 
-    /// Says `message` once on each bus but `from`, by index.
+    /// The same on each of these buses but `from`, by index.
     pub(super) async fn say_on_others(
         &mut self,
         from: Option<usize>,
         message: &Message,
     ) -> Result<(), HubError> {
-        for (_, side) in self.can.iter_mut().enumerate().filter(|&(bus, _)| Some(bus) != from) {
+        let nodes = &self.nodes;
+        let runs = |bus| nodes.iter().any(|node| node.on_can == Some(bus) && node.is_here() && !node.stopped);
+        let others = self.can.iter_mut().enumerate().filter(|&(bus, _)| Some(bus) != from && runs(bus));
+        for (_, side) in others {
             side.say(message).await?;
         }
         Ok(())

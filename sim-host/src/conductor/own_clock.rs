@@ -297,13 +297,14 @@ impl Conductor {
         let now = self.now_ns();
         let nodes = &self.nodes;
         let patience = nodes.get(index).map_or(0, |node| u32::from(node.config.extrapolate_ticks));
-        let Some(OwnClock { watch, .. }) = &mut self.own else { return Ok(()) };
+        let Some(OwnClock { watch, medium, .. }) = &mut self.own else { return Ok(()) };
         let runs = |listener: usize| nodes.get(listener).is_some_and(|node| !node.stopped && node.is_here());
         let Some(refuses) = watch.state(index, tick, now, patience, runs) else { return Ok(()) };
         let (odd, even) = watch.odd_and_even(index, refuses);
         let (tick, other_tick) = (watch.newest(odd), watch.newest(even));
         let id = |index: usize| nodes.get(index).map_or(0, |node| node.contact.id());
-        Err(HubError::RanApart { node: id(odd), tick, other: id(even), other_tick })
+        let (node, other, has_sync) = (id(odd), id(even), medium.is_some());
+        Err(HubError::RanApart { node, tick, other, other_tick, has_sync })
     }
 
     /// Hands over the frames that are due, after the events that are.

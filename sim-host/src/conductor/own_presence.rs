@@ -11,7 +11,7 @@ use super::{Conductor, HubError};
 use crate::engine::NodeEvent;
 use crate::scenario::Change;
 use funnelnet_node::Event;
-use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message};
+use funnelnet_protocol::message::{Command, FaultCode, JOIN, Message, Severity};
 use funnelnet_protocol::serial;
 use funnelnet_protocol::service::{Reply, Request};
 use std::time::Duration;
@@ -48,9 +48,9 @@ impl Conductor {
     }
 
     async fn take_off_own(&mut self, index: usize, told: bool, at: u64) -> Result<(), HubError> {
-        // Before the start nobody is there to be told.
-        let says_so =
-            told && at > 0 && self.nodes.get(index).is_some_and(|node| node.is_here() && !node.stopped);
+        // Before the start nobody is there to be told, and one that waits for its tick has not begun.
+        let runs = self.nodes.get(index).is_some_and(|node| node.is_here() && !node.stopped);
+        let says_so = told && at > 0 && runs && !self.is_coming(index);
         if !says_so {
             self.take_power(index).await?;
             return self.leave_own(index);
@@ -73,7 +73,9 @@ impl Conductor {
     /// From now on it is not there, and nothing is awaited of it.
     fn leave_own(&mut self, index: usize) -> Result<(), HubError> {
         if let Some(own) = &mut self.own {
+            let telling = own.telling(index);
             own.recording.leave(index);
+            self.take_as_adopted(index, telling);
         }
         self.pass(index, None);
         self.forget(index);
@@ -99,10 +101,14 @@ impl Conductor {
 
     /// Takes a goodbye, or the fault by which a node that was told to leave has stopped before it; whether it is one.
     pub(super) fn take_goodbye(&mut self, index: usize, fault: &Message, now: u64) -> Result<bool, HubError> {
-        let (Some(Passing::Leaves(at, _)), Message::Fault { code, .. }) = (self.passing(index), fault) else {
+        let (Some(Passing::Leaves(at, _)), Message::Fault { code, severity, .. }) =
+            (self.passing(index), fault)
+        else {
             return Ok(false);
         };
         match *code {
+            // It runs on after a warning, and its goodbye is to come.
+            _ if *severity != Severity::Stopped => return Ok(false),
             FaultCode::LEAVES => self.events.push(NodeEvent { at, node: index, event: Event::Stopped }),
             _ => self.note_fault(index, fault, now),
         }
@@ -191,7 +197,7 @@ impl Conductor {
     }
 
     /// Whether a node has been told to join and has not told of a tick, or of its end, yet.
-    fn is_coming(&self, index: usize) -> bool {
+    pub(super) fn is_coming(&self, index: usize) -> bool {
         let stopped = self.nodes.get(index).is_some_and(|node| node.stopped);
         !stopped && self.own.as_ref().is_some_and(|own| own.recording.is_coming(index))
     }

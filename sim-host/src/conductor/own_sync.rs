@@ -4,6 +4,7 @@
 //! It goes to all nodes at once, over no link of the graph. What the scenario's bus loses or delays is not applied
 //! to it: SYNC says when it was on the wire, and a bench has its own delays.
 
+use super::member::Member;
 use super::{Conductor, HubError};
 use funnelnet_protocol::message::{Message, NodeId};
 use funnelnet_protocol::serial;
@@ -69,18 +70,27 @@ impl Conductor {
         let from = self.nodes.get(index).map(|node| (node.config.id, node.on_can));
         let Some((_, bus)) = from.filter(|&(id, _)| id == source.get()) else { return };
         let Some(medium) = self.own.as_mut().and_then(|own| own.medium.as_mut()) else { return };
-        if !medium.take(index, now) {
+        let is_carried = medium.take(index, now);
+        let tick = self.tick;
+        // Those on its own bus have heard it in any case, and those on other buses hear what is carried.
+        let hear = |node: &Member| match node.on_can {
+            Some(_) if node.on_can == bus => true,
+            _ => is_carried,
+        };
+        let others = self.nodes.iter().enumerate().filter(|&(to, node)| to != index && is_running(node));
+        for (to, _) in others.filter(|(_, node)| hear(node)) {
+            self.hearing.hand(index, to, false, tick);
+        }
+        if !is_carried {
             return;
         }
         if !self.can.is_empty() {
             medium.for_can.push((bus, *sync));
         }
         let bytes = serial::encode(sync);
-        let tick = self.tick;
         let on_lines = self.nodes.iter_mut().enumerate().filter(|(_, node)| node.on_can.is_none());
-        for (to, node) in on_lines.filter(|(to, node)| *to != index && node.is_here() && !node.stopped) {
+        for (_, node) in on_lines.filter(|(to, node)| *to != index && is_running(node)) {
             node.contact.queue(&bytes);
-            self.hearing.hand(index, to, false, tick);
         }
     }
 
@@ -93,4 +103,8 @@ impl Conductor {
         }
         Ok(())
     }
+}
+
+fn is_running(node: &Member) -> bool {
+    node.is_here() && !node.stopped
 }

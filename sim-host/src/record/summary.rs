@@ -283,10 +283,11 @@ pub struct OwnClockSummary {
     /// Largest time between the first and the last node that said what a tick came to, as the host read them,
     /// s.
     pub largest_skew_s: f64,
-    /// The tick that it was at; `null` where no node said anything.
+    /// The tick that it was at; `null` where no two nodes told of the same one.
     pub largest_skew_tick: Option<u64>,
-    /// The same at the end: the median of the last hundred ticks, s.
-    pub end_skew_s: f64,
+    /// The same at the end: the median of the last hundred ticks that two nodes or more have told of, s; `null` where there
+    /// was none.
+    pub end_skew_s: Option<f64>,
     /// SYNC of time masters; left out where the nodes kept no time by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sync: Option<BenchSyncSummary>,

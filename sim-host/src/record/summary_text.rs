@@ -1,8 +1,9 @@
 //! The summary of a run for people: a line per part that the run has, and one per expectation.
 
 use super::summary::{
-    BenchNodeSummary, BenchSummary, BusSummary, ClockSummary, EmergentSummary, EventSummary, Expectation,
-    FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, Summary, SyncSummary, WiresSummary,
+    BenchNodeSummary, BenchSummary, BenchSyncSummary, BusSummary, ClockSummary, EmergentSummary,
+    EventSummary, Expectation, FunnelSummary, OwnClockNodeSummary, OwnClockSummary, PerComponent, Summary,
+    SyncSummary, WiresSummary,
 };
 use crate::number_format::significant;
 use std::fmt;
@@ -250,17 +251,25 @@ fn beside_loopback(bench: &BenchSummary) -> String {
 fn own_clocks(clocks: &OwnClockSummary) -> String {
     let sum =
         |count: fn(&OwnClockNodeSummary) -> u32| clocks.nodes.iter().map(|node| u64::from(count(node))).sum();
-    let syncs = clocks
-        .sync
-        .as_ref()
-        .map_or_else(String::new, |sync| format!("{} SYNC of {} time masters, ", sync.frames, sync.masters));
+    let syncs = clocks.sync.as_ref().map_or_else(String::new, carried);
+    let end = clocks.end_skew_s.map_or_else(|| "not known".to_owned(), |s| significant(s, 3) + " s");
     format!(
-        "{syncs}largest skew {} s, at the end {} s, {}, {} node-ticks not recorded",
+        "{syncs}largest skew {} s, at the end {end}, {}, {} node-ticks not recorded",
         significant(clocks.largest_skew_s, 3),
-        significant(clocks.end_skew_s, 3),
         too_late(sum(|node| node.extrapolated), sum(|node| node.late)),
         clocks.missed
     )
+}
+
+/// SYNC of time masters. The first of these is no change.
+fn carried(sync: &BenchSyncSummary) -> String {
+    let kept = if sync.kept > 0 { format!(" ({} kept back)", sync.kept) } else { String::new() };
+    let changes = match sync.masters.saturating_sub(1) {
+        0 => "one time master".to_owned(),
+        1 => "the time master changed once".to_owned(),
+        changes => format!("the time master changed {changes} times"),
+    };
+    format!("{} SYNC{kept}, {changes}, ", sync.frames)
 }
 
 fn between_nodes(&WiresSummary { count, extrapolated, late, .. }: &WiresSummary) -> String {

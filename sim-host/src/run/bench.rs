@@ -187,10 +187,7 @@ fn skipped_clocks(scenario: &Scenario, clock: Clock, options: &RunOptions) -> Ve
     let syncs = scenario.sync.is_some();
     // With [sync] each node has a clock, be it a right one.
     let is_wrong = |clock: &ClockSpec| clock != &ClockSpec::default();
-    let has_clocks = match clock {
-        Clock::Host => !scenario.clocks.is_empty(),
-        Clock::Own => scenario.clocks.iter().any(is_wrong),
-    };
+    let has_clocks = scenario.clocks.iter().any(is_wrong);
     let asked = [("clock", has_clocks), ("sync", syncs && clock == Clock::Host)];
     let keys: Vec<_> = asked.into_iter().filter(|&(_, asked)| asked).map(|(key, _)| key).collect();
     if !keys.is_empty() && options.verbosity != Verbosity::Quiet {
@@ -276,7 +273,7 @@ fn configs(
         let mut configs = node_configs(scenario, own_clock::DRIVE).map_err(RunError::bad_input)?;
         own_clock::stop_when_alone(&mut configs);
         if let Some(sync) = sync {
-            own_clock::keep_time(&mut configs, sync, file);
+            own_clock::keep_time(&mut configs, sync, file)?;
         }
         return Ok(configs);
     }

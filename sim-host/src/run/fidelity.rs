@@ -218,9 +218,14 @@ pub fn emulator(scenario: &Scenario, options: &RunOptions, rows: &mut dyn Rows) 
         )));
     }
     if !scenario.clocks.is_empty() {
-        return Err(RunError::bad_input(
-            "emulated nodes tick by this program's clock, without [clock] and [sync]; run this scenario with sim-host run --on loopback",
-        ));
+        // Loopback has SYNC on CAN alone.
+        let instead = match scenario.sync.is_some() {
+            true => "run it on a bench with clock = \"own\" and emulator = true, or leave out [sync]",
+            false => "run this scenario with sim-host run --on loopback",
+        };
+        return Err(RunError::bad_input(format!(
+            "emulated nodes tick by this program's clock, without [clock] and [sync]; {instead}"
+        )));
     }
     let configs = node_configs(scenario, LOCKSTEP).map_err(RunError::bad_input)?;
     let ids: Vec<_> = configs.iter().map(|config| config.id).collect();

@@ -201,6 +201,7 @@ pub fn check(scenario: &Scenario) -> Report {
     events::unsettle(scenario, &mut findings);
     findings.push(capacity::finding(scenario));
     findings.extend(size(scenario));
+    findings.extend(time_masters(scenario));
     Report {
         scenario: scenario.title.clone(),
         path: scenario.path.display().to_string(),
@@ -246,6 +247,14 @@ fn size(scenario: &Scenario) -> Option<Finding> {
     );
     let values = serde_json::json!({ "nodes": nodes, "largest_run": LARGEST_RUN });
     (nodes > LARGEST_RUN).then(|| Finding::new("size", "Size", text, values).stands(Status::Note))
+}
+
+/// A scenario that can be checked, and run on a bench alone.
+fn time_masters(scenario: &Scenario) -> Option<Finding> {
+    let text = "[sync] on this bus is only for a bench with clock = \"own\": run refuses it, and here clocks are taken to be right".to_owned();
+    let masters = &scenario.sync.as_ref().filter(|_| !scenario.bus.model.is_can())?.masters;
+    let values = serde_json::json!({ "masters": masters });
+    Some(Finding::new("time-masters", "Time masters", text, values).stands(Status::Note))
 }
 
 /// Index and value of the largest, or of the first that is not a number; index 0 where there is none.
