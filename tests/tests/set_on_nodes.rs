@@ -318,7 +318,7 @@ fn who_is_lost_once_it_was_told_is_named_and_missed_from_the_tick_on() {
         let asks = told && matches!(Request::decode(kind, body), Ok(Request::Hello));
         spoilt += u32::from(asks);
         // It is found again when it is looked for later.
-        (asks && spoilt <= 4).then(|| vec![0])
+        (asks && spoilt <= 3).then(|| vec![0])
     };
     let scenario = five(NARROW, &[]);
     let mut world = World::new(5, 20 * TRAVEL, Mischief(deaf));
