@@ -48,6 +48,18 @@ dynamics = {{ kind = "affine", slope = {slope:?}, sines = [{{ amplitude = 1.0, f
     Scenario::parse(&text, Path::new("balanced.toml"), &sets).unwrap()
 }
 
+/// Loopback would refuse [sync] on this bus, too.
+#[test]
+fn emulators_that_refuse_time_masters_name_the_bench() {
+    let refused = |set: &str| {
+        let error = simulate(&five_agents(&[set]), &options(Fidelity::Emulator)).unwrap_err();
+        error.to_string()
+    };
+    let error = refused("sync.masters=[1]");
+    assert!(error.contains("bench with clock = \"own\"") && !error.contains("--on loopback"), "{error}");
+    assert!(refused("clock.drift_ppm=10").contains("--on loopback"));
+}
+
 #[test]
 fn no_output_option_changes_a_figure_of_the_verdict() {
     // 7 and 500 ticks do not go into the run, and no row but the first is on a peak of the ratios.

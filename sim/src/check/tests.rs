@@ -471,6 +471,18 @@ fn a_start_at_the_edge_is_warned_about() {
 }
 
 #[test]
+fn time_masters_on_a_bus_on_which_no_simulation_has_them_are_said_to_be_for_a_bench() {
+    let said =
+        |sets: &[&str]| load("five-agents.toml", sets).findings.iter().any(|it| it.name == "time-masters");
+    assert!(said(&["sync.masters=[2]"]));
+    assert!(!said(&["sync.masters=[2]", "bus.model=can"]) && !said(&[]));
+    let report = load("five-agents.toml", &["sync.masters=[2]"]);
+    let found = find(&report, "time-masters");
+    assert_eq!((found.status, &found.values["masters"]), (Status::Note, &json!([2])));
+    assert!(found.text.contains("only for a bench with clock = \"own\""), "{}", found.text);
+}
+
+#[test]
 fn the_bound_is_followed_over_time() {
     let report = load("finite-time.toml", &[]);
     let found = find(&report, "sync-bound");
