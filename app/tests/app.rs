@@ -376,25 +376,28 @@ fn what_a_controller_has_lost_since_the_configuration_is_reported() {
     assert_eq!(line.report(node.as_mut()).counters.link, Losses { frames: 2, ..Losses::default() });
 }
 
-/// A controller that stamps a SYNC so many ns away from when the app reads it.
-struct Stamping<C> {
+/// A controller that stamps a frame so many ns away from when the app reads it.
+struct Stamping<'a, C> {
     inner: C,
+    time: &'a Time,
     away: i64,
 }
 
-impl<C: Controller> Controller for Stamping<C> {
+impl<C: Controller> Controller for Stamping<'_, C> {
     type Format = C::Format;
 
     async fn exchange(&mut self, next: Option<&FrameOf<Self>>) -> Exchange {
-        self.inner.exchange(next).await
+        match self.inner.exchange(next).await {
+            Exchange::Received(Some(frame)) => {
+                let began = funnelnet_app::Clock::now(self.time).saturating_add_signed(self.away);
+                Exchange::Received(Some(frame.that_began(Some(began))))
+            }
+            other => other,
+        }
     }
 
     fn offer(&mut self, frame: &FrameOf<Self>) -> bool {
         self.inner.offer(frame)
-    }
-
-    fn sync_at(&self, now: u64) -> Option<u64> {
-        Some(now.saturating_add_signed(self.away))
     }
 
     fn cancel(&mut self) {}
@@ -415,7 +418,7 @@ fn last_two(away: i64) -> Vec<u16> {
     let (time, words) = (Time::default(), [Words::default(), Words::default()]);
     let (lines, bus) = ([Line::new(&time), Line::new(&time)], Bus::<2>::new(&time));
     let link = |index: usize| {
-        let controller = Stamping { inner: bus.tap::<Classic>(index), away };
+        let controller = Stamping { inner: bus.tap::<Classic>(index), time: &time, away };
         CanNode::new(controller, Serial::new(&lines[index]))
     };
     let [first, second] = [0, 1].map(|index| node(&time, link(index), Absent, &words[index]));
