@@ -172,7 +172,11 @@ fn also_where_nodes_that_are_off_for_a_moment_say_that_they_start_anew() {
     let emulator = assert_parity_with(events, &["safety.heard_rate=60", "coupling.u_max=20"]);
     assert!(emulator.counters.iter().all(|counters| counters.kept.edges == 0), "{:?}", emulator.counters);
     // Nor drop an edge: they extrapolate until the first state comes.
-    assert!(emulator.counters.iter().all(|counters| counters.neighbours_lost == 0), "{:?}", emulator.counters);
+    assert!(
+        emulator.counters.iter().all(|counters| counters.neighbours_lost == 0),
+        "{:?}",
+        emulator.counters
+    );
     assert!(emulator.counters.iter().any(|counters| counters.extrapolated > 0), "{:?}", emulator.counters);
 }
 
