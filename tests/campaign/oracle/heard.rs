@@ -15,6 +15,8 @@ use sim_host::scenario::{BusModel, Detail, EventKind, EventSpec, Lie, Scenario};
 const DEVIATIONS: f64 = 7.0;
 /// The longest time for which a silent neighbour is extrapolated, ticks: who restarts within it is not seen to.
 const EXTRAPOLATED: u64 = 120;
+/// Ticks after which a stamp comes again, less the two by which a state may be ahead, and some to spare.
+const ALIASED: u64 = 250;
 /// Ticks from a state that costs an edge to the word of its neighbour, and what a delay may add.
 const WORD: u64 = 3;
 
@@ -60,6 +62,11 @@ impl<'a> Heard<'a> {
         let bits_flip = scenario.bus.model == BusModel::Ideal
             && (scenario.events.iter().any(|event| event.kind == EventKind::Corrupt)
                 || scenario.links.iter().any(|link| link.settings.corrupt > 0.0));
+        // A stamp has eight bits: of what was held for so long some looks new, and is taken for what it was not.
+        let is_held = scenario.events.iter().any(|event| {
+            let ticks = event.lasts_ns / scenario.time.tick_ns;
+            event.kind == EventKind::Hold && (ticks >= ALIASED || event.lasts_ns == 0)
+        });
         let watched = |index: usize| {
             let is_short = absences.iter().any(|absence| {
                 let ticks = absence.to_tick.map_or(u64::MAX, |to| to - absence.from_tick);
@@ -67,7 +74,7 @@ impl<'a> Heard<'a> {
             });
             let lies = scenario.events.iter().any(|event| is_false(event, index));
             Watched {
-                is_honest: !bits_flip && !is_short && !lies,
+                is_honest: !bits_flip && !is_held && !is_short && !lies,
                 listens: false,
                 speaks: true,
                 is_beyond: false,

@@ -131,6 +131,8 @@ pub struct Seen {
     pub adopted: u64,
     /// Its clocks were judged.
     pub timed: bool,
+    /// A node has stopped by itself.
+    pub stopped: bool,
     /// The largest ratio.
     pub ratio: f64,
     /// Hash of all that nodes saw.
@@ -152,7 +154,8 @@ pub fn look(world: &World) -> Result<Seen, Broken> {
     if promised && seen.ratio >= 1.0 {
         return Err(Broken::Promise(seen.ratio));
     }
-    let foretold = foretold(&scenario, &report);
+    // It follows the law as if nobody stopped, so it is taken by its word where a node that left its funnel has stopped.
+    let foretold = foretold(&scenario, &report).filter(|&ratio| !seen.stopped || ratio < 1.0);
     if let Some(foretold) = foretold.filter(|foretold| (foretold - seen.ratio).abs() > FORETOLD * foretold) {
         return Err(Broken::Foretold(foretold, seen.ratio));
     }
@@ -260,6 +263,7 @@ fn on<M: Medium>(scenario: &Scenario, medium: M) -> Result<Seen, Broken> {
         renewed,
         adopted,
         timed,
+        stopped,
         ratio,
         hash,
     })
