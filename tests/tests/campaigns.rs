@@ -10,7 +10,7 @@ const WORLDS: u64 = 200;
 
 #[test]
 fn two_hundred_worlds_by_chance_are_as_they_must_be() {
-    let (mut promised, mut recovers, mut counted, mut events) = (0, 0, 0, 0);
+    let (mut promised, mut foretold, mut recovers, mut counted, mut events) = (0, 0, 0, 0, 0);
     let (mut limited, mut timed, mut noticed, mut adopted) = (0, 0, 0, 0);
     for number in 1..=WORLDS {
         let world = draw(number);
@@ -19,6 +19,7 @@ fn two_hundred_worlds_by_chance_are_as_they_must_be() {
             panic!("world {number}: {broken}\n{}", world.text())
         });
         promised += u64::from(seen.promised);
+        foretold += u64::from(seen.foretold);
         recovers += u64::from(seen.recovers);
         counted += u64::from(seen.counted);
         limited += u64::from(seen.limited);
@@ -31,7 +32,7 @@ fn two_hundred_worlds_by_chance_are_as_they_must_be() {
          {timed} with clocks, {noticed} edges to liars, {adopted} nodes that adopted"
     );
     // A campaign that judges nothing finds nothing.
-    assert!(promised > 5 && recovers > 10 && counted > 50 && events > 150);
+    assert!(promised > 5 && foretold > 5 && recovers > 10 && counted > 50 && events > 150);
     assert!(limited > 5 && timed > 3 && noticed > 3 && adopted > 20);
 }
 

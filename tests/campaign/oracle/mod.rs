@@ -175,7 +175,7 @@ fn foretold(scenario: &Scenario, report: &Report) -> Option<f64> {
         && scenario.floor == FloorSpec::None;
     let find = |name: &str| report.findings.iter().find(|finding| finding.name == name);
     // What f32 does not resolve check says elsewhere: a node keeps a wider funnel there.
-    if find("f32")?.status != Status::Ok {
+    if find("resolution")?.status != Status::Ok {
         return None;
     }
     let values = &find("sampled")?.values;
