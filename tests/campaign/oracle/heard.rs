@@ -9,7 +9,7 @@ use funnelnet_protocol::NodeId;
 use sim_host::engine::NodeEvent;
 use sim_host::judge::Moment;
 use sim_host::presence::Presence;
-use sim_host::scenario::{BusModel, Detail, EventKind, EventSpec, Lie, Scenario};
+use sim_host::scenario::{BusModel, Detail, EventKind, EventSpec, Lie, Scenario, SyncSpec};
 
 /// Standard deviations of noise that nobody sees in these runs.
 const DEVIATIONS: f64 = 7.0;
@@ -228,6 +228,11 @@ impl<'a> Heard<'a> {
     /// Whether a node that neighbours have barred was off for long enough after its last lie, and has been on for long since.
     fn has_started_anew(&self, node: usize) -> bool {
         let time = &self.scenario.time;
+        // One that nobody can tell the time does not find back.
+        let leads = |sync: &SyncSpec| sync.masters.iter().any(|&id| usize::from(id) == node + 1);
+        if self.scenario.sync.as_ref().is_some_and(leads) {
+            return false;
+        }
         let false_until = self.scenario.events.iter().filter(|event| is_false(event, node));
         let false_until = false_until.map(|event| time.first_tick(event.end_ns())).max().unwrap_or(0);
         let last = self.scenario.course().absences(time).into_iter().rfind(|absence| absence.node == node);
