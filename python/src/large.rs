@@ -2,6 +2,7 @@
 
 use crate::errors;
 use crate::rows::{Reached, array};
+use crate::run::wanted;
 use crate::trouble::Trouble;
 use crate::work::watched;
 use funnelnet_sim::large::Network;
@@ -9,8 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sim_host::record::Summary;
 use sim_host::run::{
-    Claim, LargeOptions, LargeRows, RunError, RunOptions, Wanted, execute_large_with, known_nodes,
-    quantile_names,
+    Claim, LargeOptions, LargeRows, RunError, RunOptions, execute_large_with, known_nodes, quantile_names,
 };
 use sim_host::scenario::LargeScenario;
 
@@ -54,15 +54,7 @@ fn executed(
     command: &str,
     columns: &mut Columns,
 ) -> Result<Summary, RunError> {
-    let wanted = Wanted {
-        scenario: &scenario.path,
-        sets: &[],
-        bench: None,
-        out: options.out.as_deref(),
-        json: None,
-        junit: None,
-        command,
-    };
+    let wanted = wanted(&scenario.path, options, command);
     Claim::take(&wanted)?.guard(|claim| execute_large_with(claim, scenario, options, large, columns))
 }
 

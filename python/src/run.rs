@@ -72,22 +72,18 @@ pub fn run<'py>(
     Ok((summary.to_json(), columns.into_dict(py, wired.nodes.len(), wired.components())?))
 }
 
+/// What a run from Python writes beside its result: its folder, where one is asked for.
+pub(crate) fn wanted<'a>(scenario: &'a Path, options: &'a RunOptions, command: &'a str) -> Wanted<'a> {
+    Wanted { scenario, sets: &[], bench: None, out: options.out.as_deref(), json: None, junit: None, command }
+}
+
 fn executed(
     scenario: &Wired,
     options: &RunOptions,
     command: &str,
     columns: &mut Columns,
 ) -> Result<Summary, RunError> {
-    let wanted = Wanted {
-        scenario: &scenario.path,
-        sets: &[],
-        bench: None,
-        out: options.out.as_deref(),
-        json: None,
-        junit: None,
-        command,
-    };
-    let claim = Claim::take(&wanted)?;
+    let claim = Claim::take(&wanted(&scenario.path, options, command))?;
     claim
         .guard(|claim| execute_with(claim, scenario, options, columns, &mut |_| ()))
         .map(|(summary, _)| summary)
