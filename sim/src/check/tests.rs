@@ -92,6 +92,80 @@ fn limits_of_what_is_heard_are_held_against_what_honest_nodes_say() {
     assert_eq!(status(&["safety.heard_rate=30", "coupling.kind=edge-wise"]), Status::NotChecked);
 }
 
+/// A setting that is advised cures what it is advised for.
+#[track_caller]
+fn is_cured_by_its_advice(sets: &[&str], name: &str) {
+    let advised = find(&pair(sets), name).advice.clone().unwrap();
+    let cure: Vec<_> = advised.settings().map(|set| format!("{}={}", set.key, set.value)).collect();
+    assert!(!cure.is_empty(), "{advised:?}");
+    let sets: Vec<_> = sets.iter().copied().chain(cure.iter().map(String::as_str)).collect();
+    // There may be nothing left to be said.
+    let report = pair(&sets);
+    let left = report.findings.iter().find(|finding| finding.name == name);
+    assert!(left.is_none_or(|left| left.status == Status::Ok), "{cure:?}: {left:?}");
+}
+
+/// Two nodes, so that each has one neighbour: 11 ticks of silence have a probability of `p^11 (1 - p)` per tick and node.
+#[test]
+fn lost_frames_are_held_against_neighbours_that_may_be_silent() {
+    const KEY: &str = "lost-neighbours";
+    let has = |sets: &[&str]| pair(sets).findings.iter().any(|finding| finding.name == KEY);
+    assert!(!has(&["safety.lost_neighbours=1"]) && !has(&["bus.loss=0.5"]));
+    let report = pair(&["safety.lost_neighbours=1", "bus.loss=0.3"]);
+    near(value(&report, KEY, "stops"), 2.0 * 10_000.0 * math::pow(0.3, 11.0) * 0.7, 1e-3);
+    let status = |sets: &[&str]| find(&pair(sets), KEY).status;
+    assert_eq!(status(&["safety.lost_neighbours=1", "bus.loss=0.1"]), Status::Ok);
+    assert_eq!(status(&["safety.lost_neighbours=1", "bus.loss=0.3"]), Status::Warn);
+    assert_eq!(status(&["safety.lost_neighbours=1", "bus.loss=0.6"]), Status::Fail);
+    // The share of all frames is small, and losses come in runs.
+    let bursts = "bus.loss={ to_bad = 0.001, to_good = 0.1 }";
+    assert_eq!(status(&["safety.lost_neighbours=1", bursts]), Status::Fail);
+    // Nobody has two neighbours.
+    assert_eq!(status(&["safety.lost_neighbours=2", bursts]), Status::Ok);
+    // What is late is silent from earlier on.
+    assert_eq!(status(&["safety.lost_neighbours=1", "bus.loss=0.1", "bus.latency=6ms"]), Status::Warn);
+    // Links lose as well, on every bus.
+    let link = "link=[{ from = 1, to = 2, loss = 0.3 }]";
+    assert_eq!(status(&["safety.lost_neighbours=1", link]), Status::Warn);
+    assert_eq!(status(&["safety.lost_neighbours=1", link, "bus.model=can"]), Status::Warn);
+    let ring = ["graph={ kind = 'ring', nodes = 3 }", "agent.dynamics={ kind = 'affine' }"];
+    is_cured_by_its_advice(&[ring[0], ring[1], "safety.lost_neighbours=1", "bus.loss=0.3"], KEY);
+}
+
+/// SYNC every 100 ms, and what a node does without.
+#[test]
+fn lost_frames_are_held_against_the_time_without_sync() {
+    const KEY: &str = "lost-sync";
+    let on_can = |sets: &[&'static str]| {
+        let clocks = ["bus.model=can", "clock.drift_ppm=50", "sync={ period = '100ms', masters = [1] }"];
+        clocks.into_iter().chain(sets.iter().copied()).collect::<Vec<_>>()
+    };
+    let has = |sets: &[&'static str]| pair(&on_can(sets)).findings.iter().any(|finding| finding.name == KEY);
+    assert!(!has(&["bus.loss=0.1"]) && !has(&["safety.holdover=101ms"]));
+    let status = |sets: &[&'static str]| find(&pair(&on_can(sets)), KEY).status;
+    // The next one always comes too late.
+    assert_eq!(status(&["safety.holdover=100ms"]), Status::Fail);
+    is_cured_by_its_advice(&on_can(&["safety.holdover=100ms"]), KEY);
+    // One that is lost costs two: the next one cannot be taken.
+    let report = pair(&on_can(&["safety.holdover=250ms", "bus.loss=0.001"]));
+    let stops = 100.0 * 0.999 * 0.999 * 0.001;
+    near(value(&report, KEY, "share"), 1.0 - math::exp(-stops), 1e-2);
+    assert_eq!(status(&["safety.holdover=250ms", "bus.loss=0.001"]), Status::Warn);
+    assert_eq!(status(&["safety.holdover=250ms", "bus.loss=0.1"]), Status::Fail);
+    is_cured_by_its_advice(&on_can(&["safety.holdover=250ms", "bus.loss=0.1"]), KEY);
+}
+
+/// A frame is some 90 bits long. From about a ninth of them on, the counter of a sender rises.
+#[test]
+fn disturbed_bits_are_held_against_the_error_counters() {
+    const KEY: &str = "bus-off";
+    let status = |sets: &[&str]| find(&pair(sets), KEY).status;
+    assert!(pair(&["bus.model=can"]).findings.iter().all(|finding| finding.name != KEY));
+    assert_eq!(status(&["bus.model=can", "bus.bit_errors=0.0001"]), Status::Ok);
+    assert_eq!(status(&["bus.model=can", "bus.bit_errors=0.001"]), Status::Warn);
+    assert_eq!(status(&["bus.model=can", "bus.bit_errors=0.002"]), Status::Fail);
+}
+
 /// `1 - cos(t)` times 5: it comes to 10, and ends where it began.
 #[test]
 fn a_limit_of_what_is_heard_is_held_against_the_way_and_not_the_end() {
