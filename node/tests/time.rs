@@ -19,9 +19,9 @@ fn id(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
 }
 
-fn rules(number: u8, masters: &[u8], holdover_ns: Option<u64>) -> Rules {
+fn rules(number: u8, masters: &[u8], holdover_ns: Option<u64>, period_ns: u64) -> Rules {
     let masters = masters.iter().fold(Masters::default(), |masters, &number| masters.and(id(number)));
-    Rules { id: id(number), masters, period_ns: PERIOD, tick_ns: TICK, holdover_ns, jitter_ns: 0 }
+    Rules { id: id(number), masters, period_ns, tick_ns: TICK, holdover_ns, jitter_ns: 0 }
 }
 
 /// A node with a clock of its own.
@@ -69,9 +69,14 @@ struct World {
 
 impl World {
     fn new(ppb: &[i64], masters: &[u8], holdover_ns: Option<u64>) -> Self {
+        Self::with_period(ppb, masters, holdover_ns, PERIOD)
+    }
+
+    /// The same with so many ns from one SYNC to the next.
+    fn with_period(ppb: &[i64], masters: &[u8], holdover_ns: Option<u64>, period_ns: u64) -> Self {
         let member = |(index, &ppb): (usize, &i64)| {
             let number = index as u8 + 1;
-            let keeper = Keeper::new(rules(number, masters, holdover_ns));
+            let keeper = Keeper::new(rules(number, masters, holdover_ns, period_ns));
             Member {
                 number,
                 keeper,
@@ -200,6 +205,22 @@ fn five_clocks_of_50_ppm_are_less_than_5_us_apart_from_the_start_on() {
     assert!(p99 < 5 * US && worst < 10 * US, "{p99} {worst}");
 }
 
+/// SYNC of a new master come after an eighth of the period. Where that is 2 ms, the first rate, of two stamps of whole microseconds, is up
+/// to 500 ppm off, and more than a slew can make up for.
+#[test]
+fn clocks_of_100_ppm_come_together_however_short_the_period_is() {
+    for (period, random) in
+        [16, 20, 32, 50, 100].into_iter().flat_map(|period| (1..=20).map(move |random| (period, random)))
+    {
+        let ppb = [95_000, -95_000, 60_000, -80_000, 90_000, 0];
+        let mut world = World::with_period(&ppb, &[1], None, period * MS);
+        world.random = random;
+        world.run(3 * S);
+        let worst = world.worst(2 * S, 3 * S);
+        assert!(worst < 10 * US, "{period} ms, {random}: {worst} ns");
+    }
+}
+
 #[test]
 fn without_sync_they_drift_apart_as_fast_as_they_differ() {
     let mut world = World::new(&FIVE, &[], None);
@@ -239,7 +260,7 @@ proptest! {
     fn whatever_comes_the_time_of_a_network_never_goes_back_after_the_join(
         said in prop::collection::vec((any::<u32>(), any::<u16>(), 1u64..300, 0u64..2), 1..60),
     ) {
-        let mut keeper = Keeper::new(rules(9, &[1, 2], None));
+        let mut keeper = Keeper::new(rules(9, &[1, 2], None, PERIOD));
         keeper.start(0, 0, TICK, false);
         let (mut own, mut last) = (0, 0);
         for (tick, phase, passed, master) in said {
@@ -383,7 +404,7 @@ fn a_clock_that_jumps_by_much_is_no_longer_in_time_and_its_node_stops() {
 
 #[test]
 fn what_is_not_of_a_master_or_cannot_be_right_is_refused() {
-    let mut keeper = Keeper::new(rules(5, &[1, 2], None));
+    let mut keeper = Keeper::new(rules(5, &[1, 2], None, PERIOD));
     let first = (TickStamp::low(0, 24), UNKNOWN_PHASE);
     assert_eq!(keeper.on_sync(id(1), first, 0, 0), Err(Refusal::Phase));
     keeper.start(0, 0, TICK, false);
@@ -403,7 +424,7 @@ fn what_is_not_of_a_master_or_cannot_be_right_is_refused() {
 
 #[test]
 fn a_tick_of_24_bits_goes_round() {
-    let mut keeper = Keeper::new(rules(5, &[1], None));
+    let mut keeper = Keeper::new(rules(5, &[1], None, PERIOD));
     let start = u64::from(1u32 << 24) * TICK - 300 * MS;
     keeper.start(start, start, 0, false);
     for k in 0..10 {
@@ -419,7 +440,7 @@ fn a_tick_of_24_bits_goes_round() {
 #[test]
 fn who_joins_takes_the_whole_tick_of_24_bits() {
     for first in [5_u32, 9_000_000, (1 << 24) - 300] {
-        let mut keeper = Keeper::new(rules(5, &[1], None));
+        let mut keeper = Keeper::new(rules(5, &[1], None, PERIOD));
         keeper.start(MS, MS, 2 * MS, true);
         for k in 0..3 {
             let stamp = MS + u64::from(100 * k) * MS;
@@ -435,7 +456,7 @@ fn who_joins_takes_the_whole_tick_of_24_bits() {
 #[test]
 fn where_stamps_have_jitter_a_sync_that_does_not_come_a_period_after_the_last_is_counted() {
     for (jitter_ns, expected) in [(0, Ok(())), (2 * MS, Err(Refusal::TickWindow))] {
-        let mut keeper = Keeper::new(Rules { jitter_ns, ..rules(5, &[1], None) });
+        let mut keeper = Keeper::new(Rules { jitter_ns, ..rules(5, &[1], None, PERIOD) });
         keeper.start(0, 0, TICK, false);
         let mut hear = |at: u32| {
             let said = (TickStamp::low(at - 100, 24), 0);

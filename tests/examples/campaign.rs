@@ -22,7 +22,8 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().collect();
     let value = |name: &str, default: u64| {
         let at = arguments.iter().position(|argument| argument == name);
-        at.and_then(|at| arguments.get(at + 1)?.parse().ok()).unwrap_or(default)
+        let given = at.map(|at| arguments.get(at + 1).map_or("", String::as_str));
+        given.map_or(default, |text| text.parse().expect("--runs and --from: whole numbers"))
     };
     let (runs, from) = (value("--runs", 200), value("--from", 1));
     let (next, done) = (AtomicU64::new(from), AtomicBool::new(false));
@@ -69,6 +70,10 @@ fn work(at: &Mutex<Option<(u64, f64)>>, next: &AtomicU64, end: u64, tally: &Mute
             return;
         }
         *at.lock().expect("a place") = Some((number, computed_s()));
+        // A night is long.
+        if number.is_multiple_of(1_000) {
+            eprintln!("world {number}");
+        }
         let world = draw(number);
         match std::panic::catch_unwind(|| look(&world)) {
             Ok(Ok(seen)) => tally.lock().expect("a tally").seen.push(seen),

@@ -156,7 +156,7 @@ impl Servo {
             return Taken::LeftOut;
         }
         let next = if self.jitter == 0 { now.saturating_sub(own) } else { passed };
-        self.bend(offset, (passed, next), now);
+        self.bend(offset, (passed, next), per(fast, ONE, passed), now);
         Taken::Bent
     }
 
@@ -199,8 +199,8 @@ impl Servo {
     }
 
     /// Makes up for `offset` until the next observation, which comes after `next` ns like this one; the last
-    /// one was `passed` ns ago.
-    fn bend(&mut self, offset: i64, (passed, next): (u64, u64), now: u64) {
+    /// one was `passed` ns ago, and the network's clock has run by `seen` faster since then.
+    fn bend(&mut self, offset: i64, (passed, next): (u64, u64), seen: i64, now: u64) {
         if passed > self.period.saturating_mul(PAUSE) {
             self.count = self.count.min(AFTER_A_PAUSE);
         }
@@ -212,8 +212,9 @@ impl Servo {
         let rate_gain = of_line(6).max(RATE_GAIN);
         let slew = per(offset, phase_gain << 16, next);
         let change = match self.jitter {
-            // What takes the whole slew for longer says nothing of the rate.
-            0 if slew.abs() >= LARGEST_RATE => 0,
+            // What takes the whole slew says nothing of the rate. It may be wrong by more than a slew all the same: two stamps of
+            // whole microseconds that are 2 ms apart are up to 500 ppm off.
+            0 if slew.abs() >= LARGEST_RATE => ((bounded(seen) - self.map.rate()) * rate_gain) >> 16,
             0 => per(offset, rate_gain << 16, passed),
             // Here it says the sign of it: jitter may have made the rate wrong by more than a slew.
             _ => (bounded(slew) * rate_gain).checked_div(phase_gain).unwrap_or(0),
