@@ -64,6 +64,55 @@ fn without_sync_they_drift_apart_by_as_much_as_they_differ() {
     assert_eq!(summary["passed"], false);
 }
 
+/// What `check` says of clocks.
+fn foretold(sets: &[&str]) -> Value {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clocks/five-agents.toml");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim-host"));
+    command.args(["check", scenario, "--json"]);
+    for set in sets {
+        command.args(["--set", set]);
+    }
+    let report: Value =
+        serde_json::from_slice(&command.output().expect("sim-host starts").stdout).expect("JSON");
+    let findings = report["findings"].as_array().expect("findings").clone();
+    findings.into_iter().find(|finding| finding["name"] == "clocks").expect("a finding")
+}
+
+/// How far clocks come apart, when the first state comes late, and when the first one is not taken: all as `check` says it.
+#[test]
+fn without_sync_what_breaks_and_when_is_as_check_says() {
+    let off = ["sync.off=true", "time.duration=30s", "expect.reference_error=1e9", "expect.funnel_ratio=1e9"];
+    let said = foretold(&off);
+    assert_eq!(said["status"], "fail");
+    let values = &said["values"];
+    let at = |key: &str| number(values, key);
+    let skew = number(&run(&off), "/clocks/skew_max_s");
+    assert!((at("/skew_s") / skew - 1.0).abs() < 0.02, "{values} {skew}");
+    let until = |t: f64| {
+        let duration = format!("time.duration={}ms", (t * 1e3).round());
+        run(&["sync.off=true", &duration, "expect.reference_error=1e9", "expect.funnel_ratio=1e9"])
+    };
+    // One state in each tick from then on.
+    let late = |t: f64| number(&until(t), "/counters/extrapolated");
+    let from = at("/late_from_s");
+    assert!(
+        late(0.95 * from) < 10.0 && late(1.1 * from) > 400.0,
+        "{} {}",
+        late(0.95 * from),
+        late(1.1 * from)
+    );
+    // A neighbour that is silent is extrapolated for up to 120 ticks.
+    let lost = |t: f64| number(&until(t), "/counters/lost");
+    let from = at("/deaf_from_s");
+    assert!(
+        lost(0.98 * from) < 1.0 && lost(1.05 * from) >= 1.0,
+        "{} {}",
+        lost(0.98 * from),
+        lost(1.05 * from)
+    );
+    assert_eq!(foretold(&["time.duration=30s"])["status"], "ok");
+}
+
 #[test]
 fn clocks_that_are_right_change_no_bit() {
     let mut off = RIGHT.to_vec();

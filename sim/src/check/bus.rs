@@ -144,6 +144,11 @@ pub(super) fn table(scenario: &Scenario) -> Option<BusTable> {
     on_can(scenario).map(|on_can| on_can.table)
 }
 
+/// Time of the longest frame on CAN, ns; 0 where it is not computed.
+pub(super) fn frame_ns(scenario: &Scenario) -> u64 {
+    on_can(scenario).map_or(0, |on_can| on_can.frame_ns - on_can.intermission_ns)
+}
+
 fn can(subject: &Subject<'_>) -> Option<Finding> {
     let OnCan { table, load, latest, frame_ns, intermission_ns } = on_can(subject.scenario)?;
     let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);

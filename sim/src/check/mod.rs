@@ -10,6 +10,7 @@ mod bounds;
 mod bus;
 mod bus_off;
 mod capacity;
+mod clocks;
 mod cures;
 mod events;
 mod expectations;
@@ -196,6 +197,7 @@ pub fn check(scenario: &Scenario) -> Report {
     findings.extend(noise::finding(&subject));
     findings.extend(bus::findings(&subject));
     findings.extend(bus_off::finding(scenario));
+    findings.extend(clocks::finding(scenario));
     findings.extend(silent::findings(scenario));
     findings.extend(bounds::finding(&subject));
     findings.extend(heard::finding(&subject));

@@ -155,6 +155,39 @@ fn lost_frames_are_held_against_the_time_without_sync() {
     is_cured_by_its_advice(&on_can(&["safety.holdover=250ms", "bus.loss=0.1"]), KEY);
 }
 
+/// Two clocks that differ by 100 ppm on a bus whose frames take 0.1 ms at most.
+#[test]
+fn clocks_come_apart_and_what_breaks_then_is_said() {
+    const KEY: &str = "clocks";
+    let apart =
+        ["bus.model=can", "node.1.clock.drift_ppm=50", "node.2.clock.drift_ppm=-50", "time.duration=100s"];
+    let with =
+        |sets: &[&'static str]| pair(&apart.iter().copied().chain(sets.iter().copied()).collect::<Vec<_>>());
+    assert!(pair(&["bus.model=can"]).findings.iter().all(|finding| finding.name != KEY));
+    let report = with(&[]);
+    assert_eq!(find(&report, KEY).status, Status::Fail);
+    near(value(&report, KEY, "skew_s"), 10e-3, 1e-2);
+    near(value(&report, KEY, "late_from_s"), 9.0, 2e-2);
+    near(value(&report, KEY, "deaf_from_s"), 21.0, 1e-2);
+    assert_eq!(find(&with(&["time.duration=15s"]), KEY).status, Status::Warn);
+    assert_eq!(find(&with(&["time.duration=5s"]), KEY).status, Status::Ok);
+    let kept = |sets: &[&'static str]| {
+        let sync = ["sync={ period = '100ms', masters = [1] }"];
+        with(&sync.iter().copied().chain(sets.iter().copied()).collect::<Vec<_>>())
+    };
+    assert_eq!(find(&kept(&[]), KEY).status, Status::Ok);
+    assert!(value(&kept(&[]), KEY, "skew_s") < 20e-6);
+    assert_eq!(find(&kept(&["node.2.clock.drift_ppm=-250"]), KEY).status, Status::Note);
+    // What a node can make up for is 400 ppm.
+    let report = kept(&["node.2.clock.drift_ppm=-450"]);
+    assert_eq!(find(&report, KEY).status, Status::Warn);
+    near(value(&report, KEY, "skew_s"), 10e-3, 1e-2);
+    let jump = |by: &'static str| find(&kept(&["time.duration=20s", by]), KEY).status;
+    assert_eq!(jump("node.2.clock.jumps=[{ at = '1s', by = '500us' }]"), Status::Ok);
+    assert_eq!(jump("node.2.clock.jumps=[{ at = '1s', by = '1500us' }]"), Status::Warn);
+    assert_eq!(jump("node.2.clock.jumps=[{ at = '1s', by = '50ms' }]"), Status::Warn);
+}
+
 /// A frame is some 90 bits long. From about a ninth of them on, the counter of a sender rises.
 #[test]
 fn disturbed_bits_are_held_against_the_error_counters() {

@@ -15,6 +15,7 @@ mod plants;
 mod scene;
 mod world;
 
+pub(crate) use clock::Clock;
 pub use clocks::{Clocks, Skew, silences};
 pub use commits::{Commits, TOLD_AHEAD};
 pub use field::{Outside, SimField, SimNode, params, params_as};
