@@ -393,15 +393,19 @@ cmd_uf2() { #: build images by name (uf2 IMAGE...) and make UF2 files of them, f
 
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
-    cargo build --locked --quiet --package sim-host --example defmt_log
-    cargo build --locked --quiet --package funnelnet-protocol --example selftest_configs
+    cargo build --locked --quiet --workspace --example defmt_log --example selftest_configs
     python3 firmware/checks/selftest.py qemu-system-arm target/debug/examples/{defmt_log,selftest_configs} "$IMAGES/selftest"
 }
 
-# The tests that `unit` leaves out, and no others; they fail where they cannot run.
+# The tests that `unit` leaves out, and no others, here and in `hour`; they fail where they cannot run.
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus and on lines to each other, what can go wrong with emulators and benches, and emulated heaters
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin mps2_peers --bin selftest --bin heater_emulated
-    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test bench_sync --test hour --test heaters --test lines -- --ignored
+    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test bench_sync --test heaters --test lines -- --ignored
+}
+
+cmd_hour() { #: an hour of five emulated nodes with timers, against the simulator; their time is counted in instructions
+    firmware_cargo build --release --locked --quiet --bin selftest
+    cargo test --locked --workspace --test hour -- --ignored
 }
 
 cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits
@@ -748,34 +752,40 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
     say "the book: target/book/index.html"
 }
 
-# What `test` does. FIRST and LAST run alone: what compares emulators and benches tick by tick fails where something else has the processors.
+# What `test` does. FIRST runs alone. Then the checks of the target run behind those of the host, and last those of boards behind what is judged by
+# time: that fails where builds have the processors, and leaves half of them idle. The emulators of boards have a time of their own.
 readonly FIRST="setup fmt"
 readonly ON_HOST="clippy doc python unit python-package scenarios gallery-check browser"
 readonly ON_TARGET="firmware boards panics stack thumb cost package fuzz deny semver book"
-readonly LAST="selftest parity boards-run socketcan"
+readonly LAST="socketcan selftest parity"
+readonly BEHIND_LAST="boards-run hour"
 
 cmd_test() { #: set up, then every check: those of the host and those of the target beside each other
-    local name target log
+    local name
     for name in $FIRST; do timed "$name"; done
+    both "$ON_HOST" "$ON_TARGET"
+    both "$LAST" "$BEHIND_LAST"
+    say "all checks passed"
+}
+
+# Checks, and others behind them, which get what these leave of the processors: some of them play nodes in real time.
+both() { # CHECKS CHECKS-BEHIND
+    local name behind log status=0
     log=$(mktemp)
     # In a process group of its own, so that all of it can be ended.
     set -m
-    # Behind the tests of the host, some of which play nodes in real time.
-    (renice -n 10 -p "$BASHPID" >/dev/null; for name in $ON_TARGET; do timed "$name"; done) >"$log" 2>&1 </dev/null &
-    target=$!
+    (renice -n 10 -p "$BASHPID" >/dev/null; for name in $2; do timed "$name"; done) >"$log" 2>&1 </dev/null &
+    behind=$!
     set +m
     # shellcheck disable=SC2064 # as they are now
-    trap "kill -- -$target 2>/dev/null || true; say 'what ran beside, until then:'; cat '$log'; rm -f '$log'" EXIT
-    for name in $ON_HOST; do timed "$name"; done
-    local status=0
-    wait "$target" || status=$?
+    trap "kill -- -$behind 2>/dev/null || true; say 'what ran beside, until then:'; cat '$log'; rm -f '$log'" EXIT
+    for name in $1; do timed "$name"; done
+    wait "$behind" || status=$?
     trap - EXIT
-    say "what ran beside: $ON_TARGET"
+    say "what ran beside: $2"
     cat "$log"
     rm -f "$log"
     (( status == 0 )) || fail "the checks beside ended with exit code $status"
-    for name in $LAST; do timed "$name"; done
-    say "all checks passed"
 }
 
 timed() { # NAME
