@@ -273,7 +273,6 @@ cmd_fmt() { #: check the format of every Rust file
 
 cmd_clippy() { #: clippy with warnings denied: workspace, Python package, and firmware for its target
     cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
-    cargo clippy --quiet --locked --package funnelnet-can-bus --all-targets --all-features -- -D warnings
     # One folder of build products serves both workspaces.
     (cd python && CARGO_TARGET_DIR=$ROOT/target cargo clippy --quiet --locked --all-targets -- -D warnings)
     if target_has_clippy; then
@@ -297,13 +296,17 @@ cmd_python() { #: lint the Python tools, and try the checks of images on small i
 cmd_unit() { #: unit, property and golden tests on the host
     # The tests themselves say so where nobody looks: what a passing test prints is not shown.
     has_readers || say "SKIPPED exports as other makers read them: no cantools, mcap and networkx in target/readers; ./ci.sh setup installs them where PyPI can be reached"
+    # With `pcapng`, which sim-host turns on for the CAN bus.
     cargo test --locked --workspace
-    cargo test --locked --package funnelnet-can-bus --features pcapng --lib
 }
+
+# The command as `unit` has built it. An example is named, since the features of dev-dependencies count then, as they do for tests: without
+# them the simulator would be compiled once more, which is two minutes of a processor.
+build_command() { cargo build --locked --quiet --package sim-host --bin sim-host --example gallery; }
 
 cmd_python-package() { #: build and install the Python package, and run its tests and notebooks
     has_package_tools || { say "SKIPPED the Python package: no tools in target/python; ./ci.sh setup installs them where PyPI can be reached"; return; }
-    cargo build --quiet --locked --package sim-host --bin sim-host
+    build_command
     # Without optimisation of what is tested for its bits: those are the same. The libraries below are those of the tests of Rust.
     PATH=$PACKAGE/bin:$PATH CARGO_TARGET_DIR=$ROOT/target MATURIN_PEP517_ARGS="--profile dev" \
         "$PACKAGE/bin/pip" install --quiet --no-deps --no-build-isolation --force-reinstall ./python
@@ -390,15 +393,19 @@ cmd_uf2() { #: build images by name (uf2 IMAGE...) and make UF2 files of them, f
 
 cmd_selftest() { #: run the platform's own tests in the emulator: echo, clock, panic, sleep, a CAN bus that fails
     firmware_cargo build --release --locked --quiet --bin selftest
-    cargo build --locked --quiet --package sim-host --example defmt_log
-    cargo build --locked --quiet --package funnelnet-protocol --example selftest_configs
+    cargo build --locked --quiet --workspace --example defmt_log --example selftest_configs
     python3 firmware/checks/selftest.py qemu-system-arm target/debug/examples/{defmt_log,selftest_configs} "$IMAGES/selftest"
 }
 
-# The tests that the host's `cargo test` leaves out, by name; they fail where they cannot run.
+# The tests that `unit` leaves out, and no others, here and in `hour`; they fail where they cannot run.
 cmd_parity() { #: the simulator against emulated nodes, bit for bit, on one bus and on lines to each other, what can go wrong with emulators and benches, and emulated heaters
     firmware_cargo build --release --locked --quiet --bin mps2_an386 --bin mps2_peers --bin selftest --bin heater_emulated
-    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test bench_sync --test hour --test heaters --test lines -- --include-ignored
+    cargo test --locked --workspace --test parity --test emulator_faults --test bench --test bench_sync --test heaters --test lines -- --ignored
+}
+
+cmd_hour() { #: an hour of five emulated nodes with timers, against the simulator; their time is counted in instructions
+    firmware_cargo build --release --locked --quiet --bin selftest
+    cargo test --locked --workspace --test hour -- --ignored
 }
 
 cmd_boards-run() { #: run images of real boards on emulators that others wrote: start, storage, power cuts, watchdog, faults, bus, and loopback's bits
@@ -681,7 +688,7 @@ one_root_memory_map() {
 
 cmd_scenarios() { #: run every scenario in scenarios/ and judge its expectations
     # As the unit tests are built: the runs take 18 s so and 16 s in release, whose build takes ten minutes (`same-bits` holds both to equal bits).
-    cargo build --locked --quiet --package sim-host --bin sim-host
+    build_command
     # One for each core at a time.
     printf '%s\0' scenarios/*.toml | xargs -0 -n 1 -P "$(nproc)" bash -c '
         target/debug/sim-host check "$1" >/dev/null || { echo "ci.sh: error: check $1" >&2; exit 255; }
@@ -727,7 +734,7 @@ same_bits() { # SCENARIO BUILD...
 
 cmd_browser() { #: look at reports in headless Chromium: on a phone, on a desk, on paper; SCREENSHOTS=FOLDER keeps pictures
     has_browser || { say "SKIPPED reports in a browser: no chromium, node and tests/browser/node_modules; ./ci.sh setup installs them where they can be had"; return; }
-    cargo build --locked --quiet --package sim-host --bin sim-host
+    build_command
     (cd tests/browser && CHROMIUM=$(command -v chromium) node --test --test-reporter=spec)
 }
 
@@ -745,34 +752,40 @@ cmd_book() { #: build the book as HTML in target/book, where mdBook is installed
     say "the book: target/book/index.html"
 }
 
-# What `test` does. FIRST and LAST run alone: what compares emulators and benches tick by tick fails where something else has the processors.
+# What `test` does. FIRST runs alone. Then the checks of the target run behind those of the host, and last those of boards behind what is judged by
+# time: that fails where builds have the processors, and leaves half of them idle. The emulators of boards have a time of their own.
 readonly FIRST="setup fmt"
 readonly ON_HOST="clippy doc python unit python-package scenarios gallery-check browser"
 readonly ON_TARGET="firmware boards panics stack thumb cost package fuzz deny semver book"
-readonly LAST="selftest parity boards-run socketcan"
+readonly LAST="socketcan selftest parity"
+readonly BEHIND_LAST="boards-run hour"
 
 cmd_test() { #: set up, then every check: those of the host and those of the target beside each other
-    local name target log
+    local name
     for name in $FIRST; do timed "$name"; done
+    both "$ON_HOST" "$ON_TARGET"
+    both "$LAST" "$BEHIND_LAST"
+    say "all checks passed"
+}
+
+# Checks, and others behind them, which get what these leave of the processors: some of them play nodes in real time.
+both() { # CHECKS CHECKS-BEHIND
+    local name behind log status=0
     log=$(mktemp)
     # In a process group of its own, so that all of it can be ended.
     set -m
-    # Behind the tests of the host, some of which play nodes in real time.
-    (renice -n 10 -p "$BASHPID" >/dev/null; for name in $ON_TARGET; do timed "$name"; done) >"$log" 2>&1 </dev/null &
-    target=$!
+    (renice -n 10 -p "$BASHPID" >/dev/null; for name in $2; do timed "$name"; done) >"$log" 2>&1 </dev/null &
+    behind=$!
     set +m
     # shellcheck disable=SC2064 # as they are now
-    trap "kill -- -$target 2>/dev/null || true; say 'what ran beside, until then:'; cat '$log'; rm -f '$log'" EXIT
-    for name in $ON_HOST; do timed "$name"; done
-    local status=0
-    wait "$target" || status=$?
+    trap "kill -- -$behind 2>/dev/null || true; say 'what ran beside, until then:'; cat '$log'; rm -f '$log'" EXIT
+    for name in $1; do timed "$name"; done
+    wait "$behind" || status=$?
     trap - EXIT
-    say "what ran beside: $ON_TARGET"
+    say "what ran beside: $2"
     cat "$log"
     rm -f "$log"
     (( status == 0 )) || fail "the checks beside ended with exit code $status"
-    for name in $LAST; do timed "$name"; done
-    say "all checks passed"
 }
 
 timed() { # NAME

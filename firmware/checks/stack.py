@@ -164,7 +164,8 @@ class Stacks(Image):
         vectors = {low + 4 * n for n in range(HANDLERS)} if self.is_vector(low) else set()
         # An instruction may read as an address: `strd r0, r0, [r5]` is 0xe9c5.
         instructions = {address for address, _, mnemonic, _ in self.code if not mnemonic.startswith(".")}
-        found = {word - 1 for address, word in self.words.items() if word & 1 and address not in vectors | instructions}
+        others = vectors | instructions
+        found = {word - 1 for address, word in self.words.items() if word & 1 and address not in others}
         halves = {}
         for _, function, mnemonic, operands in self.code:
             if match := re.match(r"^(\w+), #(\d+)", operands):
@@ -181,7 +182,7 @@ class Stacks(Image):
         return {self.words.get(table + 4 * number, 0) - 1 for number in range(HANDLERS)}
 
     def is_vector(self, address):
-        return any(self.names[start] == "Reset" and self.words.get(address + 4) == start | 1 for start in self.starts)
+        return self.names.get(self.words.get(address + 4, 0) - 1) == "Reset"
 
     def callees(self):
         """For each function those that it may call. Tasks are polled by the executor and by nobody else, and it calls nothing else by a pointer."""

@@ -2,7 +2,7 @@
 //! sleep.
 //!
 //! Against the same scenario in loopback: a tick too many or too few, a funnel of another tick, or a frame
-//! that nobody counted, and this fails. `./ci.sh parity` runs it.
+//! that nobody counted, and this fails. `./ci.sh hour` runs it.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests, which clippy does not know as such")]
 
 use funnelnet_protocol::Refusal;
@@ -131,7 +131,7 @@ fn emulated(scenario: &Scenario) -> Hour {
 }
 
 #[test]
-#[ignore = "needs QEMU and the firmware image: ./ci.sh parity"]
+#[ignore = "needs QEMU and the firmware image: ./ci.sh hour"]
 fn an_hour_of_node_time_is_the_hour_of_the_simulator() {
     let scenario = scenario("five-agents.toml", &["time.tick=20ms", "time.duration=3600s"]);
     let ticks = HOUR_S * 50;
