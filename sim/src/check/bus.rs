@@ -144,9 +144,10 @@ pub(super) fn table(scenario: &Scenario) -> Option<BusTable> {
     on_can(scenario).map(|on_can| on_can.table)
 }
 
-/// Time of the longest frame on CAN, ns; 0 where it is not computed.
+/// Time of the longest frame of a state on classic CAN at the bit rate of the arbitration, ns.
 pub(super) fn frame_ns(scenario: &Scenario) -> u64 {
-    on_can(scenario).map_or(0, |on_can| on_can.frame_ns - on_can.intermission_ns)
+    let bits = u64::from(response::longest_classic(Id::Base(0), BYTES) - INTERMISSION);
+    scenario.bus.timing().map_or(0, |timing| bits * timing.nominal().bit_ns())
 }
 
 fn can(subject: &Subject<'_>) -> Option<Finding> {
@@ -205,6 +206,11 @@ fn judge_can(
         );
         return found.advise(if spare > 0 { Status::Note } else { Status::Warn }, advice);
     }
+    let loss = bus.loss.mean();
+    if loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
+        let text = format!("{}; {} of the frames lost per receiver", found.text, share(loss));
+        return damp(Finding { text, ..found }, subject);
+    }
     // Every state is there before it is asked for: nothing else than on the ideal bus happens.
     found
 }
@@ -252,11 +258,22 @@ fn real(bit_errors: f64) -> Finding {
     Finding::new("bus", "Bus", text, json!({ "bit_errors": bit_errors })).stands(Status::NotChecked)
 }
 
+const NOBODY: &str = "every frame is lost: nobody ever hears anybody";
+
 /// What there is to say about the bus; nothing where it loses and delays nothing.
 pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     let (bus, tick_ns) = (&subject.scenario.bus, subject.scenario.time.tick_ns);
     let delay = bus.latency_ns.saturating_add(bus.jitter_ns);
     let loss = bus.loss.mean();
+    if loss >= 1.0 && bus.model != BusModel::Ideal {
+        let found = Finding::new(
+            "bus",
+            "Bus",
+            "all of the frames lost per receiver".to_owned(),
+            json!({ "loss": loss }),
+        );
+        return Some(found.advise(Status::Fail, NOBODY.to_owned()));
+    }
     if bus.model != BusModel::Ideal && !subject.scenario.links.is_empty() {
         return Some(of_links(subject));
     }
@@ -281,7 +298,7 @@ pub(super) fn findings(subject: &Subject<'_>) -> Option<Finding> {
     // What arrives with the next tick is taken after it.
     let ticks_late = |delay: u64| delay / tick_ns;
     if loss >= 1.0 {
-        return Some(found.advise(Status::Fail, "every frame is lost: nobody ever hears anybody".to_owned()));
+        return Some(found.advise(Status::Fail, NOBODY.to_owned()));
     }
     if ticks_late(bus.latency_ns) > u64::from(WINDOW_BACK) {
         let why =

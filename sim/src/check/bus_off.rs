@@ -2,9 +2,9 @@
 
 use serde_json::json;
 
-use super::silence::Rate;
+use super::silence::Hazard;
 use super::stops::Share;
-use super::{Finding, Status, figure, share};
+use super::{Finding, Status, share};
 use crate::scenario::{BusModel, Scenario};
 use funnelnet_can_bus::Id;
 use funnelnet_can_bus::length::INTERMISSION;
@@ -34,7 +34,7 @@ pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
     let disturbed = |bits: u32| -math::exp_m1(f64::from(bits) * math::ln_1p(-errors));
     let [longest, shortest] = [response::longest_classic, response::shortest_classic]
         .map(|bits| bits(Id::Base(0), BYTES) - INTERMISSION);
-    let times = (0..scenario.nodes.len()).map(|ahead| Rate {
+    let times = (0..scenario.nodes.len()).map(|ahead| Hazard {
         low: frames * offs(errors_of_a_frame(disturbed(shortest), 0.0)),
         high: frames
             * offs(errors_of_a_frame(
@@ -42,10 +42,9 @@ pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
                 errors * (ERROR_BITS + CONTENDED_BITS * ahead as f64),
             )),
     });
-    let share_of_runs = Share::of(times.fold(Rate::default(), Rate::plus));
+    let share_of_runs = Share::of(times.fold(Hazard::default(), Hazard::plus));
     let text = format!(
-        "{} to {} of the frames are disturbed, and sent again; controllers go off the bus in {share_of_runs}",
-        share(disturbed(shortest)),
+        "up to {} of the frames are disturbed, and sent again; controllers go off the bus in {share_of_runs}",
         share(disturbed(longest))
     );
     let values = json!({
@@ -58,9 +57,8 @@ pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
         return Some(found);
     }
     let advice = format!(
-        "nodes stop then (FAULT 5): a counter of errors rises by {GAIN} with each and falls by one with a frame that goes out, so that it holds up \
-         to {} of the frames disturbed",
-        figure(1.0 / (GAIN as f64 + 1.0))
+        "nodes stop then (FAULT 5): a counter of errors rises by {GAIN} with each, also with those in the arbitration of frames ahead, and falls by one \
+         with a frame of its own that goes out"
     );
     Some(found.advise(status, advice))
 }

@@ -251,8 +251,8 @@ pub(super) fn settle(subject: &Subject<'_>, findings: &mut [Finding]) {
     }
 }
 
-/// Findings whose advice was found by following the law, or changes what is judged and not what happens.
-const SETTLED: [&str; 1] = ["sampled"];
+/// Findings whose advice was found by following the law, or is about what is not followed: who stops.
+const SETTLED: [&str; 3] = ["sampled", "lost-neighbours", "lost-sync"];
 
 fn tried(subject: &Subject<'_>, now: &Followed, advice: Advice) -> Advice {
     let Some(setting) = advice.setting.clone() else { return advice };

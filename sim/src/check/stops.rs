@@ -1,6 +1,6 @@
 //! How likely it is that a healthy node stops in a run.
 
-use super::silence::Rate;
+use super::silence::Hazard;
 use super::{Status, share};
 use funnelnet_law::math;
 
@@ -17,10 +17,10 @@ pub(super) struct Share {
 }
 
 impl Share {
-    /// Of those in which something happens that happens so often in one, at any time.
-    pub fn of(times: Rate) -> Self {
-        let share = |times: f64| -math::exp_m1(-times);
-        Self { low: share(times.low), high: share(times.high) }
+    /// Of those in which something happens.
+    pub fn of(hazard: Hazard) -> Self {
+        let share = |hazard: f64| -math::exp_m1(-hazard);
+        Self { low: share(hazard.low), high: share(hazard.high) }
     }
 
     pub fn status(self) -> Status {
@@ -36,7 +36,7 @@ impl std::fmt::Display for Share {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (low, high) = (share(self.low), share(self.high));
         match *self {
-            Self { high, .. } if high < 1e-9 => f.write_str("fewer than one of a billion runs"),
+            Self { high, .. } if high < 1e-6 => f.write_str("fewer than one of a million runs"),
             Self { low: seldom, .. } if seldom < SELDOM && low != high => {
                 write!(f, "up to {high} of the runs")
             }

@@ -144,7 +144,10 @@ impl Real for Dual {
         let power = Real::pow(self.value, exponent.value);
         let by_base = self.by(power, exponent.value * Real::pow(self.value, exponent.value - 1.0));
         let by_exponent = exponent.by(power, power * Real::ln(self.value));
-        Self { value: power, slope: by_base.slope + by_exponent.slope }
+        // What does not change has no part in it, where its factor is no number either: a base of 0.
+        let part = |changes: bool, slope: f64| if changes { slope } else { 0.0 };
+        let slope = part(self.slope != 0.0, by_base.slope) + part(power != 0.0, by_exponent.slope);
+        Self { value: power, slope }
     }
     fn sin_turns(turns: u64) -> Self {
         Self::constant(<f64 as Real>::sin_turns(turns))
