@@ -144,6 +144,11 @@ pub(super) fn table(scenario: &Scenario) -> Option<BusTable> {
     on_can(scenario).map(|on_can| on_can.table)
 }
 
+/// Whether states may come a tick late on CAN, since the bus is busy.
+pub(super) fn is_late(scenario: &Scenario) -> bool {
+    on_can(scenario).is_some_and(|can| can.latest.is_none_or(|latest| latest > scenario.time.tick_ns))
+}
+
 /// Time of the longest frame of a state on classic CAN at the bit rate of the arbitration, ns.
 pub(super) fn frame_ns(scenario: &Scenario) -> u64 {
     let bits = u64::from(response::longest_classic(Id::Base(0), BYTES) - INTERMISSION);

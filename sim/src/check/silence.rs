@@ -6,6 +6,7 @@
 use crate::extremes::larger;
 use crate::scenario::Loss;
 use funnelnet_law::math;
+use funnelnet_node::neighbour::WINDOW_BACK;
 
 /// Links with bursts that count together at one receiver that loses by itself, too. More of them count as always silent.
 const MOST_CHAINS: usize = 6;
@@ -21,15 +22,31 @@ pub(super) struct Receiver {
     pub senders: Vec<Sender>,
     /// Frames of each sender in a step. The first one counts.
     pub frames: u32,
+    /// Steps in which nothing is heard before a sender counts as silent.
+    pub patience: u32,
 }
+
+/// Steps after which a frame that has not come is no longer taken.
+pub(super) const TAKEN: usize = WINDOW_BACK as usize + 1;
 
 /// A sender as a receiver hears it.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Sender {
     /// What the link loses besides.
     pub link: Loss,
-    /// Steps in which nothing is heard before it counts as silent.
-    pub patience: u32,
+    /// Probability that a frame is still on its way in the step in which it is sent, in the next one, and so on; that of the last one stays.
+    pub on_its_way: [f64; TAKEN],
+}
+
+impl Sender {
+    /// One whose frames come at once.
+    pub const fn prompt(link: Loss) -> Self {
+        Self { link, on_its_way: [0.0; TAKEN] }
+    }
+
+    fn on_its_way(&self, age: u32) -> f64 {
+        self.on_its_way.get(age as usize).or(self.on_its_way.last()).copied().unwrap_or(0.0)
+    }
 }
 
 /// How much is to be expected of something in a run, at least and at most: `exp(-hazard)` is the probability that it never happens.
@@ -96,9 +113,7 @@ impl Receiver {
 
     /// That all of these are silent at the same time. Silence begins where it has lasted as long as is waited for, and not a step more.
     fn silence(&self, senders: &[usize], run: u64) -> f64 {
-        let longest =
-            senders.iter().filter_map(|&sender| self.senders.get(sender)).map(|sender| sender.patience).max();
-        let begins = run.saturating_sub(longest.unwrap_or(0).into());
+        let begins = run.saturating_sub(self.patience.into());
         let first = self.all_lost(senders, 0, 0);
         let sums =
             |more: u32, windows: u64| if windows == 0 { 0.0 } else { self.all_lost(senders, more, windows) };
@@ -121,15 +136,15 @@ impl Receiver {
             (1..=bursty.len()).for_each(|link| states.pass(link, times * u64::from(self.frames)));
         };
         states.sum_over(windows, &moves);
-        let longest = self.senders.iter().map(|sender| sender.patience).max().unwrap_or(0) + more;
-        for step in 0..longest {
+        // The oldest frame comes first.
+        for age in (0..self.patience + more).rev() {
             for (index, sender) in self.senders.iter().enumerate() {
                 let place = bursty.iter().position(|&at| at == index).map(|at| at + 1);
                 // One beyond the chains that are followed may be silent by itself.
                 let is_followed = place.is_some() || !sender.link.is_in_bursts();
-                if step < sender.patience + more && is_followed && senders.contains(&index) {
+                if is_followed && senders.contains(&index) {
                     let by_itself = if sender.link.is_in_bursts() { 0.0 } else { sender.link.good };
-                    states.lose(place, by_itself);
+                    states.lose(place, by_itself, sender.on_its_way(age));
                 }
                 states.pass(0, self.frames.into());
                 place.into_iter().for_each(|place| states.pass(place, self.frames.into()));
@@ -143,8 +158,8 @@ impl Receiver {
         let of = |sender: &Sender, from: u64| {
             let mut states = States::new(sender.link, std::iter::empty());
             states.pass(0, from * u64::from(self.frames));
-            for _ in 0..sender.patience + more {
-                states.lose(None, 0.0);
+            for age in (0..self.patience + more).rev() {
+                states.lose(None, 0.0, sender.on_its_way(age));
                 states.pass(0, self.frames.into());
             }
             states.sum()
@@ -190,7 +205,7 @@ pub(super) fn sync_losses(loss: Loss, others: u32, (missed, quick): (u32, u32), 
         if is_heard {
             states.hear()
         } else {
-            states.lose(None, 0.0)
+            states.lose(None, 0.0, 0.0)
         }
         states.pass(0, 1);
         states
@@ -281,8 +296,8 @@ impl States {
         }
     }
 
-    /// A frame is lost: at the receiver, on the link before it, or with this probability by itself.
-    fn lose(&mut self, link: Option<usize>, by_itself: f64) {
+    /// A frame is not heard: lost at the receiver, on the link before it or with this probability by itself, or with that one still on its way.
+    fn lose(&mut self, link: Option<usize>, by_itself: f64, on_its_way: f64) {
         let Self { chains, weights } = self;
         let lost = |at: usize, state: usize| {
             let chain = chains.get(at).copied().unwrap_or(Loss::NONE);
@@ -291,7 +306,7 @@ impl States {
         for (state, weight) in weights.iter_mut().enumerate() {
             let heard = 1.0 - lost(0, state);
             let lost_on_link = link.map_or(by_itself, |link| lost(link, state));
-            *weight *= lost(0, state) + heard * lost_on_link;
+            *weight *= lost(0, state) + heard * (lost_on_link + (1.0 - lost_on_link) * on_its_way);
         }
     }
 
@@ -338,8 +353,8 @@ mod tests {
     }
 
     fn receiver(loss: Loss, links: &[Loss], frames: u32, patience: u32) -> Receiver {
-        let senders = links.iter().map(|&link| Sender { link, patience }).collect();
-        Receiver { loss, senders, frames }
+        let senders = links.iter().map(|&link| Sender::prompt(link)).collect();
+        Receiver { loss, senders, frames, patience }
     }
 
     /// In 104 steps: `p^4` in the first ones, and `p^4 (1 - p)` in each of 100 later, for each of the senders.
@@ -410,10 +425,7 @@ mod tests {
                         }
                     }
                 }
-                let lost = silent
-                    .iter()
-                    .zip(&receiver.senders)
-                    .filter(|(silent, sender)| **silent >= sender.patience);
+                let lost = silent.iter().filter(|&&silent| silent >= receiver.patience);
                 lost.count() < count
             })
         });

@@ -2,13 +2,12 @@
 
 use serde_json::json;
 
-use super::silence::{Hazard, Receiver, Sender, sync_losses};
+use super::silence::{Hazard, Receiver, Sender, TAKEN, sync_losses};
 use super::stops::Share;
 use super::text::plural;
 use super::{Finding, Status, bus};
 use crate::sampled::Bounds;
 use crate::scenario::{BusModel, LinkSettings, Loss, Scenario, SyncSpec, format_duration};
-use funnelnet_node::neighbour::WINDOW_BACK;
 
 /// SYNC in a row that are missed, at least where one that is lost shall stop nobody: it is not there, and the next one cannot be taken.
 const ONE_LOST: u32 = 3;
@@ -33,8 +32,7 @@ fn lost_neighbours(scenario: &Scenario) -> Option<Finding> {
     let receivers = receivers(scenario);
     let extrapolated = u32::from(Bounds::NONE.extrapolate);
     let is_quiet = |receiver: &Receiver| {
-        let hears = |sender: &Sender| sender.link.is_none() && sender.patience > extrapolated;
-        receiver.loss.is_none() && receiver.senders.iter().all(hears)
+        receiver.loss.is_none() && receiver.senders.iter().all(|sender| *sender == Sender::prompt(Loss::NONE))
     };
     if count == 0 || receivers.iter().all(|(receiver, _)| is_quiet(receiver)) {
         return None;
@@ -62,7 +60,8 @@ fn lost_neighbours(scenario: &Scenario) -> Option<Finding> {
     let found = Finding::new("lost-neighbours", "Lost neighbours", text, values);
     let status = share.status();
     if status == Status::Ok {
-        return Some(found);
+        // Frames that wait too long for a busy bus are in no figure here.
+        return Some(if bus::is_late(scenario) { found.stands(Status::NotChecked) } else { found });
     }
     // Each time twice as many more, since each is a long sum where links differ.
     let more = std::iter::successors(Some(1), |more| Some(2 * more)).map(|more| count + more);
@@ -93,12 +92,11 @@ fn receivers(scenario: &Scenario) -> Vec<(Receiver, usize)> {
         let sender = |(from, _): (usize, f64)| {
             let link = link_from(from);
             let delay = of_bus.plus(Delay { shortest_ns: link.latency_ns, width_ns: link.jitter_ns });
-            let tick_ns = scenario.time.tick_ns;
-            let patience = (u32::from(Bounds::NONE.extrapolate) + 1).saturating_sub(delay.ticks(tick_ns));
-            Sender { link: with(link.loss, delay.too_late(tick_ns)), patience }
+            Sender { link: link.loss, on_its_way: delay.on_its_way(scenario.time.tick_ns) }
         };
         let senders = scenario.graph.neighbours(index).into_iter().map(sender).collect();
-        let receiver = Receiver { loss: scenario.bus.loss, senders, frames };
+        let patience = u32::from(Bounds::NONE.extrapolate) + 1;
+        let receiver = Receiver { loss: scenario.bus.loss, senders, frames, patience };
         match found.iter_mut().find(|(known, _)| *known == receiver) {
             Some((_, alike)) => *alike += 1,
             None => found.push((receiver, 1)),
@@ -122,28 +120,15 @@ impl Delay {
         }
     }
 
-    /// Ticks by which what is heard is old, about.
-    fn ticks(self, tick_ns: u64) -> u32 {
-        let heard = (u64::from(WINDOW_BACK) + 1).saturating_mul(tick_ns).saturating_sub(self.shortest_ns);
-        let mean = self.shortest_ns.saturating_add(self.width_ns.min(heard) / 2);
-        u32::try_from(mean / tick_ns).unwrap_or(u32::MAX)
-    }
-
-    /// Share of the frames that come after more ticks than any is taken.
-    fn too_late(self, tick_ns: u64) -> f64 {
-        let limit = (u64::from(WINDOW_BACK) + 1).saturating_mul(tick_ns);
-        match self.shortest_ns.saturating_add(self.width_ns).saturating_sub(limit) {
-            _ if self.shortest_ns >= limit => 1.0,
+    /// Probability that a frame is on its way for more than a tick, two ticks, and so on.
+    fn on_its_way(self, tick_ns: u64) -> [f64; TAKEN] {
+        let longer_than = |ns: u64| match self.shortest_ns.saturating_add(self.width_ns).saturating_sub(ns) {
+            _ if self.shortest_ns >= ns => 1.0,
             0 => 0.0,
             beyond => beyond as f64 / self.width_ns as f64,
-        }
+        };
+        std::array::from_fn(|age| longer_than((age as u64 + 1).saturating_mul(tick_ns)))
     }
-}
-
-/// Losses, and this share of what is left.
-fn with(loss: Loss, besides: f64) -> Loss {
-    let both = |lost: f64| lost + (1.0 - lost) * besides;
-    Loss { good: both(loss.good), bad: both(loss.bad), ..loss }
 }
 
 /// SYNC as nodes hear it.
@@ -209,7 +194,11 @@ fn lost_sync(scenario: &Scenario) -> Option<Finding> {
         return None;
     }
     let syncs = Syncs::of(scenario, sync, holdover_ns);
-    let least = syncs.missed(holdover_ns.saturating_sub(syncs.late_ns));
+    // The first that is taken is the third that is heard: two tell when the one before was on the wire.
+    let first_ns =
+        2 * (syncs.period_ns / u64::from(QUICKER) / scenario.time.tick_ns).max(1) * scenario.time.tick_ns;
+    let missed = |holdover_ns: u64| if holdover_ns > first_ns { syncs.missed(holdover_ns) } else { 0 };
+    let least = missed(holdover_ns.saturating_sub(syncs.late_ns));
     if syncs.loss.is_none() && least > 0 {
         return None;
     }
