@@ -203,11 +203,8 @@ fn lost_sync(scenario: &Scenario) -> Option<Finding> {
         return None;
     }
     // A holdover of a period is not kept, once the next one comes a little later than the last.
-    let most = if holdover_ns > syncs.period_ns {
-        syncs.missed(holdover_ns.saturating_add(syncs.late_ns))
-    } else {
-        0
-    };
+    let is_longer = holdover_ns > syncs.period_ns.max(first_ns);
+    let most = if is_longer { missed(holdover_ns.saturating_add(syncs.late_ns)) } else { 0 };
     let share = syncs.share((most, least));
     let longer =
         (least.max(ONE_LOST)..=MOST_MISSED).find(|&more| syncs.share((more, more)).status() == Status::Ok);

@@ -160,6 +160,8 @@ fn lost_frames_are_held_against_the_time_without_sync() {
     // Whole ticks: one comes every 98 ms, since the tick is 49 ms.
     let ticks = ["time.tick=49ms", "time.duration=9800ms", "safety.holdover=99ms"];
     assert!(!has(&ticks));
+    // Here one comes each tick, and the third of them is the first that is taken.
+    assert_eq!(status(&["time.tick=80ms", "time.duration=8s", "safety.holdover=130ms"]), Status::Fail);
     // One that is lost costs two: the next one cannot be taken.
     let report = pair(&on_can(&["safety.holdover=250ms", "bus.loss=0.001"]));
     let stops = 97.0 * 0.999 * 0.999 * 0.001;
