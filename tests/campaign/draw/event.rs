@@ -1,5 +1,6 @@
 //! Events: one line each, of one or two events that belong together.
 
+use super::settings::Limits;
 use super::{Dice, Net};
 
 /// A time for an event, and how long it lasts, ms.
@@ -23,6 +24,11 @@ impl When {
         self.event(kind, &format!("for = \"{}ms\"\n{rest}", self.lasts_ms))
     }
 
+    /// The same for half of the time.
+    fn short(&self, kind: &str, rest: &str) -> String {
+        self.event(kind, &format!("for = \"{}us\"\n{rest}", 500 * self.lasts_ms))
+    }
+
     /// A second event when that time is over.
     fn then(&self, first: &str, kind: &str, rest: &str) -> String {
         let later = Self { at_us: self.at_us + 1_000 * self.lasts_ms, ..*self };
@@ -33,13 +39,13 @@ impl When {
 /// One event of any kind that the bus may have.
 pub(super) fn event(dice: &mut Dice, net: &Net) -> String {
     let when = When::drawn(dice);
-    match dice.below(20) {
+    match dice.below(22) {
         0..=4 => of_nodes(dice, net, &when),
         5..=9 => of_frames(dice, net, &when),
         10 | 11 => of_wires(dice, net, &when),
         12..=14 => of_lies(dice, net, &when),
         15 | 16 => of_plants(dice, net, &when),
-        17 | 18 => set(dice, net, &when),
+        17..=20 => set(dice, net, &when),
         _ => of_clocks(dice, net),
     }
 }
@@ -117,19 +123,43 @@ fn said(dice: &mut Dice) -> String {
     }
 }
 
-/// A lie, and in half of the worlds a new start of the liar: what that is for where there are limits of what is heard.
-pub(super) fn lie_and_new_start(dice: &mut Dice, net: &Net) -> Vec<String> {
-    let node = format!("node = {}", dice.id(net.nodes));
+/// A lie, and in most worlds what ends the distrust of neighbours with limits: a new start, short or long, or a long silence.
+pub(super) fn lie_and_new_start(dice: &mut Dice, net: &Net, limits: &Limits) -> Vec<String> {
+    let liar = dice.id(net.nodes);
+    let node = format!("node = {liar}");
     let when = When { at_us: 1_000 * (300 + dice.below(300)), lasts_ms: 30 + dice.below(300) };
-    let mut lines = vec![when.lasting("liar", &format!("{node}\n{}", said(dice)))];
-    if dice.is(0.5) {
-        let after = When {
-            at_us: when.at_us + 1_000 * (when.lasts_ms + dice.below(100)),
-            lasts_ms: 130 + dice.below(170),
-        };
-        lines.push(after.lasting("bounce", &node));
+    let mut lines = vec![when.lasting("liar", &format!("{node}\n{}", said_near(dice, limits)))];
+    let over_us = when.at_us + 1_000 * (when.lasts_ms + 1 + dice.below(100));
+    let long = When { at_us: over_us, lasts_ms: 130 + dice.below(170) };
+    let short = When { lasts_ms: 1 + dice.below(120), ..long };
+    match dice.below(5) {
+        0 => lines.push(long.lasting("bounce", &node)),
+        1 | 2 => lines.push(short.lasting("bounce", &node)),
+        3 => {
+            let others: Vec<_> = (1..=net.nodes).filter(|&id| id != liar).collect();
+            let groups = format!("groups = [[{liar}], {others:?}]");
+            lines.push(long.then(&long.event("partition", &groups), "repair", ""));
+        }
+        _ => {}
+    }
+    if dice.is(0.3) {
+        let (a, b) = net.edge(dice);
+        let gap = When { at_us: 1_000 * (100 + dice.below(1_000)), lasts_ms: 2 + dice.below(60) };
+        lines.push(gap.lasting("burst", &format!("link = [{a}, {b}]\nloss = 1.0")));
     }
     lines
+}
+
+/// What a liar says where there are limits: in most worlds not far from what they allow.
+fn said_near(dice: &mut Dice, limits: &Limits) -> String {
+    let sign = if dice.is(0.5) { 1.0 } else { -1.0 };
+    let rate = limits.rate.unwrap_or(30.0);
+    match dice.below(4) {
+        0 => said(dice),
+        1 => format!("ramp = {:.3}", sign * rate * dice.between(0.5, 0.99)),
+        2 => format!("ramp = {:.3}", sign * rate * dice.between(1.01, 2.0)),
+        _ => format!("offset = {:.3}", sign * limits.limit.unwrap_or(3.0) * dice.between(0.5, 2.0)),
+    }
 }
 
 /// Sensors and actuators that fail.
@@ -152,15 +182,29 @@ fn of_plants(dice: &mut Dice, net: &Net, when: &When) -> String {
 fn set(dice: &mut Dice, net: &Net, when: &When) -> String {
     let (key, value) = match dice.below(7) {
         0 => ("coupling.gain", "{ kind = \"logarithmic\", scale = 2.0 }".to_owned()),
-        1 => ("agent.limits", "{ low = -20.0, high = 20.0 }".to_owned()),
+        1 => ("agent.limits", format!("{{ low = -{0}, high = {0} }}", dice.between(0.3, 3.0))),
         2 => ("agent.dynamics", format!("{{ kind = \"affine\", slope = {} }}", dice.between(-2.0, 0.0))),
         3 => ("agent.dynamics.offset", format!("{:?}", dice.between(-2.0, 2.0))),
         4 => ("coupling.damping", format!("{:?}", dice.between(2.3, 5.0))),
         5 => ("coupling.funnel.end", format!("{:?}", dice.between(0.05, 1.0))),
         _ => ("coupling.funnel", format!("{{ kind = \"constant\", width = {} }}", dice.between(0.1, 5.0))),
     };
+    let change = format!("key = \"{key}\"\nvalue = {value}");
+    // Who was off before has lost what was staged in it, and who goes after has it.
+    let node = format!("node = {}", dice.id(net.nodes));
+    match dice.below(5) {
+        0 => return when.then(&when.short("bounce", &node), "set", &format!("{node}\n{change}")),
+        1 => {
+            return when.then(
+                &when.event("set", &format!("{node}\n{change}")),
+                "bounce",
+                &format!("{node}\nfor = \"50ms\""),
+            );
+        }
+        _ => {}
+    }
     let of_one = if dice.is(0.5) { format!("node = {}\n", dice.id(net.nodes)) } else { String::new() };
-    when.event("set", &format!("{of_one}key = \"{key}\"\nvalue = {value}"))
+    when.event("set", &format!("{of_one}{change}"))
 }
 
 /// Clocks that jump or drift, SYNC that do not go out, a time master that goes.

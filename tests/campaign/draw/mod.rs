@@ -76,11 +76,17 @@ const WITH_CLOCKS_MS: u64 = 2_800;
 #[must_use]
 pub fn draw(number: u64) -> World {
     let mut dice = Dice::of(number);
-    let (mut world, mut net) = networks(&mut dice, number);
+    // What `check` follows is a network that nothing disturbs.
+    let is_calm = dice.is(0.12);
+    let (mut world, mut net) = networks(&mut dice, number, if is_calm { 0.3 } else { 0.1 });
     world.optional.extend(agents::nodes(&mut dice, &net, &world.needed));
-    let is_limited = dice.is(0.15);
+    if is_calm {
+        world.optional.extend(settings::calm(&mut dice));
+        return without_what_is_refused(world);
+    }
+    let is_limited = dice.is(0.2);
     // Of what is disturbed in many ways at once less is promised.
-    let is_plain = dice.is(if is_limited { 0.6 } else { 0.4 });
+    let is_plain = dice.is(if is_limited { 0.7 } else { 0.4 });
     if !is_plain {
         world.optional.extend(settings::settings(&mut dice));
         world.optional.extend(bus::bus(&mut dice, &mut net));
@@ -90,8 +96,9 @@ pub fn draw(number: u64) -> World {
         world.lasts_ms = WITH_CLOCKS_MS;
     }
     if is_limited {
-        world.optional.extend(settings::heard(&mut dice));
-        world.optional.extend(event::lie_and_new_start(&mut dice, &net));
+        let limits = settings::Limits::drawn(&mut dice);
+        world.optional.extend(limits.lines());
+        world.optional.extend(event::lie_and_new_start(&mut dice, &net, &limits));
     }
     if dice.is(0.1) {
         world.optional.push(faults::faults(&mut dice, &net));
@@ -105,11 +112,12 @@ pub fn draw(number: u64) -> World {
     without_what_is_refused(world)
 }
 
-/// Law, graph and fields that the reader takes: some gains suit some couplings, and some graphs fall apart.
-fn networks(dice: &mut Dice, number: u64) -> (World, Net) {
+/// Law, graph and fields that the reader takes: some gains suit some couplings, and some graphs fall apart. `vectors` is how many have states
+/// of two components.
+fn networks(dice: &mut Dice, number: u64, vectors: f64) -> (World, Net) {
     loop {
         let nodes = 3 + dice.below(7);
-        let components = if dice.is(0.1) { 2 } else { 1 };
+        let components = if dice.is(vectors) { 2 } else { 1 };
         let needed = law::law(dice, nodes, components, number);
         let world = World { needed, optional: Vec::new(), lasts_ms: LASTS_MS };
         if let Ok(scenario) = world.scenario() {

@@ -26,20 +26,51 @@ pub(super) fn settings(dice: &mut Dice) -> Vec<String> {
     lines
 }
 
-/// Limits of what is heard, most of them as the book says that they should be: above the bound of the inputs and what fields do beside it.
-pub(super) fn heard(dice: &mut Dice) -> Vec<String> {
-    let bound = dice.between(10.0, 40.0);
-    let beside = if dice.is(0.8) { dice.between(8.0, 25.0) } else { dice.between(0.0, 8.0) };
-    let mut lines = vec![
-        format!("coupling.u_max = {bound}"),
-        // In three digits, as all that is drawn.
-        format!("safety.heard_rate = {:.3}", bound + beside),
-    ];
-    if dice.is(0.6) {
-        lines.push(format!("safety.heard_limit = {}", dice.between(4.0, 12.0)));
-    }
-    if dice.is(0.4) {
-        lines.push(format!("safety.drop_after = {}", 1 + dice.below(20)));
-    }
+/// Settings of a network that nothing disturbs, which `check` follows to its end: all that it has to know of, and bounds that are reached.
+pub(super) fn calm(dice: &mut Dice) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut add = |is_there: bool, line: String| {
+        if is_there {
+            lines.push(line);
+        }
+    };
+    add(dice.is(0.5), format!("coupling.guard = {}", dice.between(0.05, 0.4)));
+    add(dice.is(0.4), format!("time.slow_start = \"{}ms\"", 5 + dice.below(40)));
+    add(dice.is(0.3), format!("time.round = \"{}ms\"", dice.one(&["2", "5", "10"])));
+    add(dice.is(0.3), format!("coupling.damping = {}", dice.one(&["\"graph\"", "1.8", "3.0", "4.0"])));
+    add(dice.is(0.4), format!("coupling.u_max = {}", dice.between(0.3, 6.0)));
+    let limit = dice.between(0.3, 6.0);
+    add(dice.is(0.3), format!("agent.limits = {{ low = -{limit}, high = {} }}", dice.between(0.3, 6.0)));
     lines
+}
+
+/// Limits of what is heard: most of them above the bound of the inputs and what fields do beside it, as the book says that they should be,
+/// and many not far above.
+pub(super) struct Limits {
+    /// State units / s.
+    pub rate: Option<f64>,
+    /// State units.
+    pub limit: Option<f64>,
+    bound: f64,
+    drop_after: Option<usize>,
+}
+
+impl Limits {
+    pub(super) fn drawn(dice: &mut Dice) -> Self {
+        let bound = dice.between(2.0, 30.0);
+        let beside = if dice.is(0.4) { dice.between(8.0, 25.0) } else { dice.between(0.5, 8.0) };
+        // In three digits, as all that is drawn.
+        let rate = dice.is(0.85).then_some(((bound + beside) * 1e3).round() / 1e3);
+        let limit = (rate.is_none() || dice.is(0.6)).then(|| dice.between(1.5, 10.0));
+        let drop_after = dice.is(0.4).then(|| 1 + dice.below(20));
+        Self { rate, limit, bound, drop_after }
+    }
+
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = vec![format!("coupling.u_max = {}", self.bound)];
+        lines.extend(self.rate.map(|rate| format!("safety.heard_rate = {rate}")));
+        lines.extend(self.limit.map(|limit| format!("safety.heard_limit = {limit}")));
+        lines.extend(self.drop_after.map(|states| format!("safety.drop_after = {states}")));
+        lines
+    }
 }

@@ -1,24 +1,22 @@
 //! Limits of what is heard: who is honest and slow enough is taken, who lies beyond them is not, and who starts anew is heard again.
 
 use super::Broken;
-use super::model::{Fate, Listener, said};
+use super::lies::{Dropped, Watch, bars, watches};
 use funnelnet_law::field::VectorField;
-use funnelnet_node::neighbour::Presence as Known;
 use funnelnet_node::{Event, Node, Phase};
-use funnelnet_protocol::NodeId;
 use sim_host::engine::NodeEvent;
 use sim_host::judge::Moment;
 use sim_host::presence::Presence;
-use sim_host::scenario::{BusModel, Detail, EventKind, EventSpec, Lie, Scenario, SyncSpec};
+use sim_host::scenario::{BusModel, Detail, EventKind, EventSpec, Scenario, SyncSpec};
 
 /// Standard deviations of noise that nobody sees in these runs.
-const DEVIATIONS: f64 = 7.0;
-/// The longest time for which a silent neighbour is extrapolated, ticks: who restarts within it is not seen to.
+pub(super) const DEVIATIONS: f64 = 7.0;
+/// The longest time for which a silent neighbour is extrapolated, ticks: who is silent for longer may be anywhere after it.
 const EXTRAPOLATED: u64 = 120;
 /// Ticks after which a stamp comes again, less the two by which a state may be ahead, and some to spare.
 const ALIASED: u64 = 250;
-/// Ticks from a state that costs an edge to the word of its neighbour, and what a delay may add.
-const WORD: u64 = 3;
+/// Ticks after which a node that was silent is heard again.
+const HEARD: u64 = 20;
 
 /// What is watched of a run with limits.
 pub(super) struct Heard<'a> {
@@ -27,8 +25,9 @@ pub(super) struct Heard<'a> {
     /// States at the tick before, by index; none of who was not there.
     last: Vec<Option<f64>>,
     lies: Vec<Watch>,
-    /// Edges that were dropped: node and neighbour.
-    barred: Vec<(usize, usize)>,
+    dropped: Vec<Dropped>,
+    /// Edges that are barred of which nothing has been told yet: node and neighbour.
+    untold: Vec<(usize, usize)>,
     noticed: u64,
 }
 
@@ -43,17 +42,10 @@ struct Watched {
     speaks: bool,
     /// It was once faster, or farther away, than neighbours take.
     is_beyond: bool,
-}
-
-/// A lie that begins, and who hears it.
-struct Watch {
-    liar: usize,
-    lie: Lie,
-    from: u64,
-    to: u64,
-    first: Option<f64>,
-    /// Neighbours, and when the edge has to be gone.
-    hear: Vec<(usize, Listener, Option<u64>)>,
+    /// Ticks for which nobody has heard it, though it runs.
+    unheard: u64,
+    /// When it was heard again after so long a silence that it may be anywhere.
+    is_back: Option<u64>,
 }
 
 impl<'a> Heard<'a> {
@@ -67,33 +59,38 @@ impl<'a> Heard<'a> {
             let ticks = event.lasts_ns / scenario.time.tick_ns;
             event.kind == EventKind::Hold && (ticks >= ALIASED || event.lasts_ns == 0)
         });
+        // Who restarts says so, in one frame.
+        let may_miss = !keeps_frames(scenario);
         let watched = |index: usize| {
-            let is_short = absences.iter().any(|absence| {
-                let ticks = absence.to_tick.map_or(u64::MAX, |to| to - absence.from_tick);
-                absence.node == index && ticks <= EXTRAPOLATED + 1
-            });
+            let is_short = may_miss
+                && absences.iter().any(|absence| {
+                    let ticks = absence.to_tick.map_or(u64::MAX, |to| to - absence.from_tick);
+                    absence.node == index && ticks <= EXTRAPOLATED + 1
+                });
             let lies = scenario.events.iter().any(|event| is_false(event, index));
             Watched {
                 is_honest: !bits_flip && !is_held && !is_short && !lies,
                 listens: false,
                 speaks: true,
                 is_beyond: false,
+                unheard: 0,
+                is_back: None,
             }
         };
-        let limited = scenario.safety.heard_rate.is_some() || scenario.safety.heard_limit.is_some();
         Self {
             scenario,
             nodes: (0..scenario.nodes.len()).map(watched).collect(),
             last: vec![None; scenario.nodes.len()],
-            lies: if limited { watches(scenario) } else { Vec::new() },
-            barred: Vec::new(),
+            lies: watches(scenario),
+            dropped: Vec::new(),
+            untold: Vec::new(),
             noticed: 0,
         }
     }
 
     /// Whether an edge was dropped.
     pub(super) fn has_barred(&self) -> bool {
-        !self.barred.is_empty()
+        !self.dropped.is_empty()
     }
 
     /// Whether there are limits that somebody had to keep.
@@ -113,6 +110,7 @@ impl<'a> Heard<'a> {
         moment: &Moment<'_>,
         told: &[NodeEvent],
         nodes: &[Node<f32, V>],
+        are_joined: impl Fn(usize, usize) -> bool,
     ) -> Result<(), Broken> {
         // The first component stands for all: those of a state are barred together.
         let components = self.scenario.components();
@@ -129,28 +127,44 @@ impl<'a> Heard<'a> {
             self.take(event, moment.k)?;
         }
         for watch in &mut self.lies {
-            watch.tick(self.scenario, moment, &state, nodes);
+            self.noticed += watch.tick(self.scenario, moment, nodes, &self.dropped)?;
         }
-        let barred = &self.barred;
-        for watch in &mut self.lies {
-            let liar = watch.liar;
-            let mut done = Vec::new();
-            for &(node, _, due) in
-                watch.hear.iter().filter(|(_, _, due)| due.is_some_and(|due| moment.k >= due))
-            {
-                let is_there = moment.presence.get(node) == Some(&Presence::Ran);
-                if is_there && due.is_some() && !barred.contains(&(node, liar)) {
-                    return Err(Broken::Unnoticed(moment.k, node, liar));
-                }
-                self.noticed += u64::from(is_there);
-                done.push(node);
-            }
-            watch.hear.retain(|(node, ..)| !done.contains(node));
-        }
+        self.says_what_it_drops(moment.k, nodes)?;
+        self.count_silence(moment.k, are_joined);
         for (index, last) in self.last.iter_mut().enumerate() {
             *last = state(index);
         }
         Ok(())
+    }
+
+    /// Nobody bars a neighbour without a word, which with a clock of its own comes a tick later.
+    fn says_what_it_drops<V: VectorField<f32> + Clone>(
+        &mut self,
+        k: u64,
+        nodes: &[Node<f32, V>],
+    ) -> Result<(), Broken> {
+        let is_told =
+            |(node, other)| self.dropped.iter().any(|edge| (edge.node, edge.other) == (node, other));
+        let ends = self.scenario.graph.edges.iter().flat_map(|edge| [(edge.a, edge.b), (edge.b, edge.a)]);
+        let untold: Vec<_> =
+            ends.filter(|&(node, other)| bars(nodes, node, other) && !is_told((node, other))).collect();
+        if let Some(&(node, other)) = untold.iter().find(|edge| self.untold.contains(edge)) {
+            return Err(Broken::Wronged(k, node, other));
+        }
+        self.untold = untold;
+        Ok(())
+    }
+
+    /// Takes note of nodes that are cut off from all others.
+    fn count_silence(&mut self, k: u64, are_joined: impl Fn(usize, usize) -> bool) {
+        for (index, watched) in self.nodes.iter_mut().enumerate() {
+            let is_heard =
+                self.scenario.graph.neighbours(index).iter().any(|&(other, _)| are_joined(index, other));
+            if is_heard && watched.unheard > EXTRAPOLATED + 2 {
+                watched.is_back = Some(k);
+            }
+            watched.unheard = if is_heard { 0 } else { watched.unheard + 1 };
+        }
     }
 
     /// Takes note of a node that listens, and then speaks: where it comes is not from where it was.
@@ -174,7 +188,7 @@ impl<'a> Heard<'a> {
         };
         let other = usize::from(other.get()) - 1;
         if matches!(told.event, Event::Barred(_)) {
-            self.barred.push((told.node, other));
+            self.dropped.push(Dropped { node: told.node, other, at: k });
         }
         let watched = self.nodes[other];
         if is_fast && watched.is_honest && !watched.is_beyond {
@@ -213,10 +227,8 @@ impl<'a> Heard<'a> {
         // Who has stopped hears nobody any more.
         let runs = |index: usize| nodes.get(index).is_some_and(|node| node.phase() == Phase::Running);
         for other in (0..nodes.len()).filter(|&other| runs(other) && self.has_started_anew(other)) {
-            let Some(id) = u8::try_from(other + 1).ok().and_then(NodeId::new) else { continue };
             for (index, _) in self.scenario.graph.neighbours(other) {
-                let bars = nodes.get(index).and_then(|node| node.neighbour_is_barred(id)) == Some(true);
-                if bars && runs(index) && are_joined(index, other) {
+                if bars(nodes, index, other) && runs(index) && are_joined(index, other) {
                     return Err(Broken::StillBarred(index, other));
                 }
             }
@@ -225,7 +237,7 @@ impl<'a> Heard<'a> {
         Ok(renewed)
     }
 
-    /// Whether a node that neighbours have barred was off for long enough after its last lie, and has been on for long since.
+    /// Whether a node that neighbours have barred was off after its last lie, or silent for long, and has been on for long since.
     fn has_started_anew(&self, node: usize) -> bool {
         let time = &self.scenario.time;
         // One that nobody can tell the time does not find back.
@@ -236,18 +248,41 @@ impl<'a> Heard<'a> {
         let false_until = self.scenario.events.iter().filter(|event| is_false(event, node));
         let false_until = false_until.map(|event| time.first_tick(event.end_ns())).max().unwrap_or(0);
         let last = self.scenario.course().absences(time).into_iter().rfind(|absence| absence.node == node);
-        let is_long = last.is_some_and(|absence| {
+        let is_told = keeps_frames(self.scenario);
+        let was_off = last.is_some_and(|absence| {
             let Some(to) = absence.to_tick else { return false };
             let listens = 500 + 2 * EXTRAPOLATED;
             absence.from_tick >= false_until
-                && to - absence.from_tick > EXTRAPOLATED + 2
+                && (is_told || to - absence.from_tick > EXTRAPOLATED + 2)
                 && to + listens < time.ticks
         });
-        is_long
+        let was_silent = self.nodes[node]
+            .is_back
+            .is_some_and(|back| back >= false_until + EXTRAPOLATED + 2 && back + HEARD < time.ticks);
+        (was_off || was_silent)
             && self.nodes[node].speaks
             && !self.nodes[node].is_beyond
-            && self.barred.iter().any(|&(_, other)| other == node)
+            && self.dropped.iter().any(|edge| edge.other == node)
     }
+}
+
+/// Whether every frame comes, and in order: what a node says once is heard.
+fn keeps_frames(scenario: &Scenario) -> bool {
+    let loses = |event: &EventSpec| {
+        matches!(
+            event.kind,
+            EventKind::Partition
+                | EventKind::Repair
+                | EventKind::Burst
+                | EventKind::Hold
+                | EventKind::Corrupt
+        )
+    };
+    scenario.bus.model == BusModel::Ideal
+        && scenario.bus.loss.is_none()
+        && scenario.bus.jitter_ns == 0
+        && scenario.links.is_empty()
+        && !scenario.events.iter().any(loses)
 }
 
 /// Whether an event has a node say, or be said to say, what is not so.
@@ -258,87 +293,4 @@ fn is_false(event: &EventSpec, node: usize) -> bool {
         (EventKind::Impostor, Detail::Impostor { name, .. }) => *name == node,
         _ => false,
     }
-}
-
-/// The lies of which it is known what becomes: nothing else happens meanwhile, and every frame comes.
-fn watches(scenario: &Scenario) -> Vec<Watch> {
-    let is_plain = scenario.bus.model == BusModel::Ideal
-        && scenario.bus.loss.is_none()
-        && scenario.links.is_empty()
-        && scenario.clocks.is_empty()
-        && scenario.components() == 1
-        && scenario.time.start.is_none();
-    if !is_plain {
-        return Vec::new();
-    }
-    let watch = |(at, event): (usize, &EventSpec)| {
-        let Detail::Lie(lie) = event.detail else { return None };
-        let &[liar] = event.targets.nodes() else { return None };
-        let (from, to) = (scenario.time.first_tick(event.at_ns), scenario.time.first_tick(event.end_ns()));
-        // The edge is known again before, and nobody goes until it is dropped.
-        let (begin, end) = (event.at_ns.saturating_sub(20_000_000), event.end_ns());
-        let is_apart =
-            |(other, it): (usize, &EventSpec)| other == at || it.end_ns() < begin || it.at_ns > end;
-        let is_alone = scenario.events.iter().enumerate().all(is_apart);
-        is_alone.then(|| Watch { liar, lie, from, to, first: None, hear: Vec::new() })
-    };
-    scenario
-        .events
-        .iter()
-        .enumerate()
-        .filter(|(_, event)| event.kind == EventKind::Liar)
-        .filter_map(watch)
-        .collect()
-}
-
-impl Watch {
-    fn tick<V: VectorField<f32> + Clone>(
-        &mut self,
-        scenario: &Scenario,
-        moment: &Moment<'_>,
-        state: &impl Fn(usize) -> Option<f64>,
-        nodes: &[Node<f32, V>],
-    ) {
-        let Some(x) = state(self.liar) else { return self.hear.clear() };
-        if moment.k + 1 == self.from {
-            self.hear = hearers(scenario, self.liar, nodes)
-                .filter(|&node| state(node).is_some())
-                .map(|node| (node, Listener::of((moment.k, x)), None))
-                .collect();
-        }
-        if !(self.from..self.to).contains(&moment.k) {
-            return;
-        }
-        let first = *self.first.get_or_insert(x);
-        let t = (moment.k - self.from) as f64 * scenario.time.tick_s();
-        let says = said(self.lie, first, x, t);
-        let noise = scenario.nodes.get(self.liar).map_or(0.0, |node| DEVIATIONS * node.noise);
-        self.hear.retain_mut(|(_, listener, due)| {
-            if due.is_some() {
-                return true;
-            }
-            match listener.hears((moment.k, says), &scenario.safety, scenario.time.tick_s(), noise) {
-                Fate::Goes => true,
-                Fate::Unknown => false,
-                Fate::Bars => {
-                    *due = Some(moment.k + WORD);
-                    true
-                }
-            }
-        });
-    }
-}
-
-/// Neighbours that hear a node, and have not dropped its edge.
-fn hearers<V: VectorField<f32> + Clone>(
-    scenario: &Scenario,
-    node: usize,
-    nodes: &[Node<f32, V>],
-) -> impl Iterator<Item = usize> {
-    let id = u8::try_from(node + 1).ok().and_then(NodeId::new);
-    scenario.graph.neighbours(node).into_iter().map(|(other, _)| other).filter(move |&other| {
-        let (Some(id), Some(listener)) = (id, nodes.get(other)) else { return false };
-        listener.neighbour_presence(id) == Some(Known::Known)
-            && listener.neighbour_is_barred(id) == Some(false)
-    })
 }
