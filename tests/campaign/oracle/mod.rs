@@ -274,13 +274,13 @@ fn on<M: Medium>(scenario: &Scenario, done: &Scenario, medium: M) -> Result<Seen
     let (mut adoptions, mut motion, mut widths) =
         (Adoptions::of(scenario), Motion::of(scenario), Widths::of(scenario));
     let judged_from = recovery::judged_from(scenario);
-    let (mut hash, mut outside, mut stopped) = (FNV, None, false);
+    let (mut hash, mut outside, mut stopped, mut has_ended_early) = (FNV, None, false, false);
     let (mut x, mut u) = (Vec::new(), Vec::new());
     for k in 0..=scenario.time.ticks {
         let Some(seen) = engine.advance().map(<[_]>::to_vec) else {
             // Where all have stopped there is nothing left to do.
             if engine.presence(k).iter().all(|presence| *presence == Presence::Stopped) {
-                stopped = true;
+                (stopped, has_ended_early) = (true, true);
                 break;
             }
             return Err(Broken::Short(k));
@@ -320,7 +320,7 @@ fn on<M: Medium>(scenario: &Scenario, done: &Scenario, medium: M) -> Result<Seen
     if let Some((tick, node)) = outside.filter(|_| is_judged) {
         return Err(Broken::Outside(tick, node));
     }
-    let counted = frames::counted(scenario, &mut engine)?;
+    let counted = frames::counted(scenario, &mut engine, has_ended_early)?;
     let renewed = heard.end(engine.nodes(), |a, b| engine.are_joined(a, b))?;
     let adopted = commits::adopted(scenario, &engine, &adoptions)?;
     let timed = clocks::together(scenario, engine.skew().filter(|_| !stopped))?;
