@@ -10,11 +10,11 @@ use sim_host::engine::Engine;
 use sim_host::scenario::{BusModel, EventKind, Scenario};
 
 /// On the ideal bus without a node that goes, each frame is heard, refused, lost, or still under way; on others each that came is heard or refused.
-/// Gives whether they could be counted. `ended`: all nodes have stopped, and with them the run, so that what was held then is held for ever.
+/// Gives whether they could be counted.
 pub(super) fn counted<M: Medium>(
     scenario: &Scenario,
     engine: &mut Engine<Counting<M>>,
-    ended: bool,
+    has_ended_early: bool,
 ) -> Result<bool, Broken> {
     // SYNC of nodes with clocks are for their clocks, and in no counter. A commit comes by no frame.
     if !scenario.stays_whole() || !scenario.clocks.is_empty() || !scenario.staged.is_empty() {
@@ -34,7 +34,8 @@ pub(super) fn counted<M: Medium>(
         let wanted = due + traffic.duplicated;
         // What is under way, or waits to be overtaken.
         let late = wanted.saturating_sub(accounted);
-        let may_hold = ended && scenario.events.iter().any(|event| event.kind == EventKind::Hold);
+        // Where all have stopped, what an event holds is held for ever.
+        let may_hold = has_ended_early && scenario.events.iter().any(|event| event.kind == EventKind::Hold);
         if accounted > wanted || late > under_way(scenario) && !may_hold {
             return Err(Broken::Frames(wanted, accounted));
         }

@@ -22,6 +22,8 @@ const HEARD: u64 = 20;
 pub(super) struct Heard<'a> {
     scenario: &'a Scenario,
     nodes: Vec<Watched>,
+    /// What arrives is what was said, and of the tick that it was said at.
+    is_sound: bool,
     /// States at the tick before, by index; none of who was not there.
     last: Vec<Option<f64>>,
     lies: Vec<Watch>,
@@ -59,6 +61,7 @@ impl<'a> Heard<'a> {
             let ticks = event.lasts_ns / scenario.time.tick_ns;
             event.kind == EventKind::Hold && (ticks >= ALIASED || event.lasts_ns == 0)
         });
+        let is_sound = !bits_flip && !is_held;
         // Who restarts says so, in one frame.
         let may_miss = !keeps_frames(scenario);
         let watched = |index: usize| {
@@ -69,7 +72,7 @@ impl<'a> Heard<'a> {
                 });
             let lies = scenario.events.iter().any(|event| is_false(event, index));
             Watched {
-                is_honest: !bits_flip && !is_held && !is_short && !lies,
+                is_honest: is_sound && !is_short && !lies,
                 listens: false,
                 speaks: true,
                 is_beyond: false,
@@ -80,6 +83,7 @@ impl<'a> Heard<'a> {
         Self {
             scenario,
             nodes: (0..scenario.nodes.len()).map(watched).collect(),
+            is_sound,
             last: vec![None; scenario.nodes.len()],
             lies: watches(scenario),
             dropped: Vec::new(),
@@ -260,6 +264,7 @@ impl<'a> Heard<'a> {
             .is_back
             .is_some_and(|back| back >= false_until + EXTRAPOLATED + 2 && back + HEARD < time.ticks);
         (was_off || was_silent)
+            && self.is_sound
             && self.nodes[node].speaks
             && !self.nodes[node].is_beyond
             && self.dropped.iter().any(|edge| edge.other == node)

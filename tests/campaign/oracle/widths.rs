@@ -13,7 +13,8 @@ use sim_host::scenario::{Breach, EventKind, Scenario};
 const ROOM: f64 = 1e-4;
 /// And where one comes near to zero, state units.
 const RESOLUTION: f64 = 1e-5;
-/// The largest that a lie may say, state units, and how much farther than states what is extrapolated may be.
+/// The largest that a lie may say, state units, and how much farther than states what is extrapolated may be. A network that runs away farther
+/// than that is not looked at any more.
 const SAID: f64 = 50.0;
 const EXTRAPOLATED: f64 = 2.0;
 
@@ -22,6 +23,9 @@ pub(super) struct Widths<'a> {
     scenario: &'a Scenario,
     /// Nodes see the funnels of the network's ticks, and do not widen them but by what they hear.
     is_known: bool,
+    /// The largest state and input so far: what a node hears and what it had as an input are of before.
+    far: f64,
+    input: f64,
     /// It was off, and has not spoken since: until then it may have a wider one of its own.
     comes: Vec<bool>,
 }
@@ -33,7 +37,7 @@ impl<'a> Widths<'a> {
             || scenario.links.iter().any(|link| link.settings.corrupt > 0.0);
         let reopens = matches!(scenario.on_breach, Breach::Reopen { .. });
         let is_known = scenario.clocks.is_empty() && !reopens && !bits_flip;
-        Self { scenario, is_known, comes: vec![false; scenario.nodes.len()] }
+        Self { scenario, is_known, far: 0.0, input: 0.0, comes: vec![false; scenario.nodes.len()] }
     }
 
     /// Whether all have the funnels that they should.
@@ -44,11 +48,12 @@ impl<'a> Widths<'a> {
         adoptions: &Adoptions<'_>,
     ) -> Result<(), Broken> {
         let scenario = self.scenario;
-        if !self.is_known {
+        let size = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        (self.far, self.input) = (self.far.max(size(moment.x)), self.input.max(size(moment.u)));
+        if !self.is_known || self.far > SAID {
             return Ok(());
         }
-        let size = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        let (far, input) = (SAID + EXTRAPOLATED * size(moment.x), size(moment.u));
+        let (far, input) = (SAID + EXTRAPOLATED * self.far, self.input);
         for (index, of_node) in seen.chunks(scenario.components()).enumerate() {
             let presence = moment.presence.get(index);
             let spoke =
