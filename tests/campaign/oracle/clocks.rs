@@ -6,9 +6,8 @@ use sim_host::scenario::{EventKind, EventSpec, Scenario};
 
 /// What a stamp and the way of a SYNC may cost, ns.
 const ROOM_NS: f64 = 20_000.0;
-/// The same where nothing keeps SYNC away. Two stamps of 1 us that make a join may be wrong by a quarter of a thousandth of the few ms between
-/// them, and a node that slews as fast as it can goes on with that rate for the sixteen SYNC that come fast. With 5 us one world of 2,500 was found.
-const QUIET_ROOM_NS: f64 = 35_000.0;
+/// The same where nothing keeps SYNC away.
+const QUIET_ROOM_NS: f64 = 5_000.0;
 /// Periods of SYNC for which clocks may run apart, in the same two cases.
 const QUIET_PERIODS: u64 = 1;
 const PERIODS: u64 = 8;
