@@ -141,7 +141,8 @@ impl<'a> Heard<'a> {
         Ok(())
     }
 
-    /// Nobody bars a neighbour without a word, which with a clock of its own comes a tick later.
+    /// Nobody bars a neighbour without a word, which with a clock of its own comes a tick later. One that has come and knows no tick yet
+    /// says it when it does.
     fn says_what_it_drops<V: VectorField<f32> + Clone>(
         &mut self,
         k: u64,
@@ -150,8 +151,11 @@ impl<'a> Heard<'a> {
         let is_told =
             |(node, other)| self.dropped.iter().any(|edge| (edge.node, edge.other) == (node, other));
         let ends = self.scenario.graph.edges.iter().flat_map(|edge| [(edge.a, edge.b), (edge.b, edge.a)]);
-        let untold: Vec<_> =
-            ends.filter(|&(node, other)| bars(nodes, node, other) && !is_told((node, other))).collect();
+        let untold: Vec<_> = ends
+            .filter(|&(node, other)| {
+                self.nodes[node].speaks && bars(nodes, node, other) && !is_told((node, other))
+            })
+            .collect();
         if let Some(&(node, other)) = untold.iter().find(|edge| self.untold.contains(edge)) {
             return Err(Broken::Wronged(k, node, other));
         }
