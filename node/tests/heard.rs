@@ -514,3 +514,22 @@ fn a_node_that_has_stopped_judges_nobody() {
     assert!(world.told().is_empty() && world.node.counters().kept.edges == 0);
     assert_eq!(world.node.neighbour_is_barred(NodeId::new(2).unwrap()), Some(false));
 }
+
+/// It comes to a network that runs, and nobody tells it the tick for a second: a stamp of eight bits looks like one of its own tick every 256. One state
+/// is lost, so that the next one that looks new has changed for 257 ticks, and not for one.
+#[test]
+fn a_node_that_waits_for_its_tick_judges_nobody() {
+    let waits = NodeConfig { tick_source: TickSource::Sync, ..config(guarded(2)) };
+    let mut world = World::new(&waits);
+    for k in (0..1_024_u32).filter(|&k| k != 2) {
+        // Half as fast as is taken.
+        let (source, tick, x) = (NodeId::new(2).unwrap(), TickStamp::low(k, 8), k as f32 * 0.005);
+        let _ = world.node.on_message(&Message::State { source, component: Component::FIRST, tick, x }, 0);
+    }
+    assert_eq!(world.node.counters().ticks, 0);
+    assert!(world.refused(Refusal::TooFast) > 0, "it would have judged");
+    world.poll(0);
+    let judges = |event: &Event| matches!(event, Event::TooFast { .. } | Event::Barred(_));
+    assert!(!world.told().iter().any(judges) && world.node.counters().kept.edges == 0);
+    assert_eq!(world.node.neighbour_is_barred(NodeId::new(2).unwrap()), Some(false));
+}

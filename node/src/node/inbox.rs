@@ -100,9 +100,9 @@ impl<F: Real, V: VectorField<F>, G: GainFunction<F>> Node<F, V, G> {
         if !matches!(reason, Refusal::OutOfRange | Refusal::TooFast) {
             return reason;
         }
-        // Ticks of who has stopped stand still: by a stamp of eight bits it would take new states for old ones, and
-        // judge by that.
-        if matches!(self.phase, Phase::Stopped | Phase::Faulted(_)) {
+        // Ticks of who has stopped, or is not told the tick yet, stand still: by a stamp of eight bits it would take
+        // new states for old ones, and judge by that.
+        if self.counters.ticks == 0 || matches!(self.phase, Phase::Stopped | Phase::Faulted(_)) {
             return reason;
         }
         let own = self.clock.tick;
