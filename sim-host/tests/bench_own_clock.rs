@@ -149,7 +149,9 @@ fn what_is_lost_on_a_line_is_counted_and_ends_no_run() {
     let script = |n| if n == 20 { Act::Noise(vec![0xA5; 60]) } else { Act::Send };
     let boards = [Board::good(1), Board::start(2, Box::new(script)), Board::good(3)];
     let bench = bench_of(&boards);
-    let ended = bench.run(&[&TICKS[..], &["--every", "10ms"]].concat());
+    // Nodes lose neighbours that they do not hear for ten ticks, and a busy machine may let all wait for a tenth of a second.
+    let ticks = ["--set", "time.tick=25ms", "--set", "time.duration=1250ms", "--every", "25ms"];
+    let ended = bench.run(&ticks);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let summary = bench.summary();
     let nodes = &summary["bench"]["own_clock"]["nodes"];
@@ -246,8 +248,8 @@ fn boards_whose_host_program_dies_stop_for_want_of_neighbours() {
     let running = || boards.iter().for_each(Board::wait_until_running);
     let faults = orphaned(&bench, &boards[1].path, running, &["--set", "time.tick=10ms"]);
     let [(FaultCode::NEIGHBOURS_LOST, after)] = faults[..] else { panic!("{faults:?}") };
-    // Ten ticks of extrapolation.
-    assert!(after > Duration::from_millis(80) && after < Duration::from_secs(1), "{after:?}");
+    // Ten ticks of extrapolation, of which some may have passed where a busy machine let the boards wait before.
+    assert!(after > Duration::from_millis(20) && after < Duration::from_secs(1), "{after:?}");
     assert_eq!(boards.map(Board::end), [Some(Phase::Faulted(FaultCode::NEIGHBOURS_LOST)); 3]);
 }
 
