@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::{Finding, Status, about, bus, figure};
-use crate::engine::Clock;
+use crate::engine::clock::Clock;
 use crate::extremes::{larger, smaller};
 use crate::scenario::{Scenario, format_duration};
 use funnelnet_node::neighbour::WINDOW_AHEAD;

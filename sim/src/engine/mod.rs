@@ -2,7 +2,7 @@
 //!
 //! At equal times nodes tick before frames are delivered, so that the order of ids has no influence.
 
-mod clock;
+pub(crate) mod clock;
 mod clocks;
 mod commits;
 mod devices;
@@ -15,7 +15,6 @@ mod plants;
 mod scene;
 mod world;
 
-pub(crate) use clock::Clock;
 pub use clocks::{Clocks, Skew, silences};
 pub use commits::{Commits, TOLD_AHEAD};
 pub use field::{Outside, SimField, SimNode, params, params_as};
