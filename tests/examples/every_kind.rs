@@ -59,6 +59,7 @@ fn row(name: &str, runs: &[(u64, Run)], keep: bool) -> String {
         let count = runs.iter().filter(|(_, run)| of(run)).count();
         match count {
             0 => "0".to_owned(),
+            1 if runs.len() > 1_000 => "1 run".to_owned(),
             few if few * 1_000 < runs.len() => format!("{few} runs"),
             _ => format!("{:.1} %", 100.0 * count as f64 / runs.len() as f64),
         }
