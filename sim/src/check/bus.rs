@@ -73,7 +73,7 @@ fn damp(found: Finding, subject: &Subject<'_>) -> Finding {
 }
 
 /// Data bytes of a plain frame of one component, or of an announced edge (protocol/README.md).
-const BYTES: u32 = 5;
+pub(super) const BYTES: u32 = 5;
 
 /// What a CAN bus has to carry, by the response times of fixed priorities: all nodes say their states at the
 /// begin of a tick, each in a frame for each component, and each may announce an edge beside them.
@@ -201,6 +201,11 @@ fn judge_can(
             "states may come a tick late, which is not followed: all that is predicted is of the ideal bus";
         return more_time(found, Status::Warn, why, subject, needed);
     }
+    let loss = bus.loss.mean();
+    if loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
+        let text = format!("{}; {} of the frames lost per receiver", found.text, share(loss));
+        return damp(Finding { text, ..found }, subject);
+    }
     if bus.bit_errors > 0 {
         // A frame that is disturbed in its last bit, its error frame, and the frame again.
         let error = frame_ns + u64::from(ERROR_BITS) * (1_000_000_000 / u64::from(bus.bitrate));
@@ -210,11 +215,6 @@ fn judge_can(
             figure(f64::from(bus.bit_errors) * 1e-9)
         );
         return found.advise(if spare > 0 { Status::Note } else { Status::Warn }, advice);
-    }
-    let loss = bus.loss.mean();
-    if loss > HARMLESS_LOSS && !(subject.keeps() && is_damped(subject)) {
-        let text = format!("{}; {} of the frames lost per receiver", found.text, share(loss));
-        return damp(Finding { text, ..found }, subject);
     }
     // Every state is there before it is asked for: nothing else than on the ideal bus happens.
     found

@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::bus::BYTES;
 use super::silence::Hazard;
 use super::stops::Share;
 use super::{Finding, Status, share};
@@ -20,8 +21,6 @@ const ERROR_BITS: f64 = 20.0;
 /// Bits of a frame in which a disturbance is an error for all who wait to send: half of those of the arbitration, since a recessive
 /// bit that all read as dominant is no error but the arbitration lost.
 const CONTENDED_BITS: f64 = 6.0;
-/// Data bytes of a plain frame of one component (protocol/README.md).
-const BYTES: u32 = 5;
 
 /// What there is to say; nothing where no bit is disturbed, and of a bus that is not computed.
 pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {

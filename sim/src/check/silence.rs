@@ -153,7 +153,7 @@ impl Receiver {
         states.sum()
     }
 
-    /// The same where nothing but links lose: each by itself. The sum over windows is that of the long run, but for the first one.
+    /// The same where nothing but links lose: each by itself, so that the probabilities of the senders multiply.
     fn all_lost_on_links(&self, senders: &[usize], more: u32, windows: u64) -> f64 {
         let of = |sender: &Sender, from: u64| {
             let mut states = States::new(sender.link, std::iter::empty());
