@@ -5,7 +5,7 @@ use serde_json::json;
 use super::{Finding, Status, about, bus, figure};
 use crate::engine::clock::Clock;
 use crate::extremes::{larger, smaller};
-use crate::scenario::{Scenario, format_duration};
+use crate::scenario::{Scenario, SyncSpec, format_duration};
 use funnelnet_node::neighbour::WINDOW_AHEAD;
 use funnelnet_node::time::largest_jitter;
 
@@ -15,6 +15,12 @@ const LEARNT: f64 = 200e-6;
 const JUMP: f64 = 10.0;
 /// Steps that are looked at, at most.
 const MOST_STEPS: u64 = 20_000;
+
+/// Time from one SYNC to the next, ns: whole ticks, as a master sends them.
+pub(super) fn period_ns(scenario: &Scenario, sync: &SyncSpec) -> u64 {
+    let tick_ns = scenario.time.tick_ns;
+    (sync.period_ns / tick_ns).max(1) * tick_ns
+}
 
 /// What there is to say; nothing where all nodes have one clock, and on a bus where runs have but one.
 pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
@@ -27,7 +33,9 @@ pub(super) fn finding(scenario: &Scenario) -> Option<Finding> {
     let apart = Apart::over(scenario);
     let Seen { by, at, ahead, behind } = apart.most;
     let kept = match &scenario.sync {
-        Some(sync) => format!("SYNC every {} keeps them together", format_duration(sync.period_ns)),
+        Some(sync) => {
+            format!("SYNC every {} keeps them together", format_duration(period_ns(scenario, sync)))
+        }
         None => "nothing keeps them together".to_owned(),
     };
     let how_far = match by > 0.0 {
@@ -48,7 +56,7 @@ fn judge(found: Finding, scenario: &Scenario, apart: &Apart) -> Finding {
     let cure = if is_kept { "" } else { "; let a time master keep them ([sync]), or let the run be shorter" };
     if let Some(Seen { by, at, ahead: node, .. }) = apart.lost {
         let advice = format!(
-            "the clock of node {node} jumps by {} s at {} s, which is too far for SYNC: it follows none from then on",
+            "node {node} and its time master come apart by {} s at once, at {} s; that is too far for SYNC: the node follows none from then on",
             about(by),
             figure(at)
         );
@@ -109,7 +117,7 @@ impl Apart {
     /// Goes through the run, from one SYNC to the next, or in short parts of it.
     fn over(scenario: &Scenario) -> Self {
         let end_ns = scenario.time.ticks.saturating_mul(scenario.time.tick_ns);
-        let period_ns = scenario.sync.as_ref().map_or(1, |sync| sync.period_ns.max(1));
+        let period_ns = scenario.sync.as_ref().map_or(1, |sync| period_ns(scenario, sync));
         let steps = (end_ns / period_ns).clamp(1, MOST_STEPS);
         let step_ns = end_ns / steps;
         let mut course = Course::new(scenario, step_ns);

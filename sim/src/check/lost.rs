@@ -5,7 +5,7 @@ use serde_json::json;
 use super::silence::{Hazard, Receiver, Sender, TAKEN, sync_losses};
 use super::stops::Share;
 use super::text::plural;
-use super::{Finding, Status, bus};
+use super::{Finding, Status, bus, clocks};
 use crate::sampled::Bounds;
 use crate::scenario::{BusModel, LinkSettings, Loss, Scenario, SyncSpec, format_duration};
 
@@ -148,8 +148,7 @@ struct Syncs {
 impl Syncs {
     fn of(scenario: &Scenario, sync: &SyncSpec, holdover_ns: u64) -> Self {
         let tick_ns = scenario.time.tick_ns;
-        // Whole ticks, as a master sends them.
-        let period_ns = (sync.period_ns / tick_ns).max(1) * tick_ns;
+        let period_ns = clocks::period_ns(scenario, sync);
         let hears = receivers(scenario)
             .iter()
             .map(|(receiver, _)| receiver.senders.len() * receiver.frames as usize)

@@ -202,6 +202,10 @@ fn clocks_come_apart_and_what_breaks_then_is_said() {
     assert_eq!(jump("node.2.clock.jumps=[{ at = '1s', by = '500us' }]"), Status::Ok);
     assert_eq!(jump("node.2.clock.jumps=[{ at = '1s', by = '1500us' }]"), Status::Warn);
     assert_eq!(jump("node.2.clock.jumps=[{ at = '1s', by = '50ms' }]"), Status::Warn);
+    // Where the time master jumps, nobody is accused of it.
+    let report = kept(&["time.duration=20s", "node.1.clock.jumps=[{ at = '1s', by = '50ms' }]"]);
+    let advice = &find(&report, KEY).advice.as_ref().unwrap().text;
+    assert!(advice.starts_with("node 2 and its time master come apart by 0.05 s"), "{advice}");
 }
 
 /// A frame is some 90 bits long. From about a ninth of them on, the counter of a sender rises.
